@@ -1,0 +1,35 @@
+//! The two ways the core can fail, as `semcal_cli.errors` shows them to Python.
+
+use std::path::{Path, PathBuf};
+
+/// What went wrong, and whether the user can mend it.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// A file cannot be read, or does not hold what its format promises.
+    #[error("{}: {reason}", path.display())]
+    File {
+        /// The file as the caller named it.
+        path: PathBuf,
+        /// What was found and what was needed.
+        reason: String,
+    },
+    /// An argument is out of its range or arguments disagree.
+    #[error("{0}")]
+    Input(String),
+    /// The input is well formed, but the data cannot give an answer.
+    #[error("{0}")]
+    Calibration(String),
+}
+
+/// The core's result type.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// An [`Error::File`] about `path`.
+    pub fn file(path: &Path, reason: impl Into<String>) -> Self {
+        Self::File {
+            path: path.to_owned(),
+            reason: reason.into(),
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! LiDAR-camera extrinsic calibration by semantic mutual information: the numeric core.
+#![deny(unsafe_code)]
+#![warn(missing_docs)]
+
+pub mod camera;
+pub mod error;
