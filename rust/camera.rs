@@ -122,16 +122,24 @@ impl Camera {
         match &self.lens {
             Lens::Polynomial(c) => {
                 let normalised = undistort(c, distorted)?;
-                (normalised.norm() <= self.limit)
-                    .then(|| normalised.push(1.0).normalize())
+                (normalised.norm() <= self.limit).then(|| normalised.push(1.0).normalize())
             }
             Lens::Fisheye(c) => {
                 let radius = distorted.norm();
                 let angle = invert_monotone(|a| fisheye_radius(c, a), radius, self.limit)?;
-                let scale = if radius < f64::EPSILON { 1.0 } else { angle.sin() / radius };
+                let scale = if radius < f64::EPSILON {
+                    1.0
+                } else {
+                    angle.sin() / radius
+                };
                 Some((distorted * scale).push(angle.cos()))
             }
         }
+    }
+
+    /// Pixels per radian at the middle of the picture, averaged over both axes.
+    pub fn mean_focal(&self) -> f64 {
+        0.5 * (self.focal.x + self.focal.y)
     }
 
     /// Whether a pixel lies inside the picture, whose pixels reach half a pixel beyond their centres.
@@ -250,9 +258,13 @@ mod tests {
             for v in (0..720).step_by(40) {
                 for u in (0..1280).step_by(40) {
                     let pixel = Point2::new(u as f64, v as f64);
-                    let Some(ray) = camera.unproject(&pixel) else { continue };
+                    let Some(ray) = camera.unproject(&pixel) else {
+                        continue;
+                    };
                     assert!((ray.norm() - 1.0).abs() < 1e-9);
-                    let back = camera.project(&(ray * 7.0)).expect("a ray of the lens projects");
+                    let back = camera
+                        .project(&(ray * 7.0))
+                        .expect("a ray of the lens projects");
                     assert!((back - pixel).norm() < 1e-6, "{camera:?} {pixel} {back}");
                     seen += 1;
                 }
@@ -266,7 +278,11 @@ mod tests {
         for camera in cameras() {
             assert!(camera.project(&Vector3::new(0.0, 0.0, -1.0)).is_none());
         }
-        assert!(camera("plumb_bob", &[]).project(&Vector3::new(1.0, 1.0, -1.0)).is_none());
+        assert!(
+            camera("plumb_bob", &[])
+                .project(&Vector3::new(1.0, 1.0, -1.0))
+                .is_none()
+        );
     }
 
     #[test]

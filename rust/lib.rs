@@ -2,5 +2,18 @@
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod alignment;
 pub mod camera;
+pub mod correspondences;
 pub mod error;
+pub mod label_image;
+pub mod mutual_information;
+pub mod npy;
+pub mod observation;
+pub mod point_cloud;
+pub mod powell;
+pub mod pyramid;
+pub mod registration;
+pub mod spherical;
+pub mod visibility;
+pub mod zoom;

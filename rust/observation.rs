@@ -1,0 +1,80 @@
+//! What the pipeline works on: labelled points and label images with dense class ids.
+
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::label_image::LabelImage;
+
+/// The id of points and pixels that carry no information.
+pub const NO_CLASS: u8 = u8::MAX;
+
+/// A sweep and a picture taken at one moment.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Metres, LiDAR frame.
+    pub points: Vec<[f32; 3]>,
+    /// One class for each point.
+    pub point_classes: Vec<u8>,
+    /// One class for each pixel.
+    pub image_classes: LabelImage<u8>,
+}
+
+/// All frames of a drive, seen by one camera.
+#[derive(Clone, Debug)]
+pub struct Observations {
+    /// The camera of every frame.
+    pub camera: Camera,
+    /// The frames.
+    pub frames: Vec<Frame>,
+    /// Point classes are `0..num_point_classes`, or [`NO_CLASS`].
+    pub num_point_classes: usize,
+    /// Image classes are `0..num_image_classes`, or [`NO_CLASS`].
+    pub num_image_classes: usize,
+}
+
+impl Observations {
+    /// Checks that frames, classes and camera belong together.
+    ///
+    /// # Errors
+    /// There is no frame, counts or sizes disagree, or a class is out of range.
+    pub fn new(
+        camera: Camera,
+        frames: Vec<Frame>,
+        num_point_classes: usize,
+        num_image_classes: usize,
+    ) -> Result<Self> {
+        if frames.is_empty() {
+            return Err(Error::Input(
+                "a calibration needs at least one frame".into(),
+            ));
+        }
+        for (index, frame) in frames.iter().enumerate() {
+            let (points, image) = (frame.points.len(), &frame.image_classes);
+            let complaint = if points != frame.point_classes.len() {
+                format!("{points} points have {} classes", frame.point_classes.len())
+            } else if (image.width, image.height) != (camera.width, camera.height) {
+                format!(
+                    "the label image is {} x {}, the camera is {} x {}",
+                    image.width, image.height, camera.width, camera.height
+                )
+            } else if !in_range(&frame.point_classes, num_point_classes) {
+                format!("a point's class is not below {num_point_classes}")
+            } else if !in_range(&image.ids, num_image_classes) {
+                format!("a pixel's class is not below {num_image_classes}")
+            } else {
+                continue;
+            };
+            return Err(Error::Input(format!("frame {index}: {complaint}")));
+        }
+        Ok(Self {
+            camera,
+            frames,
+            num_point_classes,
+            num_image_classes,
+        })
+    }
+}
+
+fn in_range(ids: &[u8], num_classes: usize) -> bool {
+    ids.iter()
+        .all(|&id| id == NO_CLASS || usize::from(id) < num_classes)
+}

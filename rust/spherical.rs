@@ -1,0 +1,205 @@
+//! Spherical range images: points of a sweep on a grid of azimuth and elevation about the LiDAR's z axis.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::Vector3;
+
+use crate::error::{Error, Result};
+
+/// No return fell into this pixel.
+pub const EMPTY: u32 = u32::MAX;
+
+/// Share of the points at each end of the elevation range that is taken for stray returns when a grid is estimated.
+const STRAY_SHARE: f64 = 0.002;
+
+/// A regular angular grid over all azimuths. Row 0 is the highest; columns run with falling azimuth, that is to the
+/// right, from straight back over the left, front and right.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SphericalGrid {
+    /// Cells from top to bottom.
+    pub rows: usize,
+    /// Cells around.
+    pub columns: usize,
+    /// Elevation of the upper border, radians.
+    pub top: f64,
+    /// Height of a cell, radians.
+    pub cell_height: f64,
+}
+
+impl SphericalGrid {
+    /// The grid of a spinning LiDAR, one row a channel; `fov_up` and `fov_down` are the outer channels' elevations.
+    ///
+    /// # Errors
+    /// There are fewer than two channels or four columns, or the field of view is empty.
+    pub fn from_scan(channels: usize, columns: usize, fov_up: f64, fov_down: f64) -> Result<Self> {
+        if channels < 2
+            || columns < 4
+            || fov_up.partial_cmp(&fov_down) != Some(std::cmp::Ordering::Greater)
+        {
+            return Err(Error::Input(format!(
+                "lidar: needs at least 2 channels, 4 columns and fov_up above fov_down, found {channels} channels, \
+                 {columns} columns, {:.3} to {:.3} degrees",
+                fov_up.to_degrees(),
+                fov_down.to_degrees()
+            )));
+        }
+        let cell_height = (fov_up - fov_down) / (channels - 1) as f64;
+        Ok(Self {
+            rows: channels,
+            columns,
+            top: fov_up + 0.5 * cell_height,
+            cell_height,
+        })
+    }
+
+    /// A grid of square cells over the elevations that the points of all sweeps span.
+    ///
+    /// # Errors
+    /// The points span no elevation range.
+    pub fn over<'a>(sweeps: impl Iterator<Item = &'a [[f32; 3]]>, cell: f64) -> Result<Self> {
+        let mut elevations: Vec<f64> = sweeps.flatten().map(|p| elevation(&to_f64(p))).collect();
+        let stray = (elevations.len() as f64 * STRAY_SHARE) as usize;
+        elevations.sort_unstable_by(f64::total_cmp);
+        let (Some(&bottom), Some(&top)) = (
+            elevations.get(stray),
+            elevations.get(elevations.len().saturating_sub(1 + stray)),
+        ) else {
+            return Err(Error::Calibration("the point clouds are empty".into()));
+        };
+        let rows = ((top - bottom) / cell).ceil().max(1.0);
+        let margin = 0.5 * (rows * cell - (top - bottom));
+        Ok(Self {
+            rows: rows as usize,
+            columns: (TAU / cell).round() as usize,
+            top: top + margin,
+            cell_height: cell,
+        })
+    }
+
+    /// The same field of view in cells of about `cell` radians, never finer than this grid's own.
+    pub fn coarsened(&self, cell: f64) -> Self {
+        let rows = (self.rows as f64 * self.cell_height / cell)
+            .round()
+            .clamp(1.0, self.rows as f64);
+        let columns = (TAU / cell).round().clamp(4.0, self.columns as f64);
+        Self {
+            rows: rows as usize,
+            columns: columns as usize,
+            top: self.top,
+            cell_height: self.rows as f64 * self.cell_height / rows,
+        }
+    }
+
+    /// The (row, column) a direction falls into, if it lies within the elevations.
+    #[inline]
+    pub fn cell(&self, direction: &Vector3<f64>) -> Option<(usize, usize)> {
+        let row = (self.top - elevation(direction)) / self.cell_height;
+        if !(row >= 0.0 && row < self.rows as f64) {
+            return None;
+        }
+        let column = (PI - azimuth(direction)) / TAU * self.columns as f64;
+        Some((row as usize, (column as usize).min(self.columns - 1)))
+    }
+
+    /// The unit direction (LiDAR frame) of a cell's centre.
+    #[inline]
+    pub fn direction(&self, row: usize, column: usize) -> Vector3<f64> {
+        let elevation = self.top - (row as f64 + 0.5) * self.cell_height;
+        let azimuth = PI - (column as f64 + 0.5) / self.columns as f64 * TAU;
+        from_angles(azimuth, elevation)
+    }
+
+    /// Elevation of the lower border, radians.
+    pub fn bottom(&self) -> f64 {
+        self.top - self.rows as f64 * self.cell_height
+    }
+
+    /// For each pixel, the index of its nearest return, or [`EMPTY`] (Alg. 2, line 1). Equal ranges go to the lowest
+    /// index.
+    pub fn project(&self, points: &[[f32; 3]]) -> Vec<u32> {
+        let mut index = vec![EMPTY; self.rows * self.columns];
+        let mut nearest = vec![f64::INFINITY; index.len()];
+        for (i, point) in points.iter().enumerate() {
+            let point = to_f64(point);
+            if let Some((row, column)) = self.cell(&point) {
+                let pixel = row * self.columns + column;
+                let range = point.norm_squared();
+                if range < nearest[pixel] {
+                    (nearest[pixel], index[pixel]) = (range, i as u32);
+                }
+            }
+        }
+        index
+    }
+}
+
+/// A point as read, for geometry.
+#[inline]
+pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
+    Vector3::new(
+        f64::from(point[0]),
+        f64::from(point[1]),
+        f64::from(point[2]),
+    )
+}
+
+/// Angle from the x axis towards y, in (-pi, pi].
+#[inline]
+pub fn azimuth(direction: &Vector3<f64>) -> f64 {
+    direction.y.atan2(direction.x)
+}
+
+/// Angle above the x-y plane.
+#[inline]
+pub fn elevation(direction: &Vector3<f64>) -> f64 {
+    direction.z.atan2(direction.x.hypot(direction.y))
+}
+
+/// The unit vector of an azimuth and an elevation.
+#[inline]
+pub fn from_angles(azimuth: f64, elevation: f64) -> Vector3<f64> {
+    Vector3::new(
+        elevation.cos() * azimuth.cos(),
+        elevation.cos() * azimuth.sin(),
+        elevation.sin(),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn grid() -> SphericalGrid {
+        SphericalGrid::from_scan(64, 1024, 10f64.to_radians(), -30f64.to_radians())
+            .expect("a valid scan")
+    }
+
+    #[test]
+    fn the_outer_channels_lie_in_the_outer_rows() {
+        let at = |deg: f64| {
+            grid()
+                .cell(&from_angles(0.1, deg.to_radians()))
+                .map(|(row, _)| row)
+        };
+        assert_eq!(
+            (at(10.0), at(-30.0), at(10.4), at(-30.4)),
+            (Some(0), Some(63), None, None)
+        );
+    }
+
+    #[test]
+    fn nearest_return_wins_and_keeps_its_index() {
+        let point = |range: f32| [range, range * 1e-4, 0.0];
+        let index = grid().project(&[point(9.0), point(3.0), point(3.0), point(5.0)]);
+        let filled: Vec<u32> = index.into_iter().filter(|&i| i != EMPTY).collect();
+        assert_eq!(filled, [1]);
+    }
+
+    proptest! {
+        #[test]
+        fn a_cells_centre_lies_in_it(row in 0usize..64, column in 0usize..1024) {
+            prop_assert_eq!(grid().cell(&grid().direction(row, column)), Some((row, column)));
+        }
+    }
+}

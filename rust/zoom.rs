@@ -1,0 +1,236 @@
+//! The camera's label image on the LiDAR's angular grid (Alg. 2, lines 2-3).
+//!
+//! A [`Placement`] says where the picture lies on the sphere; it answers which raw pixel a LiDAR direction falls on. The
+//! paper zooms the picture to the LiDAR's angular resolution, as if columns were azimuths and rows elevations; exact
+//! resampling turns the direction into the camera frame and projects it through K and the distortion model. The two agree
+//! on the axis of the picture and differ by several degrees at the border of a 90-degree lens.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{Matrix3, Point2, Vector2, Vector3};
+
+use crate::camera::Camera;
+use crate::error::{Error, Result};
+use crate::label_image::LabelImage;
+use crate::observation::NO_CLASS;
+use crate::spherical::{azimuth, elevation};
+
+/// How the label image is brought to the angular grid.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Zoom {
+    /// Through K and the distortion model.
+    Exact,
+    /// The paper's: proportional to azimuth and elevation.
+    Paper,
+}
+
+/// Where the optical axis points in the LiDAR frame, and how the picture is turned and scaled about it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Placement {
+    /// Azimuth of the optical axis, radians.
+    pub azimuth: f64,
+    /// Elevation of the optical axis, radians.
+    pub elevation: f64,
+    /// Turn of the picture about the optical axis, radians; zero keeps its rows level.
+    pub roll: f64,
+    /// Magnification of the zoomed picture; one for exact resampling, which has no use for it.
+    pub scale: f64,
+}
+
+impl Placement {
+    /// `R_camera_lidar` of a camera placed so.
+    pub fn rotation(&self) -> Matrix3<f64> {
+        let ((sin_a, cos_a), (sin_e, cos_e)) = (self.azimuth.sin_cos(), self.elevation.sin_cos());
+        let right = Vector3::new(sin_a, -cos_a, 0.0);
+        let forward = Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e);
+        let down = forward.cross(&right);
+        let (sin_r, cos_r) = self.roll.sin_cos();
+        let x = right * cos_r + down * sin_r;
+        let y = down * cos_r - right * sin_r;
+        Matrix3::from_rows(&[x.transpose(), y.transpose(), forward.transpose()])
+    }
+
+    /// The placement with this `R_camera_lidar`.
+    pub fn from_rotation(rotation: &Matrix3<f64>) -> Self {
+        let forward: Vector3<f64> = rotation.row(2).transpose();
+        let upright = Self {
+            azimuth: azimuth(&forward),
+            elevation: elevation(&forward),
+            roll: 0.0,
+            scale: 1.0,
+        };
+        let relative = rotation * upright.rotation().transpose();
+        Self {
+            roll: relative[(0, 1)].atan2(relative[(0, 0)]),
+            ..upright
+        }
+    }
+}
+
+/// A camera's picture for a kind of zoom: maps LiDAR directions to raw pixels.
+#[derive(Clone, Debug)]
+pub struct Zoomed<'a> {
+    camera: &'a Camera,
+    zoom: Zoom,
+    /// Horizontal and vertical field of view, radians.
+    fov: Vector2<f64>,
+}
+
+impl<'a> Zoomed<'a> {
+    /// # Errors
+    /// The lens does not reach the middle of a border of the picture, so that it has no field of view.
+    pub fn new(camera: &'a Camera, zoom: Zoom) -> Result<Self> {
+        let fov = Vector2::new(
+            border_angle(camera, Vector2::x())?,
+            border_angle(camera, Vector2::y())?,
+        );
+        Ok(Self { camera, zoom, fov })
+    }
+
+    /// Horizontal and vertical field of view, radians.
+    pub fn fov(&self) -> (f64, f64) {
+        (self.fov.x, self.fov.y)
+    }
+
+    /// The raw pixel that LiDAR directions fall on when the picture is placed so; `None` outside the picture.
+    #[inline]
+    pub fn pixel_map(
+        &self,
+        placement: &Placement,
+    ) -> impl Fn(&Vector3<f64>) -> Option<Point2<f64>> {
+        let rotation = placement.rotation();
+        let placement = *placement;
+        let (sin, cos) = placement.roll.sin_cos();
+        let Self { camera, zoom, fov } = self.clone();
+        let size = Vector2::new(camera.width as f64, camera.height as f64);
+        move |direction| {
+            let pixel = match zoom {
+                Zoom::Exact => camera.project(&(rotation * direction))?,
+                Zoom::Paper => {
+                    let right = wrap(placement.azimuth - azimuth(direction));
+                    let down = placement.elevation - elevation(direction);
+                    let turned = Vector2::new(cos * right + sin * down, cos * down - sin * right);
+                    let share = turned.component_div(&fov) * placement.scale;
+                    Point2::from(
+                        (share.add_scalar(0.5))
+                            .component_mul(&size)
+                            .add_scalar(-0.5),
+                    )
+                }
+            };
+            camera.contains(&pixel).then_some(pixel)
+        }
+    }
+}
+
+/// The angle between the rays at the middles of two opposite borders.
+fn border_angle(camera: &Camera, axis: Vector2<f64>) -> Result<f64> {
+    let last = Vector2::new(camera.width as f64 - 1.0, camera.height as f64 - 1.0);
+    let center = last * 0.5;
+    let ray = |side: f64| {
+        let pixel = Point2::from(center + axis.component_mul(&center) * side);
+        camera.unproject(&pixel).ok_or_else(|| {
+            Error::Input(format!(
+                "camera: the lens model does not reach pixel ({:.0}, {:.0}) at the picture's border",
+                pixel.x, pixel.y
+            ))
+        })
+    };
+    let middle = ray(0.0)?;
+    Ok(ray(-1.0)?.angle(&middle) + ray(1.0)?.angle(&middle))
+}
+
+/// An angle in (-pi, pi].
+#[inline]
+fn wrap(angle: f64) -> f64 {
+    PI - (PI - angle).rem_euclid(TAU)
+}
+
+/// A label image in blocks of `factor` pixels, each of the class that most of its pixels have (ties go to the lowest
+/// class). Blocks cut by the border count the pixels they have.
+pub fn majority(image: &LabelImage<u8>, factor: usize) -> LabelImage<u8> {
+    let (width, height) = (image.width.div_ceil(factor), image.height.div_ceil(factor));
+    let mut ids = Vec::with_capacity(width * height);
+    let mut counts = vec![[0u32; 256]; width];
+    for row in 0..height {
+        counts.fill([0; 256]);
+        for v in row * factor..((row + 1) * factor).min(image.height) {
+            let line = &image.ids[v * image.width..(v + 1) * image.width];
+            for (u, &id) in line.iter().enumerate() {
+                counts[u / factor][usize::from(id)] += 1;
+            }
+        }
+        ids.extend(counts.iter().map(|c| {
+            (0..=NO_CLASS)
+                .rev()
+                .max_by_key(|&id| c[usize::from(id)])
+                .unwrap_or(NO_CLASS)
+        }));
+    }
+    LabelImage { width, height, ids }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::spherical::from_angles;
+    use proptest::prelude::*;
+
+    fn camera(focal: f64) -> Camera {
+        let k = [[focal, 0.0, 639.5], [0.0, focal, 359.5], [0.0, 0.0, 1.0]];
+        Camera::new("plumb_bob", (1280, 720), k, &[]).expect("a valid camera")
+    }
+
+    #[test]
+    fn a_level_camera_that_looks_along_x_has_the_usual_axes() {
+        let placement = Placement {
+            azimuth: 0.0,
+            elevation: 0.0,
+            roll: 0.0,
+            scale: 1.0,
+        };
+        // Camera x is right (-y of the LiDAR), y is down (-z), z is forward (x).
+        let expected = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
+        assert!((placement.rotation() - expected).norm() < 1e-15);
+    }
+
+    #[test]
+    fn zooms_agree_on_the_axis_and_part_at_the_border() {
+        let camera = camera(640.0);
+        let placement = Placement {
+            azimuth: 0.3,
+            elevation: 0.0,
+            roll: 0.0,
+            scale: 1.0,
+        };
+        let pixel = |zoom, right_deg: f64| {
+            let direction = from_angles(0.3 - right_deg.to_radians(), 0.0);
+            let zoomed = Zoomed::new(&camera, zoom).expect("a picture");
+            zoomed.pixel_map(&placement)(&direction).expect("inside").x
+        };
+        assert!((pixel(Zoom::Exact, 0.0) - pixel(Zoom::Paper, 0.0)).abs() < 1e-9);
+        // At 25 degrees of a 90-degree lens: 640 tan(25) = 298 pixels against 25/90 * 1280 = 356.
+        assert!((pixel(Zoom::Exact, 25.0) - 639.5 - 298.4).abs() < 1.0);
+        assert!((pixel(Zoom::Paper, 25.0) - 639.5 - 355.6).abs() < 1.0);
+    }
+
+    #[test]
+    fn majority_ignores_nothing_and_breaks_ties_low() {
+        let image = LabelImage {
+            width: 5,
+            height: 2,
+            ids: vec![1, 1, 3, 2, 9, 1, 2, 2, 3, 9],
+        };
+        assert_eq!(majority(&image, 2).ids, [1, 2, 9]);
+    }
+
+    proptest! {
+        #[test]
+        fn rotation_and_placement_are_inverse(a in -3.1..3.1f64, e in -1.5..1.5f64, r in -3.1..3.1f64) {
+            let placement = Placement { azimuth: a, elevation: e, roll: r, scale: 1.0 };
+            let back = Placement::from_rotation(&placement.rotation());
+            prop_assert!((back.rotation() - placement.rotation()).norm() < 1e-9);
+            prop_assert!((placement.rotation().determinant() - 1.0).abs() < 1e-9);
+        }
+    }
+}
