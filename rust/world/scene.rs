@@ -1,0 +1,98 @@
+//! A finished scene: what a ray meets first.
+
+use parry3d::bounding_volume::Aabb;
+use parry3d::math::Vec3;
+use parry3d::partitioning::{Bvh, BvhBuildStrategy};
+use parry3d::query::Ray;
+
+use super::mesh::{Builder, Triangle};
+use super::surface::Surface;
+
+/// Triangles that share an edge overlap by this share of their size, so that no ray slips through between them.
+const EDGE_OVERLAP: f32 = 1e-6;
+
+/// Where a ray meets a triangle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    pub triangle: u32,
+    /// Metres from the ray's origin.
+    pub range: f32,
+}
+
+/// Triangles under a bounding volume hierarchy.
+pub struct Scene {
+    triangles: Vec<Triangle>,
+    surfaces: Vec<Surface>,
+    bvh: Bvh,
+}
+
+impl Scene {
+    pub fn new(builder: Builder) -> Self {
+        let boxes: Vec<Aabb> = builder.triangles.iter().map(bounds).collect();
+        Self {
+            bvh: Bvh::from_leaves(BvhBuildStrategy::Binned, &boxes),
+            triangles: builder.triangles,
+            surfaces: builder.surfaces,
+        }
+    }
+
+    pub fn num_triangles(&self) -> usize {
+        self.triangles.len()
+    }
+
+    /// The first triangle on a ray of unit direction, nearer than `max_range`.
+    ///
+    /// `guess` is a triangle that the ray may well meet, such as the one that its neighbour met: it only saves time.
+    pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32, guess: Option<u32>) -> Option<Hit> {
+        let meet = |id: u32| intersect(&self.triangles[id as usize], origin, direction);
+        let guessed = guess
+            .and_then(|triangle| meet(triangle).map(|range| Hit { triangle, range }))
+            .filter(|hit| hit.range < max_range);
+        let limit = guessed.map_or(max_range, |hit| hit.range);
+        let ray = Ray::new(origin, direction);
+        let found = self.bvh.cast_ray(&ray, limit, |id, _| meet(id));
+        found
+            .map(|(triangle, range)| Hit { triangle, range })
+            .or(guessed)
+    }
+
+    pub fn surface(&self, hit: Hit) -> &Surface {
+        &self.surfaces[self.triangles[hit.triangle as usize].paint as usize]
+    }
+
+    /// The unit normal at a hit, on the side that `direction` comes from.
+    pub fn normal(&self, hit: Hit, direction: Vec3) -> Vec3 {
+        let triangle = &self.triangles[hit.triangle as usize];
+        let normal = triangle.edge_1.cross(triangle.edge_2).normalize_or(Vec3::Z);
+        if normal.dot(direction) > 0.0 { -normal } else { normal }
+    }
+}
+
+fn bounds(triangle: &Triangle) -> Aabb {
+    let [a, b, c] = [
+        triangle.corner,
+        triangle.corner + triangle.edge_1,
+        triangle.corner + triangle.edge_2,
+    ];
+    Aabb::new(a.min(b).min(c), a.max(b).max(c))
+}
+
+/// Möller and Trumbore's test, two-sided.
+#[inline]
+fn intersect(triangle: &Triangle, origin: Vec3, direction: Vec3) -> Option<f32> {
+    let p = direction.cross(triangle.edge_2);
+    let determinant = triangle.edge_1.dot(p);
+    if determinant == 0.0 {
+        return None;
+    }
+    let inverse = determinant.recip();
+    let offset = origin - triangle.corner;
+    let u = offset.dot(p) * inverse;
+    if !(-EDGE_OVERLAP..=1.0 + EDGE_OVERLAP).contains(&u) {
+        return None;
+    }
+    let q = offset.cross(triangle.edge_1);
+    let v = direction.dot(q) * inverse;
+    let range = triangle.edge_2.dot(q) * inverse;
+    (v >= -EDGE_OVERLAP && u + v <= 1.0 + EDGE_OVERLAP && range > 0.0).then_some(range)
+}
