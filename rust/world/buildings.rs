@@ -31,7 +31,10 @@ struct Paints {
 /// A house with bays and recesses in its front, steps, balconies and a roof.
 pub fn house(b: &mut Builder, place: &Place, size: Size) {
     b.begin_object();
-    let texture = Texture::Facade { pitch: b.rng.random_range(2.0..3.4), floor: b.rng.random_range(2.8..3.4) };
+    let floor = b.rng.random_range(2.8..3.4f32);
+    let texture = Texture::Facade { pitch: b.rng.random_range(2.0..3.4), floor };
+    // Whole floors, or the roof cuts through windows.
+    let size = Size { height: (size.height / floor).round().max(1.0) * floor, ..size };
     let paints = Paints {
         wall: b.paint_textured(Class::Building, texture),
         trim: b.paint(Class::Building),

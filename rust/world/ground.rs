@@ -93,7 +93,7 @@ fn rows(street: &Street) -> Vec<f32> {
             lines.extend([s, -s]);
         }
     }
-    for branch in &street.side_street {
+    if let Some(branch) = &street.side_street {
         for offset in [branch.half_width, branch.half_width + branch.sidewalk, 0.5 * LINE_WIDTH] {
             lines.extend([branch.s - offset, branch.s + offset]);
         }

@@ -20,7 +20,10 @@ const MAX_HEADING_OFF: f64 = 25.0;
 const MAX_INCLINATION_DEG: f64 = 2.0;
 /// Objects are placed along this much of the street, either way.
 const REACH: f32 = 80.0;
-/// Lorries and buses keep farther from the rig than this: one beside it would fill the picture.
+/// The kerb is more crowded up to here.
+const NEAR: f32 = 16.0;
+/// Cars, and lorries and buses, keep this far from the rig: one beside it would fill the picture.
+const CAR_GAP: f32 = 3.6;
 const BIG_VEHICLE_GAP: f32 = 9.0;
 
 /// A scene with a rig in it.
@@ -34,6 +37,7 @@ pub struct Stage {
 pub struct Site {
     pub builder: Builder,
     pub street: Street,
+    rig: Vec2,
     taken: Vec<(Vec2, f32)>,
 }
 
@@ -49,14 +53,17 @@ impl Site {
     }
 
     /// Takes ground for something long, lying at `yaw` to the street.
-    pub fn claim_long(&mut self, s: f32, d: f32, yaw: f32, half_length: f32, half_width: f32) -> bool {
+    ///
+    /// `gap` is what must lie between it and the rig.
+    pub fn claim_long(&mut self, s: f32, d: f32, yaw: f32, [half_length, half_width]: [f32; 2], gap: f32) -> bool {
         let steps = (half_length / half_width).ceil() as i32;
         let spots: Vec<_> = (-steps..=steps)
             .map(|i| (half_length - half_width).max(0.0) * i as f32 / steps as f32)
             .map(|along| (self.street.at(s + along * yaw.cos(), d + along * yaw.sin()), half_width))
             .collect();
         let free = |(spot, size): &(Vec2, f32)| {
-            self.taken.iter().all(|(other, radius)| spot.distance(*other) > size + radius)
+            let clear = self.taken.iter().all(|(other, radius)| spot.distance(*other) > size + radius);
+            clear && spot.distance(self.rig) > size + gap
         };
         let all_free = spots.iter().all(free);
         if all_free {
@@ -73,9 +80,11 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
     let lane = rng.random_range(0..street.lanes);
     let rig_d = street.lane_center(lane) + rng.random_range(-0.4..0.4);
     let t_world_lidar = rig_pose(&mut rng, &street, lane, rig_d, tilt_deg);
+    let rig = street.at(0.0, rig_d);
     let mut site = Site {
-        builder: Builder::new(rng),
-        taken: vec![(street.at(0.0, rig_d), FREE_RADIUS_M)],
+        builder: Builder::new(rng, rig),
+        rig,
+        taken: vec![(rig, FREE_RADIUS_M)],
         street,
     };
     ground::build(&mut site.builder, &site.street);
@@ -128,16 +137,13 @@ fn traffic(site: &mut Site) {
 
 /// A vehicle of a kind, if there is room for it.
 fn vehicle(site: &mut Site, kind: usize, s: f32, d: f32, yaw: f32) {
-    let (make, half_length, half_width): (fn(&mut Builder, &Place), _, _) = match kind {
-        0 => (vehicles::truck, 5.0, 1.25),
-        1 => (vehicles::bus, 6.2, 1.3),
-        _ => (vehicles::car, 2.8, 1.0),
+    let (make, half_size, gap): (fn(&mut Builder, &Place), _, _) = match kind {
+        0 => (vehicles::truck, [5.0, 1.25], BIG_VEHICLE_GAP),
+        1 => (vehicles::bus, [6.2, 1.3], BIG_VEHICLE_GAP),
+        2 => (vehicles::van, [3.0, 1.1], BIG_VEHICLE_GAP),
+        _ => (vehicles::car, [2.8, 1.0], CAR_GAP),
     };
-    let big = kind < 2;
-    if big && s.abs() - half_length < BIG_VEHICLE_GAP {
-        return;
-    }
-    if site.claim_long(s, d, yaw, half_length, half_width) {
+    if site.claim_long(s, d, yaw, half_size, gap) {
         make(&mut site.builder, &site.street.place(s, d, yaw));
     }
 }
@@ -149,7 +155,7 @@ fn two_wheeler(site: &mut Site, make: fn(&mut Builder, &Place)) {
         let yaw = if site.street.lane_runs_ahead(lane) { 0.0 } else { PI };
         let d = site.street.lane_center(lane) + site.builder.rng.random_range(-1.3..1.3);
         let s = site.builder.rng.random_range(-25.0..25.0);
-        if site.claim_long(s, d, yaw, 1.1, 0.4) {
+        if site.claim_long(s, d, yaw, [1.1, 0.4], FREE_RADIUS_M) {
             let turned = yaw + site.builder.rng.random_range(-0.3..0.3);
             make(&mut site.builder, &site.street.place(s, d, turned));
             return;
@@ -167,7 +173,8 @@ fn kerbside(site: &mut Site, side: usize) {
         while s < REACH {
             let yaw = traffic_yaw + site.builder.rng.random_range(-0.05..0.05);
             if !near_branch(&site.street, side, s, 4.0) && site.builder.rng.random_bool(0.6) {
-                vehicle(site, 9, s, sign * (kerb - 1.1), yaw);
+                let kind = site.builder.rng.random_range(2..10);
+                vehicle(site, kind, s, sign * (kerb - 1.1), yaw);
             }
             s += site.builder.rng.random_range(5.8..8.0);
         }
@@ -184,7 +191,8 @@ fn kerbside(site: &mut Site, side: usize) {
     let mut s = -REACH + site.builder.rng.random_range(0.0..4.0);
     while s < REACH {
         kerb_object(site, side, s, d, traffic_yaw);
-        s += site.builder.rng.random_range(2.5..6.0);
+        let near = s.abs() < NEAR;
+        s += site.builder.rng.random_range(if near { 1.6..3.2 } else { 3.0..7.0 });
     }
 }
 
@@ -236,8 +244,8 @@ fn pavement(site: &mut Site, side: usize) {
         let s = site.builder.rng.random_range(-40.0..40.0);
         place_at(site, side, s, sign * (end - 0.6), toward_street, 1.6, furniture::shelter);
     }
-    for i in 0..16 {
-        let far = if i < 8 { 18.0 } else { 50.0 };
+    for i in 0..20 {
+        let far = if i < 10 { NEAR } else { 50.0 };
         let s = site.builder.rng.random_range(-far..far);
         let d = sign * site.builder.rng.random_range(start + 0.3..end - 0.2);
         let yaw = site.builder.rng.random_range(-PI..PI);

@@ -7,7 +7,7 @@ use rand::RngExt;
 use super::buildings::{self, Size};
 use super::layout::{Site, near_branch};
 use super::mesh::Place;
-use super::{furniture, vegetation};
+use super::{cycles, furniture, people, vegetation};
 
 /// Lots are laid out along this much of the street, either way.
 const REACH: f32 = 92.0;
@@ -96,8 +96,14 @@ fn garden_house(site: &mut Site, lot: &Lot) {
     let place = lot.front(site, share, setback);
     buildings::house(&mut site.builder, &place, size);
     enclosure(site, lot);
-    for share in [0.1, 0.9] {
+    for share in [0.1, 0.35, 0.65, 0.9] {
         plant(site, lot, share, setback);
+    }
+    let by_the_house = lot.front(site, 0.5 * share, 0.75 * setback);
+    match site.builder.rng.random_range(0..3) {
+        0 => cycles::bicycle(&mut site.builder, &by_the_house),
+        1 => furniture::wheeled_bins(&mut site.builder, &by_the_house),
+        _ => people::pedestrian(&mut site.builder, &by_the_house),
     }
 }
 
@@ -148,10 +154,16 @@ fn park(site: &mut Site, lot: &Lot) {
     if site.builder.rng.random_bool(0.5) {
         enclosure(site, lot);
     }
-    for i in 0..4 {
-        let share = 0.15 + 0.23 * i as f32;
-        let depth = site.builder.rng.random_range(3.0..20.0);
+    for i in 0..6 {
+        let share = 0.1 + 0.16 * i as f32;
+        let depth = site.builder.rng.random_range(3.0..30.0);
         plant(site, lot, share, depth);
+    }
+    for _ in 0..2 {
+        let share = site.builder.rng.random_range(0.1..0.9);
+        let depth = site.builder.rng.random_range(2.0..9.0);
+        let stroller = lot.front(site, share, depth);
+        people::pedestrian(&mut site.builder, &stroller);
     }
     let bench = lot.front(site, 0.5, 1.6);
     furniture::bench(&mut site.builder, &Place { heading: -bench.heading, ..bench });

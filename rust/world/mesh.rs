@@ -58,19 +58,27 @@ pub struct Builder {
     pub rng: ChaCha8Rng,
     pub triangles: Vec<Triangle>,
     pub surfaces: Vec<Surface>,
+    /// Where the rig stands.
+    viewpoint: Vec2,
     instance: u16,
     objects: u16,
 }
 
 impl Builder {
-    pub fn new(rng: ChaCha8Rng) -> Self {
+    pub fn new(rng: ChaCha8Rng, viewpoint: Vec2) -> Self {
         Self {
             rng,
             triangles: Vec::new(),
             surfaces: Vec::new(),
+            viewpoint,
             instance: GROUND,
             objects: 0,
         }
+    }
+
+    /// Metres from the rig, seen from above: what is near is built finer.
+    pub fn distance(&self, place: &Place) -> f32 {
+        place.origin.truncate().distance(self.viewpoint)
     }
 
     /// Paints made from here on belong to a new object.

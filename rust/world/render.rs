@@ -12,13 +12,16 @@ use super::layout::{self, Stage};
 use super::mesh::GROUND;
 use super::scene::Hit;
 use super::sensors::Rig;
-use super::shading;
+use super::shading::Spot;
 use crate::error::Result;
 
 /// A return is hidden when something stands this much nearer on the camera's line of sight.
 const HIDDEN_MARGIN_M: f64 = 0.1;
 /// The camera sees no farther.
 const FAR_M: f32 = 500.0;
+/// Shadow rays start this far off a surface, and nothing farther casts a shadow.
+const SHADOW_OFFSET_M: f32 = 0.01;
+const SHADOW_REACH_M: f32 = 60.0;
 /// Rays of a LiDAR that share one generator.
 const CHUNK: usize = 1024;
 
@@ -148,7 +151,8 @@ impl Renderer {
         }
         let surface = stage.scene.surface(hit);
         let normal = stage.scene.normal(hit, ray);
-        let intensity = shading::intensity(surface, origin + ray * hit.range, normal, ray, hit.range);
+        let point = origin + ray * hit.range;
+        let intensity = Spot { surface, point, normal, direction: ray, range: hit.range }.intensity();
         let measured = direction * (f64::from(hit.range) + noise * lidar.range_noise_m);
         Some(Return {
             point: [measured.x as f32, measured.y as f32, measured.z as f32, intensity],
@@ -166,14 +170,12 @@ impl Renderer {
         }
         let camera_world = stage.t_world_lidar * (t.inverse() * Point3::origin());
         let sight = stage.t_world_lidar * Point3::from(*truth) - camera_world;
-        let limit = sight.norm() - HIDDEN_MARGIN_M;
-        let hit = stage.scene.cast(
-            to_f32(&camera_world.coords),
-            to_f32(&sight.normalize()),
-            limit as f32,
-            None,
-        );
-        if hit.is_some() { Visibility::Hidden } else { Visibility::Visible }
+        let limit = (sight.norm() - HIDDEN_MARGIN_M) as f32;
+        let (eye, sight) = (to_f32(&camera_world.coords), to_f32(&sight.normalize()));
+        match stage.scene.is_blocked(eye, sight, limit) {
+            true => Visibility::Hidden,
+            false => Visibility::Visible,
+        }
     }
 }
 
@@ -187,9 +189,12 @@ impl Pixel {
         let surface = stage.scene.surface(hit);
         let normal = stage.scene.normal(hit, direction);
         let point = origin + direction * hit.range;
+        let spot = Spot { surface, point, normal, direction, range: hit.range };
+        let sunlit = stage.light.faces_sun(normal)
+            && !stage.scene.is_blocked(point + normal * SHADOW_OFFSET_M, stage.light.sun, SHADOW_REACH_M);
         Self {
             label: surface.class.id(),
-            rgb: stage.light.color(surface, point, normal, direction, hit.range),
+            rgb: stage.light.color(&spot, sunlit),
             instance: surface.instance,
         }
     }

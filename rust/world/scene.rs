@@ -1,9 +1,8 @@
 //! A finished scene: what a ray meets first.
 
 use parry3d::bounding_volume::Aabb;
-use parry3d::math::Vec3;
-use parry3d::partitioning::{Bvh, BvhBuildStrategy};
-use parry3d::query::Ray;
+use parry3d::math::{Vec3, Vec3A};
+use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 
 use super::mesh::{Builder, Triangle};
 use super::surface::Surface;
@@ -49,11 +48,25 @@ impl Scene {
             .and_then(|triangle| meet(triangle).map(|range| Hit { triangle, range }))
             .filter(|hit| hit.range < max_range);
         let limit = guessed.map_or(max_range, |hit| hit.range);
-        let ray = Ray::new(origin, direction);
-        let found = self.bvh.cast_ray(&ray, limit, |id, _| meet(id));
+        let slabs = Slabs::new(origin, direction);
+        let found = self
+            .bvh
+            .find_best(limit, |node, _| slabs.enter(node), |id, _| meet(id));
         found
             .map(|(triangle, range)| Hit { triangle, range })
             .or(guessed)
+    }
+
+    /// Whether anything stands on a ray of unit direction, nearer than `max_range`.
+    pub fn is_blocked(&self, origin: Vec3, direction: Vec3, max_range: f32) -> bool {
+        let slabs = Slabs::new(origin, direction);
+        // Whatever is met ends the search: nothing is nearer than minus infinity.
+        let meet = |id: u32, _| {
+            intersect(&self.triangles[id as usize], origin, direction)
+                .filter(|&range| range < max_range)
+                .map(|_| f32::NEG_INFINITY)
+        };
+        self.bvh.find_best(max_range, |node, _| slabs.enter(node), meet).is_some()
     }
 
     pub fn surface(&self, hit: Hit) -> &Surface {
@@ -65,6 +78,27 @@ impl Scene {
         let triangle = &self.triangles[hit.triangle as usize];
         let normal = triangle.edge_1.cross(triangle.edge_2).normalize_or(Vec3::Z);
         if normal.dot(direction) > 0.0 { -normal } else { normal }
+    }
+}
+
+/// A ray as box tests want it. Parry's own test is not inlined across crates, which costs half the time.
+struct Slabs {
+    origin: Vec3A,
+    inverse: Vec3A,
+}
+
+impl Slabs {
+    fn new(origin: Vec3, direction: Vec3) -> Self {
+        Self { origin: origin.into(), inverse: Vec3A::from(direction).recip() }
+    }
+
+    /// Where the ray enters a node's box, `f32::MAX` if it passes by.
+    #[inline(always)]
+    fn enter(&self, node: &BvhNode) -> f32 {
+        let low = (Vec3A::from(node.mins()) - self.origin) * self.inverse;
+        let high = (Vec3A::from(node.maxs()) - self.origin) * self.inverse;
+        let (enter, leave) = (low.min(high).max_element(), low.max(high).min_element());
+        if leave >= enter.max(0.0) { enter } else { f32::MAX }
     }
 }
 

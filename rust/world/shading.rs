@@ -8,8 +8,8 @@ use super::noise;
 use super::surface::{Surface, Texture};
 
 /// Grains per metre of the finest texture, and its contrast.
-const GRAIN: f32 = 14.0;
-const GRAIN_CONTRAST: f32 = 0.07;
+const GRAIN: f32 = 45.0;
+const GRAIN_CONTRAST: f32 = 0.06;
 const PATCH_CONTRAST: f32 = 0.22;
 const COURSE_HEIGHT: f32 = 0.3;
 const COURSE_LENGTH: f32 = 0.6;
@@ -25,12 +25,14 @@ const ATTENUATION_RANGE: f32 = 160.0;
 const HAZE_RANGE: f32 = 260.0;
 const HORIZON: Vec3 = Vec3::new(0.76, 0.82, 0.88);
 const ZENITH: Vec3 = Vec3::new(0.3, 0.5, 0.8);
+/// Light from the sky on upright faces, and how much more on level ones.
+const SKY_LIGHT: [f32; 2] = [0.42, 0.13];
 const GAMMA: f32 = 1.0 / 1.8;
 
 /// The sun and the exposure of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Light {
-    sun: Vec3,
+    pub sun: Vec3,
     sun_strength: f32,
     exposure: f32,
 }
@@ -41,18 +43,23 @@ impl Light {
         let elevation = rng.random_range(0.4..1.2f32);
         Self {
             sun: (azimuth * elevation.cos()).extend(elevation.sin()),
-            sun_strength: rng.random_range(0.3..0.9),
+            sun_strength: rng.random_range(0.2..0.9),
             exposure: rng.random_range(0.7..1.1),
         }
     }
 
-    /// The colour of a surface at a point seen along a unit `direction` over `range` metres.
-    pub fn color(&self, surface: &Surface, point: Vec3, normal: Vec3, direction: Vec3, range: f32) -> [u8; 3] {
-        let albedo = textured(surface, point, normal).0;
-        let sky = 0.45 + 0.15 * normal.z;
-        let light = sky + self.sun_strength * normal.dot(self.sun).max(0.0);
-        let haze = 1.0 - (-range / HAZE_RANGE).exp();
-        self.expose((albedo * light).lerp(sky_color(direction), haze))
+    /// Whether the sun is on the outer side of a surface.
+    pub fn faces_sun(&self, normal: Vec3) -> bool {
+        normal.dot(self.sun) > 0.0
+    }
+
+    /// The colour of a spot in the sun or in shadow.
+    pub fn color(&self, spot: &Spot, sunlit: bool) -> [u8; 3] {
+        let sky = SKY_LIGHT[0] + SKY_LIGHT[1] * spot.normal.z;
+        let sun = if sunlit { self.sun_strength * spot.normal.dot(self.sun) } else { 0.0 };
+        let haze = 1.0 - (-spot.range / HAZE_RANGE).exp();
+        let radiance = spot.textured().0 * (sky + sun);
+        self.expose(radiance.lerp(sky_color(spot.direction), haze))
     }
 
     /// The colour of the sky in a unit direction.
@@ -70,30 +77,37 @@ fn sky_color(direction: Vec3) -> Vec3 {
     HORIZON.lerp(ZENITH, direction.z.clamp(0.0, 1.0).sqrt())
 }
 
-/// The LiDAR's intensity in [0, 1].
-pub fn intensity(surface: &Surface, point: Vec3, normal: Vec3, direction: Vec3, range: f32) -> f32 {
-    let reflectance = textured(surface, point, normal).1;
-    let incidence = normal.dot(direction).abs();
-    let facing = DIFFUSE_FLOOR + (1.0 - DIFFUSE_FLOOR) * incidence;
-    (reflectance * facing * (-range / ATTENUATION_RANGE).exp()).clamp(0.0, 1.0)
+/// A point of a surface that a sensor sees, along a unit direction over a range in metres.
+pub struct Spot<'a> {
+    pub surface: &'a Surface,
+    pub point: Vec3,
+    pub normal: Vec3,
+    pub direction: Vec3,
+    pub range: f32,
 }
 
-/// Albedo and reflectance at a point: the surface's own, under its texture and grain.
-fn textured(surface: &Surface, point: Vec3, normal: Vec3) -> (Vec3, f32) {
-    let grain = 1.0 + GRAIN_CONTRAST * noise::blocky(point * GRAIN, u32::from(surface.instance));
-    let factor = grain
-        * match surface.texture {
+impl Spot<'_> {
+    /// The LiDAR's intensity in [0, 1].
+    pub fn intensity(&self) -> f32 {
+        let facing = DIFFUSE_FLOOR + (1.0 - DIFFUSE_FLOOR) * self.normal.dot(self.direction).abs();
+        (self.textured().1 * facing * (-self.range / ATTENUATION_RANGE).exp()).clamp(0.0, 1.0)
+    }
+
+    /// Albedo and reflectance: the surface's own, under its texture and grain.
+    fn textured(&self) -> (Vec3, f32) {
+        let &Self { surface, point, normal, .. } = self;
+        let grain = 1.0 + GRAIN_CONTRAST * noise::blocky(point * GRAIN, u32::from(surface.instance));
+        let pattern = match surface.texture {
             Texture::Plain => 1.0,
             Texture::Patches { size } => 1.0 + PATCH_CONTRAST * noise::smooth(point.truncate() / size, 0),
             Texture::Courses => courses(point, normal),
-            Texture::Facade { pitch, floor } => {
-                if is_window(point, normal, pitch, floor) {
-                    return (GLASS * grain, GLASS_REFLECTANCE * surface.reflectance);
-                }
-                1.0
+            Texture::Facade { pitch, floor } if is_window(point, normal, pitch, floor) => {
+                return (GLASS * grain, GLASS_REFLECTANCE * surface.reflectance);
             }
+            Texture::Facade { .. } => 1.0,
         };
-    (surface.albedo * factor, surface.reflectance * factor)
+        (surface.albedo * grain * pattern, surface.reflectance * grain * pattern)
+    }
 }
 
 /// Coordinates on a face: along it and up a wall, or along both axes of level ground.

@@ -11,7 +11,7 @@ const REFLECTANCE_SPREAD: f32 = 0.25;
 /// Brightness of objects of one class differs by up to this factor, up or down.
 const BRIGHTNESS_SPREAD: f32 = 0.3;
 /// Each colour channel differs by up to this factor on top.
-const HUE_SPREAD: f32 = 0.15;
+const HUE_SPREAD: f32 = 0.06;
 
 /// A pattern on a surface, on top of grain.
 #[derive(Clone, Copy, Debug, PartialEq)]

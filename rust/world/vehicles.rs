@@ -23,6 +23,8 @@ struct Shape {
     cabin: [f32; 4],
 }
 
+/// The place of the van in [`SHAPES`].
+const VAN: usize = 4;
 const SHAPES: [Shape; 5] = [
     // Hatchback, saloon, estate, off-roader, van.
     Shape { length: 4.0, width: 1.74, height: 1.48, waist: 0.6, cabin: [0.02, 0.74, 0.1, 0.56] },
@@ -32,10 +34,19 @@ const SHAPES: [Shape; 5] = [
     Shape { length: 5.3, width: 1.98, height: 2.1, waist: 0.5, cabin: [0.0, 0.93, 0.01, 0.78] },
 ];
 
-/// A parked or moving passenger car; returns nothing taller than a van.
+/// A parked or moving passenger car, lower than the rig's sensors.
 pub fn car(b: &mut Builder, place: &Place) {
+    let shape = b.rng.random_range(0..VAN);
+    car_of_shape(b, place, &SHAPES[shape]);
+}
+
+/// A delivery van.
+pub fn van(b: &mut Builder, place: &Place) {
+    car_of_shape(b, place, &SHAPES[VAN]);
+}
+
+fn car_of_shape(b: &mut Builder, place: &Place, shape: &Shape) {
     b.begin_object();
-    let shape = &SHAPES[b.rng.random_range(0..SHAPES.len())];
     let scale = b.rng.random_range(0.95..1.06);
     let [length, width, height] = [shape.length * scale, shape.width * scale, shape.height * scale];
     let half = 0.5 * width;
