@@ -10,7 +10,6 @@ use rayon::prelude::*;
 use super::classes::{Class, UNLABELED};
 use super::layout::{self, Stage};
 use super::mesh::GROUND;
-use super::scene::Hit;
 use super::sensors::Rig;
 use super::shading::Spot;
 use crate::error::Result;
@@ -110,17 +109,12 @@ impl Renderer {
         let origin = to_f32(&t_world_camera.translation.vector);
         let rotation = t_world_camera.rotation.to_rotation_matrix().cast::<f32>();
         let row = |rays: &[Option<Vector3<f32>>]| -> Vec<Pixel> {
-            let mut neighbour = None;
-            rays.iter()
-                .map(|ray| {
-                    let Some(ray) = ray else { return Pixel::UNREACHED };
-                    let ray = rotation * ray;
-                    let direction = Vec3::new(ray.x, ray.y, ray.z);
-                    let hit = stage.scene.cast(origin, direction, FAR_M, neighbour);
-                    neighbour = hit.map(|hit| hit.triangle).or(neighbour);
-                    Pixel::seen(stage, origin, direction, hit)
-                })
-                .collect()
+            let mut neighbour = Neighbour::default();
+            let mut look = |ray: &Vector3<f32>| {
+                let ray = rotation * ray;
+                neighbour.look(stage, origin, Vec3::new(ray.x, ray.y, ray.z))
+            };
+            rays.iter().map(|ray| ray.as_ref().map_or(Pixel::UNREACHED, &mut look)).collect()
         };
         let rows: Vec<_> = self.pixel_rays.par_chunks(self.rig.camera.width.max(1)).map(row).collect();
         rows.into_iter().flatten().collect()
@@ -149,14 +143,11 @@ impl Renderer {
         if lost {
             return None;
         }
-        let surface = stage.scene.surface(hit);
-        let normal = stage.scene.normal(hit, ray);
-        let point = origin + ray * hit.range;
-        let intensity = Spot { surface, point, normal, direction: ray, range: hit.range }.intensity();
+        let spot = stage.scene.spot(hit, origin, ray);
         let measured = direction * (f64::from(hit.range) + noise * lidar.range_noise_m);
         Some(Return {
-            point: [measured.x as f32, measured.y as f32, measured.z as f32, intensity],
-            label: u32::from(surface.instance) << 16 | u32::from(surface.class.id()),
+            point: [measured.x as f32, measured.y as f32, measured.z as f32, spot.intensity()],
+            label: u32::from(spot.surface.instance) << 16 | u32::from(spot.surface.class.id()),
             visibility: self.visibility(stage, &measured, &(direction * f64::from(hit.range))),
         })
     }
@@ -172,31 +163,46 @@ impl Renderer {
         let sight = stage.t_world_lidar * Point3::from(*truth) - camera_world;
         let limit = (sight.norm() - HIDDEN_MARGIN_M) as f32;
         let (eye, sight) = (to_f32(&camera_world.coords), to_f32(&sight.normalize()));
-        match stage.scene.is_blocked(eye, sight, limit) {
-            true => Visibility::Hidden,
-            false => Visibility::Visible,
+        match stage.scene.blocker(eye, sight, limit, None) {
+            Some(_) => Visibility::Hidden,
+            None => Visibility::Visible,
         }
     }
 }
 
 impl Pixel {
     const UNREACHED: Self = Self { label: UNLABELED, rgb: [0; 3], instance: GROUND };
+}
 
-    fn seen(stage: &Stage, origin: Vec3, direction: Vec3, hit: Option<Hit>) -> Self {
-        let Some(hit) = hit else {
-            return Self { label: Class::Sky.id(), rgb: stage.light.sky(direction), instance: GROUND };
+/// What the pixel before met, which its neighbour is likely to meet too.
+#[derive(Default)]
+struct Neighbour {
+    seen: Option<u32>,
+    shading: Option<u32>,
+}
+
+impl Neighbour {
+    /// The pixel of a unit ray in the world.
+    fn look(&mut self, stage: &Stage, origin: Vec3, direction: Vec3) -> Pixel {
+        let (scene, light) = (&stage.scene, &stage.light);
+        let Some(hit) = scene.cast(origin, direction, FAR_M, self.seen) else {
+            return Pixel { label: Class::Sky.id(), rgb: light.sky(direction), instance: GROUND };
         };
-        let surface = stage.scene.surface(hit);
-        let normal = stage.scene.normal(hit, direction);
-        let point = origin + direction * hit.range;
-        let spot = Spot { surface, point, normal, direction, range: hit.range };
-        let sunlit = stage.light.faces_sun(normal)
-            && !stage.scene.is_blocked(point + normal * SHADOW_OFFSET_M, stage.light.sun, SHADOW_REACH_M);
-        Self {
-            label: surface.class.id(),
-            rgb: stage.light.color(&spot, sunlit),
-            instance: surface.instance,
+        self.seen = Some(hit.triangle);
+        let spot = scene.spot(hit, origin, direction);
+        let sunlit = light.faces_sun(spot.normal) && !self.is_shaded(stage, &spot);
+        Pixel {
+            label: spot.surface.class.id(),
+            rgb: light.color(&spot, sunlit),
+            instance: spot.surface.instance,
         }
+    }
+
+    fn is_shaded(&mut self, stage: &Stage, spot: &Spot) -> bool {
+        let start = spot.point + spot.normal * SHADOW_OFFSET_M;
+        let blocker = stage.scene.blocker(start, stage.light.sun, SHADOW_REACH_M, self.shading);
+        self.shading = blocker.or(self.shading);
+        blocker.is_some()
     }
 }
 

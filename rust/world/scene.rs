@@ -5,6 +5,7 @@ use parry3d::math::{Vec3, Vec3A};
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
 
 use super::mesh::{Builder, Triangle};
+use super::shading::Spot;
 use super::surface::Surface;
 
 /// Triangles that share an edge overlap by this share of their size, so that no ray slips through between them.
@@ -35,10 +36,6 @@ impl Scene {
         }
     }
 
-    pub fn num_triangles(&self) -> usize {
-        self.triangles.len()
-    }
-
     /// The first triangle on a ray of unit direction, nearer than `max_range`.
     ///
     /// `guess` is a triangle that the ray may well meet, such as the one that its neighbour met: it only saves time.
@@ -57,27 +54,31 @@ impl Scene {
             .or(guessed)
     }
 
-    /// Whether anything stands on a ray of unit direction, nearer than `max_range`.
-    pub fn is_blocked(&self, origin: Vec3, direction: Vec3, max_range: f32) -> bool {
+    /// Any triangle on a ray of unit direction, nearer than `max_range`; `guess` as in [`Scene::cast`].
+    pub fn blocker(&self, origin: Vec3, direction: Vec3, max_range: f32, guess: Option<u32>) -> Option<u32> {
+        let stands_in = |id: u32| {
+            intersect(&self.triangles[id as usize], origin, direction).is_some_and(|range| range < max_range)
+        };
+        if let Some(id) = guess.filter(|&id| stands_in(id)) {
+            return Some(id);
+        }
         let slabs = Slabs::new(origin, direction);
         // Whatever is met ends the search: nothing is nearer than minus infinity.
-        let meet = |id: u32, _| {
-            intersect(&self.triangles[id as usize], origin, direction)
-                .filter(|&range| range < max_range)
-                .map(|_| f32::NEG_INFINITY)
-        };
-        self.bvh.find_best(max_range, |node, _| slabs.enter(node), meet).is_some()
+        let meet = |id: u32, _| stands_in(id).then_some(f32::NEG_INFINITY);
+        self.bvh.find_best(max_range, |node, _| slabs.enter(node), meet).map(|(id, _)| id)
     }
 
-    pub fn surface(&self, hit: Hit) -> &Surface {
-        &self.surfaces[self.triangles[hit.triangle as usize].paint as usize]
-    }
-
-    /// The unit normal at a hit, on the side that `direction` comes from.
-    pub fn normal(&self, hit: Hit, direction: Vec3) -> Vec3 {
+    /// What a ray sees where it hits; the normal is on the ray's side.
+    pub fn spot(&self, hit: Hit, origin: Vec3, direction: Vec3) -> Spot<'_> {
         let triangle = &self.triangles[hit.triangle as usize];
         let normal = triangle.edge_1.cross(triangle.edge_2).normalize_or(Vec3::Z);
-        if normal.dot(direction) > 0.0 { -normal } else { normal }
+        Spot {
+            surface: &self.surfaces[triangle.paint as usize],
+            point: origin + direction * hit.range,
+            normal: if normal.dot(direction) > 0.0 { -normal } else { normal },
+            direction,
+            range: hit.range,
+        }
     }
 }
 

@@ -27,7 +27,6 @@ const HORIZON: Vec3 = Vec3::new(0.76, 0.82, 0.88);
 const ZENITH: Vec3 = Vec3::new(0.3, 0.5, 0.8);
 /// Light from the sky on upright faces, and how much more on level ones.
 const SKY_LIGHT: [f32; 2] = [0.42, 0.13];
-const GAMMA: f32 = 1.0 / 1.8;
 
 /// The sun and the exposure of one frame.
 #[derive(Clone, Copy, Debug)]
@@ -68,8 +67,9 @@ impl Light {
     }
 
     fn expose(&self, radiance: Vec3) -> [u8; 3] {
-        let bright = (radiance * self.exposure).clamp(Vec3::ZERO, Vec3::ONE).powf(GAMMA);
-        (bright * 255.0).to_array().map(|x| x.round() as u8)
+        let bright = (radiance * self.exposure).clamp(Vec3::ZERO, Vec3::ONE);
+        // A display's gamma, rounded to 2.
+        bright.to_array().map(|x| (x.sqrt() * 255.0).round() as u8)
     }
 }
 
