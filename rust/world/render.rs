@@ -20,7 +20,7 @@ const HIDDEN_MARGIN_M: f64 = 0.1;
 const FAR_M: f32 = 500.0;
 /// Shadow rays start this far off a surface, and nothing farther casts a shadow.
 const SHADOW_OFFSET_M: f32 = 0.01;
-const SHADOW_REACH_M: f32 = 60.0;
+const SHADOW_REACH_M: f32 = 40.0;
 /// Rays of a LiDAR that share one generator.
 const CHUNK: usize = 1024;
 

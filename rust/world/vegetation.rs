@@ -14,8 +14,8 @@ const SHADE: [f32; 3] = [0.07, 0.13, 0.04];
 const BARK: [f32; 3] = [0.27, 0.2, 0.14];
 
 /// A tuft of leaves spans this angle as the rig sees it, within limits in metres.
-const LEAF_ANGLE: f32 = 0.02;
-const LEAF_SIZES: [f32; 2] = [0.2, 0.6];
+const LEAF_ANGLE: f32 = 0.022;
+const LEAF_SIZES: [f32; 2] = [0.2, 0.8];
 
 /// How a plant's leaves are spread over an ellipsoid.
 #[derive(Clone, Copy)]
