@@ -45,7 +45,10 @@ impl Site {
     /// Takes a disc of ground, if all of it is free; `(s, d)` in street coordinates.
     pub fn claim(&mut self, s: f32, d: f32, radius: f32) -> bool {
         let spot = self.street.at(s, d);
-        let free = self.taken.iter().all(|(other, size)| spot.distance(*other) > radius + size);
+        let free = self
+            .taken
+            .iter()
+            .all(|(other, size)| spot.distance(*other) > radius + size);
         if free {
             self.taken.push((spot, radius));
         }
@@ -55,14 +58,29 @@ impl Site {
     /// Takes ground for something long, lying at `yaw` to the street.
     ///
     /// `gap` is what must lie between it and the rig.
-    pub fn claim_long(&mut self, s: f32, d: f32, yaw: f32, [half_length, half_width]: [f32; 2], gap: f32) -> bool {
+    pub fn claim_long(
+        &mut self,
+        s: f32,
+        d: f32,
+        yaw: f32,
+        [half_length, half_width]: [f32; 2],
+        gap: f32,
+    ) -> bool {
         let steps = (half_length / half_width).ceil() as i32;
         let spots: Vec<_> = (-steps..=steps)
             .map(|i| (half_length - half_width).max(0.0) * i as f32 / steps as f32)
-            .map(|along| (self.street.at(s + along * yaw.cos(), d + along * yaw.sin()), half_width))
+            .map(|along| {
+                (
+                    self.street.at(s + along * yaw.cos(), d + along * yaw.sin()),
+                    half_width,
+                )
+            })
             .collect();
         let free = |(spot, size): &(Vec2, f32)| {
-            let clear = self.taken.iter().all(|(other, radius)| spot.distance(*other) > size + radius);
+            let clear = self
+                .taken
+                .iter()
+                .all(|(other, radius)| spot.distance(*other) > size + radius);
             clear && spot.distance(self.rig) > size + gap
         };
         let all_free = spots.iter().all(free);
@@ -95,17 +113,34 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
         lots::build(&mut site, side);
     }
     lots::backdrop(&mut site);
-    Stage { scene: Scene::new(site.builder), light, t_world_lidar }
+    Stage {
+        scene: Scene::new(site.builder),
+        light,
+        t_world_lidar,
+    }
 }
 
-fn rig_pose(rng: &mut ChaCha8Rng, street: &Street, lane: usize, d: f32, tilt_deg: f64) -> Isometry3<f64> {
+fn rig_pose(
+    rng: &mut ChaCha8Rng,
+    street: &Street,
+    lane: usize,
+    d: f32,
+    tilt_deg: f64,
+) -> Isometry3<f64> {
     let spot = street.rig_spot(d);
     let height = f64::from(spot.z) + rng.random_range(MOUNT_M);
-    let along = if street.lane_runs_ahead(lane) { 0.0 } else { 180.0 };
+    let along = if street.lane_runs_ahead(lane) {
+        0.0
+    } else {
+        180.0
+    };
     let quarter_turns = [0, 0, 0, 0, 0, 1, 2, 3][rng.random_range(0..8)];
     let off = rng.random_range(-MAX_HEADING_OFF..MAX_HEADING_OFF);
     let yaw: f64 = along + 90.0 * f64::from(quarter_turns) + off;
-    let mut incline = || rng.random_range(-MAX_INCLINATION_DEG..MAX_INCLINATION_DEG).to_radians();
+    let mut incline = || {
+        rng.random_range(-MAX_INCLINATION_DEG..MAX_INCLINATION_DEG)
+            .to_radians()
+    };
     let (roll, pitch) = (incline(), incline() + tilt_deg.to_radians());
     Isometry3::from_parts(
         Translation3::new(f64::from(spot.x), f64::from(spot.y), height),
@@ -117,7 +152,11 @@ fn rig_pose(rng: &mut ChaCha8Rng, street: &Street, lane: usize, d: f32, tilt_deg
 fn traffic(site: &mut Site) {
     for lane in 0..site.street.lanes {
         let d = site.street.lane_center(lane);
-        let yaw = if site.street.lane_runs_ahead(lane) { 0.0 } else { PI };
+        let yaw = if site.street.lane_runs_ahead(lane) {
+            0.0
+        } else {
+            PI
+        };
         let mut s = -REACH + site.builder.rng.random_range(0.0..8.0);
         while s < REACH {
             let kind = site.builder.rng.random_range(0..10);
@@ -152,7 +191,11 @@ fn vehicle(site: &mut Site, kind: usize, s: f32, d: f32, yaw: f32) {
 fn two_wheeler(site: &mut Site, make: fn(&mut Builder, &Place)) {
     for _ in 0..12 {
         let lane = site.builder.rng.random_range(0..site.street.lanes);
-        let yaw = if site.street.lane_runs_ahead(lane) { 0.0 } else { PI };
+        let yaw = if site.street.lane_runs_ahead(lane) {
+            0.0
+        } else {
+            PI
+        };
         let d = site.street.lane_center(lane) + site.builder.rng.random_range(-1.3..1.3);
         let s = site.builder.rng.random_range(-25.0..25.0);
         if site.claim_long(s, d, yaw, [1.1, 0.4], FREE_RADIUS_M) {
@@ -184,7 +227,9 @@ fn kerbside(site: &mut Site, side: usize) {
     let mut s = -REACH + site.builder.rng.random_range(0.0..lamp_pitch);
     while s < REACH {
         let reach = -sign * 1.6;
-        place_at(site, side, s, d, 0.0, 0.3, |b, place| furniture::lamp_post(b, place, reach));
+        place_at(site, side, s, d, 0.0, 0.3, |b, place| {
+            furniture::lamp_post(b, place, reach)
+        });
         s += lamp_pitch;
     }
     signals(site, side, d, traffic_yaw);
@@ -192,18 +237,30 @@ fn kerbside(site: &mut Site, side: usize) {
     while s < REACH {
         kerb_object(site, side, s, d, traffic_yaw);
         let near = s.abs() < NEAR;
-        s += site.builder.rng.random_range(if near { 1.6..3.2 } else { 3.0..7.0 });
+        s += site
+            .builder
+            .rng
+            .random_range(if near { 1.6..3.2 } else { 3.0..7.0 });
     }
 }
 
 /// Traffic lights at the side street, or else at a crossing, and signs.
 fn signals(site: &mut Site, side: usize, d: f32, yaw: f32) {
-    let at = site.street.side_street.map_or(if side == 0 { 16.0 } else { -14.0 }, |branch| branch.s);
+    let at = site
+        .street
+        .side_street
+        .map_or(if side == 0 { 16.0 } else { -14.0 }, |branch| branch.s);
     let ahead = if side == 0 { -1.0 } else { 1.0 };
-    let reach = if site.builder.rng.random_bool(0.5) { 3.2 } else { 0.0 };
+    let reach = if site.builder.rng.random_bool(0.5) {
+        3.2
+    } else {
+        0.0
+    };
     for (offset, turn) in [(6.5, 0.0), (-6.5, PI)] {
         let s = at + ahead * offset;
-        place_at(site, side, s, d, yaw + turn, 0.3, |b, place| furniture::traffic_light(b, place, reach * turn.cos()));
+        place_at(site, side, s, d, yaw + turn, 0.3, |b, place| {
+            furniture::traffic_light(b, place, reach * turn.cos())
+        });
     }
     for _ in 0..7 {
         let s = site.builder.rng.random_range(-45.0..45.0);
@@ -211,7 +268,15 @@ fn signals(site: &mut Site, side: usize, d: f32, yaw: f32) {
         place_at(site, side, s, d, yaw + turn, 0.3, furniture::traffic_sign);
     }
     let s = site.builder.rng.random_range(-30.0..30.0);
-    place_at(site, side, s, d * 1.06, yaw, 1.2, furniture::direction_panel);
+    place_at(
+        site,
+        side,
+        s,
+        d * 1.06,
+        yaw,
+        1.2,
+        furniture::direction_panel,
+    );
 }
 
 fn kerb_object(site: &mut Site, side: usize, s: f32, d: f32, traffic_yaw: f32) {
@@ -219,11 +284,15 @@ fn kerb_object(site: &mut Site, side: usize, s: f32, d: f32, traffic_yaw: f32) {
     match site.builder.rng.random_range(0..12) {
         0..=2 => {
             let height = site.builder.rng.random_range(5.0..9.5);
-            place_at(site, side, s, d, 0.0, 0.5, |b, place| vegetation::tree(b, place, height));
+            place_at(site, side, s, d, 0.0, 0.5, |b, place| {
+                vegetation::tree(b, place, height)
+            });
         }
         3 | 4 => place_at(site, side, s, d, toward_street, 0.5, furniture::small_thing),
         5 => place_at(site, side, s, d, 0.0, 0.8, furniture::wheeled_bins),
-        6 => place_at(site, side, s, d, 0.0, 0.8, |b, place| furniture::bollards(b, &place.shifted(-0.8, 0.0, 0.0, 0.0), 2)),
+        6 => place_at(site, side, s, d, 0.0, 0.8, |b, place| {
+            furniture::bollards(b, &place.shifted(-0.8, 0.0, 0.0, 0.0), 2)
+        }),
         7 => place_at(site, side, s, d, traffic_yaw, 1.0, cycles::bicycle),
         8 => place_at(site, side, s, d, traffic_yaw + 0.5, 1.0, cycles::motorcycle),
         9 => place_at(site, side, s, d, toward_street, 1.0, furniture::bench),
@@ -242,7 +311,15 @@ fn pavement(site: &mut Site, side: usize) {
     let toward_street = if side == 1 { PI } else { 0.0 };
     for _ in 0..2 {
         let s = site.builder.rng.random_range(-40.0..40.0);
-        place_at(site, side, s, sign * (end - 0.6), toward_street, 1.6, furniture::shelter);
+        place_at(
+            site,
+            side,
+            s,
+            sign * (end - 0.6),
+            toward_street,
+            1.6,
+            furniture::shelter,
+        );
     }
     for i in 0..20 {
         let far = if i < 10 { NEAR } else { 50.0 };
@@ -255,13 +332,24 @@ fn pavement(site: &mut Site, side: usize) {
         let s = site.builder.rng.random_range(-30.0..30.0);
         let d = sign * site.builder.rng.random_range(0.5..start);
         if site.claim(s, d, 0.4) {
-            people::pedestrian(&mut site.builder, &site.street.place(s, d, sign * FRAC_PI_2));
+            people::pedestrian(
+                &mut site.builder,
+                &site.street.place(s, d, sign * FRAC_PI_2),
+            );
         }
     }
 }
 
 /// Puts an object on a disc of ground if that is free and off the side street's carriageway.
-fn place_at(site: &mut Site, side: usize, s: f32, d: f32, yaw: f32, radius: f32, make: impl FnOnce(&mut Builder, &Place)) {
+fn place_at(
+    site: &mut Site,
+    side: usize,
+    s: f32,
+    d: f32,
+    yaw: f32,
+    radius: f32,
+    make: impl FnOnce(&mut Builder, &Place),
+) {
     if !near_branch(&site.street, side, s, radius) && site.claim(s, d, radius) {
         make(&mut site.builder, &site.street.place(s, d, yaw));
     }
@@ -269,5 +357,7 @@ fn place_at(site: &mut Site, side: usize, s: f32, d: f32, yaw: f32, radius: f32,
 
 /// Whether `s` lies in the mouth of the side street, or within a margin of it.
 pub fn near_branch(street: &Street, side: usize, s: f32, margin: f32) -> bool {
-    street.branch(side).is_some_and(|branch| (s - branch.s).abs() < branch.half_width + margin)
+    street
+        .branch(side)
+        .is_some_and(|branch| (s - branch.s).abs() < branch.half_width + margin)
 }

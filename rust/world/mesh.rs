@@ -141,12 +141,30 @@ impl Builder {
     /// A box between two local corners.
     pub fn cuboid(&mut self, paint: Paint, place: &Place, low: [f32; 3], high: [f32; 3]) {
         let ([x0, y0, z0], [x1, y1, z1]) = (low, high);
-        self.extrude(paint, place, &[(x0, z0), (x1, z0), (x1, z1), (x0, z1)], y0, y1);
+        self.extrude(
+            paint,
+            place,
+            &[(x0, z0), (x1, z0), (x1, z1), (x0, z1)],
+            y0,
+            y1,
+        );
     }
 
     /// A convex outline in the local x-z plane, swept from `y0` to `y1`.
-    pub fn extrude(&mut self, paint: Paint, place: &Place, outline: &[(f32, f32)], y0: f32, y1: f32) {
-        let side = |y| outline.iter().map(move |&(x, z)| place.at(x, y, z)).collect();
+    pub fn extrude(
+        &mut self,
+        paint: Paint,
+        place: &Place,
+        outline: &[(f32, f32)],
+        y0: f32,
+        y1: f32,
+    ) {
+        let side = |y| {
+            outline
+                .iter()
+                .map(move |&(x, z)| place.at(x, y, z))
+                .collect()
+        };
         let (right, left): (Vec<_>, Vec<_>) = (side(y0), side(y1));
         self.loft(paint, &right, &left);
         self.polygon(paint, &right);
@@ -163,7 +181,9 @@ impl Builder {
 
     /// A tapered tube closed at both ends.
     pub fn tube(&mut self, paint: Paint, ends: [Vec3; 2], radii: [f32; 2], sides: usize) {
-        let (u, v) = (ends[1] - ends[0]).normalize_or(Vec3::Z).any_orthonormal_pair();
+        let (u, v) = (ends[1] - ends[0])
+            .normalize_or(Vec3::Z)
+            .any_orthonormal_pair();
         let circle = |end: usize| -> Vec<Vec3> {
             (0..sides)
                 .map(|i| Vec2::from_angle(TAU * i as f32 / sides as f32) * radii[end])
