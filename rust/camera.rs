@@ -137,6 +137,11 @@ impl Camera {
         }
     }
 
+    /// The largest normalised radius (or, for a fisheye lens, incidence angle in radians) at which the model holds.
+    pub fn limit(&self) -> f64 {
+        self.limit
+    }
+
     /// Pixels per radian at the middle of the picture, averaged over both axes.
     pub fn mean_focal(&self) -> f64 {
         0.5 * (self.focal.x + self.focal.y)

@@ -16,4 +16,8 @@ pub mod pyramid;
 pub mod registration;
 pub mod spherical;
 pub mod visibility;
+pub mod world;
 pub mod zoom;
+
+#[cfg(feature = "python")]
+mod python;

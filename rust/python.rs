@@ -1,0 +1,582 @@
+//! The Python face of the core: checks, copies in, releases the GIL, calls, copies out.
+
+use std::path::PathBuf;
+use std::sync::Mutex;
+
+use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use rayon::ThreadPool;
+
+use crate::alignment;
+use crate::camera::Camera;
+use crate::correspondences;
+use crate::error::{Error, Result};
+use crate::label_image::{self, LabelImage};
+use crate::observation::{Frame, Observations};
+use crate::point_cloud;
+use crate::pyramid;
+use crate::registration::{self, Hypothesis, RegistrationConfig};
+use crate::spherical::SphericalGrid;
+use crate::visibility;
+use crate::world::{Class, Lidar, Renderer, Rig, ScanPattern, Visibility};
+use crate::zoom::Zoom;
+
+pyo3::import_exception!(semcal_cli.errors, InputError);
+pyo3::import_exception!(semcal_cli.errors, CalibrationError);
+
+impl From<Error> for PyErr {
+    fn from(error: Error) -> Self {
+        let message = error.to_string();
+        match error {
+            Error::File { .. } | Error::Input(_) => InputError::new_err(message),
+            Error::Calibration(_) => CalibrationError::new_err(message),
+        }
+    }
+}
+
+/// The threads of every parallel call; rayon's own default until [`set_num_threads`] is called.
+static POOL: Mutex<Option<ThreadPool>> = Mutex::new(None);
+
+/// Runs `f` without the GIL, on the chosen number of threads.
+fn detached<T: Send>(py: Python<'_>, f: impl Send + FnOnce() -> T) -> T {
+    py.detach(|| match POOL.lock() {
+        Ok(pool) => match pool.as_ref() {
+            Some(pool) => pool.install(f),
+            None => f(),
+        },
+        Err(poisoned) => {
+            drop(poisoned);
+            f()
+        }
+    })
+}
+
+fn value_error(message: impl Into<String>) -> PyErr {
+    PyValueError::new_err(message.into())
+}
+
+/// A rigid transform from its 4 x 4 matrix.
+fn isometry(matrix: &PyReadonlyArray2<f64>) -> PyResult<Isometry3<f64>> {
+    let m = matrix.as_array();
+    if m.dim() != (4, 4) || m.iter().any(|x| !x.is_finite()) {
+        return Err(value_error(
+            "T_camera_lidar needs to be a finite 4 x 4 matrix",
+        ));
+    }
+    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| m[[i, j]]));
+    Ok(Isometry3::from_parts(
+        Translation3::new(m[[0, 3]], m[[1, 3]], m[[2, 3]]),
+        UnitQuaternion::from_rotation_matrix(&rotation),
+    ))
+}
+
+fn rows<const N: usize, T: Copy + numpy::Element>(
+    name: &str,
+    array: &PyReadonlyArray2<T>,
+) -> PyResult<Vec<[T; N]>> {
+    let array = array.as_array();
+    if array.ncols() != N {
+        return Err(value_error(format!(
+            "{name} needs shape (N, {N}), found {:?}",
+            array.dim()
+        )));
+    }
+    Ok(array
+        .rows()
+        .into_iter()
+        .map(|row| std::array::from_fn(|i| row[i]))
+        .collect())
+}
+
+fn to_array2<'py, const N: usize, T: Copy + numpy::Element>(
+    py: Python<'py>,
+    rows: &[[T; N]],
+) -> PyResult<Bound<'py, PyArray2<T>>> {
+    rows.as_flattened()
+        .to_vec()
+        .into_pyarray(py)
+        .reshape([rows.len(), N])
+}
+
+fn dense_image(array: &PyReadonlyArray2<u8>) -> LabelImage<u8> {
+    let array = array.as_array();
+    let (height, width) = array.dim();
+    LabelImage {
+        width,
+        height,
+        ids: array.iter().copied().collect(),
+    }
+}
+
+#[pyclass(name = "Camera", frozen)]
+struct PyCamera(Camera);
+
+#[pymethods]
+impl PyCamera {
+    #[new]
+    fn new(
+        model: &str,
+        width: usize,
+        height: usize,
+        k: [[f64; 3]; 3],
+        distortion: Vec<f64>,
+    ) -> Result<Self> {
+        Ok(Self(Camera::new(model, (width, height), k, &distortion)?))
+    }
+
+    /// Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        points_camera: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points: Vec<[f64; 3]> = rows("points_camera", &points_camera)?;
+        let pixel = |&p: &[f64; 3]| match self.0.project(&Vector3::from(p)) {
+            Some(pixel) => [pixel.x, pixel.y],
+            None => [f64::NAN; 2],
+        };
+        to_array2(py, &points.iter().map(pixel).collect::<Vec<_>>())
+    }
+
+    /// Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach.
+    fn unproject<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let pixels: Vec<[f64; 2]> = rows("pixels", &pixels)?;
+        let ray = |&p: &[f64; 2]| {
+            self.0
+                .unproject(&p.into())
+                .map_or([f64::NAN; 3], Into::into)
+        };
+        to_array2(py, &pixels.iter().map(ray).collect::<Vec<_>>())
+    }
+
+    /// The largest normalised radius (or, for fisheye, incidence angle) at which the model holds.
+    #[getter]
+    fn limit(&self) -> f64 {
+        self.0.limit()
+    }
+}
+
+#[pyclass(name = "Observations", frozen)]
+struct PyObservations(Observations);
+
+#[pymethods]
+impl PyObservations {
+    #[new]
+    fn new(
+        camera: &PyCamera,
+        points: Vec<PyReadonlyArray2<f32>>,
+        point_classes: Vec<PyReadonlyArray1<u8>>,
+        image_classes: Vec<PyReadonlyArray2<u8>>,
+        num_point_classes: usize,
+        num_image_classes: usize,
+    ) -> PyResult<Self> {
+        if points.len() != point_classes.len() || points.len() != image_classes.len() {
+            return Err(value_error(
+                "points, point_classes and image_classes differ in length",
+            ));
+        }
+        let frames: PyResult<Vec<Frame>> = (0..points.len())
+            .map(|i| {
+                Ok(Frame {
+                    points: rows("points", &points[i])?,
+                    point_classes: point_classes[i].as_array().to_vec(),
+                    image_classes: dense_image(&image_classes[i]),
+                })
+            })
+            .collect();
+        let camera = camera.0.clone();
+        Ok(Self(Observations::new(
+            camera,
+            frames?,
+            num_point_classes,
+            num_image_classes,
+        )?))
+    }
+}
+
+#[pyclass(name = "Hypothesis", frozen)]
+struct PyHypothesis(Hypothesis);
+
+#[pymethods]
+impl PyHypothesis {
+    /// `R_camera_lidar`, (3, 3).
+    #[getter]
+    fn rotation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rotation: [[f64; 3]; 3] = self.0.placement.rotation().transpose().into();
+        to_array2(py, &rotation)
+    }
+
+    /// Of the pooled histogram of cells, nats, less its bias.
+    #[getter]
+    fn mutual_information(&self) -> f64 {
+        self.0.mutual_information
+    }
+
+    /// Labelled cells, over all frames, that fall on a labelled pixel.
+    #[getter]
+    fn num_cells(&self) -> usize {
+        self.0.num_cells as usize
+    }
+}
+
+#[pyclass(name = "Agreement", frozen, get_all)]
+struct PyAgreement {
+    mutual_information: f64,
+    bias: f64,
+    label_agreement: f64,
+    overlap: f64,
+    num_inside: usize,
+    num_hidden: usize,
+}
+
+/// x y z of each return, intensity, raw class ids, and how many entries were no returns.
+type CloudArrays<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Option<Bound<'py, PyArray1<f32>>>,
+    Option<Bound<'py, PyArray1<u16>>>,
+    usize,
+);
+
+/// Points (N, 4), labels (N,), visibility (N,), image labels (H, W), picture (H, W, 3), objects in view.
+type RenderedArrays<'py> = (
+    Bound<'py, PyArray2<f32>>,
+    Bound<'py, PyArray1<u32>>,
+    Bound<'py, PyArray1<u8>>,
+    Bound<'py, PyArray2<u8>>,
+    Bound<'py, PyArray3<u8>>,
+    usize,
+);
+
+#[pyclass(name = "Renderer", frozen)]
+struct PyRenderer {
+    renderer: Renderer,
+    size: (usize, usize),
+}
+
+#[pymethods]
+impl PyRenderer {
+    #[new]
+    #[pyo3(signature = (camera, t_camera_lidar, *, pattern, channels, columns, fov_up_deg, fov_down_deg, range_noise_m,
+                        dropout, max_range_m, tilt_deg))]
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        py: Python<'_>,
+        camera: &PyCamera,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+        pattern: &str,
+        channels: usize,
+        columns: usize,
+        fov_up_deg: f64,
+        fov_down_deg: f64,
+        range_noise_m: f64,
+        dropout: f64,
+        max_range_m: f64,
+        tilt_deg: f64,
+    ) -> PyResult<Self> {
+        let pattern = match pattern {
+            "spinning" => ScanPattern::Spinning {
+                channels,
+                columns,
+                fov_up_deg,
+                fov_down_deg,
+            },
+            "rosette" => ScanPattern::Rosette {
+                points: channels * columns,
+                fov_up_deg,
+                fov_down_deg,
+            },
+            other => return Err(value_error(format!("pattern '{other}' is not known"))),
+        };
+        let rig = Rig {
+            lidar: Lidar {
+                pattern,
+                range_noise_m,
+                dropout,
+                max_range_m,
+                tilt_deg,
+            },
+            camera: camera.0.clone(),
+            t_camera_lidar: isometry(&t_camera_lidar)?,
+        };
+        let size = (camera.0.height, camera.0.width);
+        Ok(Self {
+            renderer: detached(py, || Renderer::new(rig))?,
+            size,
+        })
+    }
+
+    /// The frame of a number in the world of a seed.
+    fn frame<'py>(&self, py: Python<'py>, seed: u64, number: u64) -> PyResult<RenderedArrays<'py>> {
+        let frame = detached(py, || self.renderer.frame(seed, number));
+        let (height, width) = self.size;
+        let visibility = |v: Visibility| match v {
+            Visibility::Outside => 0u8,
+            Visibility::Hidden => 1,
+            Visibility::Visible => 2,
+        };
+        let visibility: Vec<u8> = frame.point_visibility.into_iter().map(visibility).collect();
+        Ok((
+            to_array2(py, &frame.points)?,
+            frame.point_labels.into_pyarray(py),
+            visibility.into_pyarray(py),
+            frame
+                .image_labels
+                .into_pyarray(py)
+                .reshape([height, width])?,
+            frame
+                .image_rgb
+                .as_flattened()
+                .to_vec()
+                .into_pyarray(py)
+                .reshape([height, width, 3])?,
+            frame.objects_in_view,
+        ))
+    }
+}
+
+/// The core's functions and classes; `semcal_cli/_core.pyi` documents them.
+#[pymodule]
+mod _core {
+    use super::*;
+
+    #[pymodule_export]
+    use super::{PyAgreement, PyCamera, PyHypothesis, PyObservations, PyRenderer};
+
+    #[pyfunction]
+    fn set_num_threads(num_threads: usize) -> PyResult<()> {
+        let pool = rayon::ThreadPoolBuilder::new()
+            .num_threads(num_threads)
+            .build()
+            .map_err(|e| value_error(e.to_string()))?;
+        if let Ok(mut current) = POOL.lock() {
+            *current = Some(pool);
+        }
+        Ok(())
+    }
+
+    #[pyfunction]
+    fn read_point_clouds(
+        py: Python<'_>,
+        paths: Vec<(PathBuf, Option<PathBuf>)>,
+    ) -> PyResult<Vec<CloudArrays<'_>>> {
+        let clouds = detached(py, || point_cloud::read_all(&paths))?;
+        let arrays = |cloud: point_cloud::PointCloud| {
+            Ok((
+                to_array2(py, &cloud.points)?,
+                cloud.intensity.map(|x| x.into_pyarray(py)),
+                cloud.labels.map(|x| x.into_pyarray(py)),
+                cloud.num_no_returns,
+            ))
+        };
+        clouds.into_iter().map(arrays).collect()
+    }
+
+    #[pyfunction]
+    fn read_label_images(
+        py: Python<'_>,
+        paths: Vec<PathBuf>,
+        width: usize,
+        height: usize,
+    ) -> PyResult<Vec<Bound<'_, PyArray2<u16>>>> {
+        let images = detached(py, || label_image::read_all(&paths, (width, height)))?;
+        let array = |image: LabelImage<u16>| image.ids.into_pyarray(py).reshape([height, width]);
+        images.into_iter().map(array).collect()
+    }
+
+    #[pyfunction]
+    #[pyo3(signature = (observations, grid, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, min_overlap,
+                        num_hypotheses, separation))]
+    #[allow(clippy::too_many_arguments)]
+    fn register(
+        py: Python<'_>,
+        observations: &PyObservations,
+        grid: (usize, usize, f64, f64),
+        zoom: &str,
+        coarse_cell: f64,
+        fine_cell: f64,
+        max_roll: f64,
+        roll_step: f64,
+        min_overlap: f64,
+        num_hypotheses: usize,
+        separation: f64,
+    ) -> PyResult<Vec<PyHypothesis>> {
+        let config = RegistrationConfig {
+            zoom: parse_zoom(zoom)?,
+            coarse_cell,
+            fine_cell,
+            max_roll,
+            roll_step,
+            min_overlap,
+            num_hypotheses,
+            separation,
+        };
+        let grid = to_grid(grid);
+        let found = detached(py, || {
+            registration::register(&observations.0, &grid, &config)
+        })?;
+        Ok(found.into_iter().map(PyHypothesis).collect())
+    }
+
+    #[pyfunction]
+    fn scan_grid(
+        channels: usize,
+        columns: usize,
+        fov_up: f64,
+        fov_down: f64,
+    ) -> PyResult<(usize, usize, f64, f64)> {
+        Ok(from_grid(&SphericalGrid::from_scan(
+            channels, columns, fov_up, fov_down,
+        )?))
+    }
+
+    #[pyfunction]
+    fn estimate_grid(
+        py: Python<'_>,
+        observations: &PyObservations,
+        cell: f64,
+    ) -> PyResult<(usize, usize, f64, f64)> {
+        let sweeps = || observations.0.frames.iter().map(|f| f.points.as_slice());
+        Ok(from_grid(&detached(py, || {
+            SphericalGrid::over(sweeps(), cell)
+        })?))
+    }
+
+    #[pyfunction]
+    fn spherical_image<'py>(
+        py: Python<'py>,
+        points: PyReadonlyArray2<f32>,
+        grid: (usize, usize, f64, f64),
+    ) -> PyResult<Bound<'py, PyArray2<u32>>> {
+        let (points, grid) = (rows("points", &points)?, to_grid(grid));
+        grid.project(&points)
+            .into_pyarray(py)
+            .reshape([grid.rows, grid.columns])
+    }
+
+    #[pyfunction]
+    fn sample_correspondences<'py>(
+        py: Python<'py>,
+        observations: &PyObservations,
+        grid: (usize, usize, f64, f64),
+        zoom: &str,
+        hypothesis: &PyHypothesis,
+        count: usize,
+        seed: u64,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+        let (zoom, grid) = (parse_zoom(zoom)?, to_grid(grid));
+        let pairs = detached(py, || {
+            correspondences::sample(&observations.0, &grid, zoom, &hypothesis.0, count, seed)
+        })?;
+        let points: Vec<[f64; 3]> = pairs.iter().map(|c| c.point.map(f64::from)).collect();
+        let pixels: Vec<[f64; 2]> = pairs.iter().map(|c| [c.pixel.x, c.pixel.y]).collect();
+        Ok((to_array2(py, &points)?, to_array2(py, &pixels)?))
+    }
+
+    #[pyfunction]
+    fn agreement(
+        py: Python<'_>,
+        observations: &PyObservations,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+    ) -> PyResult<PyAgreement> {
+        let pose = isometry(&t_camera_lidar)?;
+        let found = detached(py, || alignment::agreement(&observations.0, &pose));
+        Ok(PyAgreement {
+            mutual_information: found.joint.mutual_information(),
+            bias: found.joint.bias(),
+            label_agreement: found.label_agreement(),
+            overlap: found.overlap,
+            num_inside: found.num_inside,
+            num_hidden: found.num_hidden,
+        })
+    }
+
+    /// Pixels (N, 2) of points, NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
+    #[pyfunction]
+    #[allow(clippy::type_complexity)]
+    fn land<'py>(
+        py: Python<'py>,
+        camera: &PyCamera,
+        points: PyReadonlyArray2<f32>,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+    ) -> PyResult<(
+        Bound<'py, PyArray2<f64>>,
+        Bound<'py, PyArray1<f64>>,
+        Bound<'py, PyArray1<bool>>,
+    )> {
+        let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
+        let landings = visibility::land(&camera.0, &points, &pose);
+        let hidden = visibility::hidden(&camera.0, &landings, pose.translation.vector.norm());
+        let pixels: Vec<[f64; 2]> = landings
+            .iter()
+            .map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into()))
+            .collect();
+        let ranges: Vec<f64> = landings
+            .iter()
+            .map(|l| l.map_or(f64::NAN, |l| l.range))
+            .collect();
+        Ok((
+            to_array2(py, &pixels)?,
+            ranges.into_pyarray(py),
+            hidden.into_pyarray(py),
+        ))
+    }
+
+    #[pyfunction]
+    fn class_shares<'py>(
+        py: Python<'py>,
+        image_classes: PyReadonlyArray2<u8>,
+        num_classes: usize,
+        factor: usize,
+    ) -> PyResult<Bound<'py, PyArray3<u8>>> {
+        let image = dense_image(&image_classes);
+        if factor == 0 || factor > image.width.min(image.height) {
+            return Err(value_error(format!(
+                "factor {factor} does not fit the picture"
+            )));
+        }
+        let shape = [image.height / factor, image.width / factor, num_classes];
+        pyramid::class_shares(&image, num_classes, factor)
+            .into_pyarray(py)
+            .reshape(shape)
+    }
+
+    #[pyfunction]
+    fn synthetic_classes() -> Vec<(u8, &'static str)> {
+        Class::ALL
+            .iter()
+            .map(|&class| (class as u8, class.name()))
+            .collect()
+    }
+}
+
+fn parse_zoom(zoom: &str) -> PyResult<Zoom> {
+    match zoom {
+        "exact" => Ok(Zoom::Exact),
+        "paper" => Ok(Zoom::Paper),
+        other => Err(value_error(format!(
+            "zoom '{other}' is not known, needs exact or paper"
+        ))),
+    }
+}
+
+fn to_grid((rows, columns, top, cell_height): (usize, usize, f64, f64)) -> SphericalGrid {
+    SphericalGrid {
+        rows,
+        columns,
+        top,
+        cell_height,
+    }
+}
+
+fn from_grid(grid: &SphericalGrid) -> (usize, usize, f64, f64) {
+    (grid.rows, grid.columns, grid.top, grid.cell_height)
+}

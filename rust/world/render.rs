@@ -1,0 +1,467 @@
+//! One frame of a rig: its LiDAR's returns and its camera's picture.
+
+use nalgebra::{Point2, Point3, Vector3};
+use parry3d::math::Vec3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+use rayon::prelude::*;
+
+use super::classes::{Class, UNLABELED};
+use super::layout::{self, Stage};
+use super::mesh::GROUND;
+use super::sensors::Rig;
+use super::shading::Spot;
+use crate::error::Result;
+
+/// A return is hidden when something stands this much nearer on the camera's line of sight.
+const HIDDEN_MARGIN_M: f64 = 0.1;
+/// The camera sees no farther.
+const FAR_M: f32 = 500.0;
+/// Shadow rays start this far off a surface, and nothing farther casts a shadow.
+const SHADOW_OFFSET_M: f32 = 0.01;
+const SHADOW_REACH_M: f32 = 40.0;
+/// Rays of a LiDAR that share one generator.
+const CHUNK: usize = 1024;
+
+/// Whether the camera sees a LiDAR return.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Visibility {
+    /// It lies outside the picture.
+    Outside,
+    /// Something nearer stands before it.
+    Hidden,
+    /// It is in the picture and seen.
+    Visible,
+}
+
+/// What a rig measures at one moment.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Frame {
+    /// x, y, z, intensity in [0, 1] of each return, LiDAR frame, in firing order; lost rays are left out.
+    pub points: Vec<[f32; 4]>,
+    /// SemanticKITTI's form: instance << 16 | class id.
+    pub point_labels: Vec<u32>,
+    /// Whether the camera sees each return.
+    pub point_visibility: Vec<Visibility>,
+    /// Class ids, row-major; [`UNLABELED`] where the lens does not reach.
+    pub image_labels: Vec<u8>,
+    /// The colour picture, row-major; black where the lens does not reach.
+    pub image_rgb: Vec<[u8; 3]>,
+    /// Distinct objects in the picture or among the returns; the ground is none.
+    pub objects_in_view: usize,
+}
+
+/// Renders the frames of one rig.
+pub struct Renderer {
+    rig: Rig,
+    /// The ray of each pixel centre, camera frame; `None` where the lens does not reach.
+    pixel_rays: Vec<Option<Vector3<f32>>>,
+}
+
+struct Pixel {
+    label: u8,
+    rgb: [u8; 3],
+    instance: u16,
+}
+
+struct Return {
+    point: [f32; 4],
+    label: u32,
+    visibility: Visibility,
+}
+
+impl Renderer {
+    /// Prepares a rig.
+    ///
+    /// # Errors
+    /// The LiDAR has no rays or impossible angles, or the camera is too far from it.
+    pub fn new(rig: Rig) -> Result<Self> {
+        rig.check()?;
+        let width = rig.camera.width;
+        let pixel_rays = (0..width * rig.camera.height)
+            .into_par_iter()
+            .map(|i| {
+                let center = Point2::new((i % width) as f64, (i / width) as f64);
+                rig.camera.unproject(&center).map(|ray| ray.cast())
+            })
+            .collect();
+        Ok(Self { rig, pixel_rays })
+    }
+
+    /// The frame of a number in the world of a seed.
+    pub fn frame(&self, seed: u64, number: u64) -> Frame {
+        let stage = layout::build(generator(seed, number, 0), self.rig.lidar.tilt_deg);
+        let pixels = self.picture(&stage);
+        let returns = self.scan(&stage, seed, number);
+        Frame {
+            objects_in_view: count_objects(&pixels, &returns),
+            image_labels: pixels.iter().map(|pixel| pixel.label).collect(),
+            image_rgb: pixels.iter().map(|pixel| pixel.rgb).collect(),
+            points: returns.iter().map(|hit| hit.point).collect(),
+            point_labels: returns.iter().map(|hit| hit.label).collect(),
+            point_visibility: returns.iter().map(|hit| hit.visibility).collect(),
+        }
+    }
+
+    fn picture(&self, stage: &Stage) -> Vec<Pixel> {
+        let t_world_camera = stage.t_world_lidar * self.rig.t_camera_lidar.inverse();
+        let origin = to_f32(&t_world_camera.translation.vector);
+        let rotation = t_world_camera.rotation.to_rotation_matrix().cast::<f32>();
+        let row = |rays: &[Option<Vector3<f32>>]| -> Vec<Pixel> {
+            let mut neighbour = Neighbour::default();
+            let mut look = |ray: &Vector3<f32>| {
+                let ray = rotation * ray;
+                neighbour.look(stage, origin, Vec3::new(ray.x, ray.y, ray.z))
+            };
+            rays.iter()
+                .map(|ray| ray.as_ref().map_or(Pixel::UNREACHED, &mut look))
+                .collect()
+        };
+        let rows: Vec<_> = self
+            .pixel_rays
+            .par_chunks(self.rig.camera.width.max(1))
+            .map(row)
+            .collect();
+        rows.into_iter().flatten().collect()
+    }
+
+    fn scan(&self, stage: &Stage, seed: u64, number: u64) -> Vec<Return> {
+        let directions = self.rig.lidar.pattern.directions(number);
+        let chunks: Vec<Vec<Return>> = directions
+            .par_chunks(CHUNK)
+            .enumerate()
+            .map(|(i, directions)| {
+                let mut rng = generator(seed, number, 1 + i as u64);
+                directions
+                    .iter()
+                    .filter_map(|direction| self.fire(stage, direction, &mut rng))
+                    .collect()
+            })
+            .collect();
+        chunks.into_iter().flatten().collect()
+    }
+
+    /// One ray of the LiDAR.
+    fn fire(
+        &self,
+        stage: &Stage,
+        direction: &Vector3<f64>,
+        rng: &mut ChaCha8Rng,
+    ) -> Option<Return> {
+        let lidar = &self.rig.lidar;
+        let (lost, noise): (bool, f64) =
+            (rng.random_bool(lidar.dropout), StandardNormal.sample(rng));
+        let origin = to_f32(&stage.t_world_lidar.translation.vector);
+        let ray = to_f32(&(stage.t_world_lidar.rotation * direction));
+        let hit = stage
+            .scene
+            .cast(origin, ray, lidar.max_range_m as f32, None)?;
+        if lost {
+            return None;
+        }
+        let spot = stage.scene.spot(hit, origin, ray);
+        let measured = direction * (f64::from(hit.range) + noise * lidar.range_noise_m);
+        Some(Return {
+            point: [
+                measured.x as f32,
+                measured.y as f32,
+                measured.z as f32,
+                spot.intensity(),
+            ],
+            label: u32::from(spot.surface.instance) << 16 | u32::from(spot.surface.class.id()),
+            visibility: self.visibility(stage, &measured, &(direction * f64::from(hit.range))),
+        })
+    }
+
+    /// Whether the camera sees a return, measured at one point of the LiDAR frame and truly at another.
+    fn visibility(
+        &self,
+        stage: &Stage,
+        measured: &Vector3<f64>,
+        truth: &Vector3<f64>,
+    ) -> Visibility {
+        let t = &self.rig.t_camera_lidar;
+        let pixel = self
+            .rig
+            .camera
+            .project(&(t * Point3::from(*measured)).coords);
+        if !pixel.is_some_and(|pixel| self.rig.camera.contains(&pixel)) {
+            return Visibility::Outside;
+        }
+        let camera_world = stage.t_world_lidar * (t.inverse() * Point3::origin());
+        let sight = stage.t_world_lidar * Point3::from(*truth) - camera_world;
+        let limit = (sight.norm() - HIDDEN_MARGIN_M) as f32;
+        let (eye, sight) = (to_f32(&camera_world.coords), to_f32(&sight.normalize()));
+        match stage.scene.blocker(eye, sight, limit, None) {
+            Some(_) => Visibility::Hidden,
+            None => Visibility::Visible,
+        }
+    }
+}
+
+impl Pixel {
+    const UNREACHED: Self = Self {
+        label: UNLABELED,
+        rgb: [0; 3],
+        instance: GROUND,
+    };
+}
+
+/// What the pixel before met, which its neighbour is likely to meet too.
+#[derive(Default)]
+struct Neighbour {
+    seen: Option<u32>,
+    shading: Option<u32>,
+}
+
+impl Neighbour {
+    /// The pixel of a unit ray in the world.
+    fn look(&mut self, stage: &Stage, origin: Vec3, direction: Vec3) -> Pixel {
+        let (scene, light) = (&stage.scene, &stage.light);
+        let Some(hit) = scene.cast(origin, direction, FAR_M, self.seen) else {
+            return Pixel {
+                label: Class::Sky.id(),
+                rgb: light.sky(direction),
+                instance: GROUND,
+            };
+        };
+        self.seen = Some(hit.triangle);
+        let spot = scene.spot(hit, origin, direction);
+        let sunlit = light.faces_sun(spot.normal) && !self.is_shaded(stage, &spot);
+        Pixel {
+            label: spot.surface.class.id(),
+            rgb: light.color(&spot, sunlit),
+            instance: spot.surface.instance,
+        }
+    }
+
+    fn is_shaded(&mut self, stage: &Stage, spot: &Spot) -> bool {
+        let start = spot.point + spot.normal * SHADOW_OFFSET_M;
+        let blocker = stage
+            .scene
+            .blocker(start, stage.light.sun, SHADOW_REACH_M, self.shading);
+        self.shading = blocker.or(self.shading);
+        blocker.is_some()
+    }
+}
+
+/// The generator of one part of one frame.
+fn generator(seed: u64, number: u64, part: u64) -> ChaCha8Rng {
+    let mut key = [0; 32];
+    for (bytes, word) in key.chunks_exact_mut(8).zip([seed, number, part]) {
+        bytes.copy_from_slice(&word.to_le_bytes());
+    }
+    ChaCha8Rng::from_seed(key)
+}
+
+fn count_objects(pixels: &[Pixel], returns: &[Return]) -> usize {
+    let mut seen = vec![false; usize::from(u16::MAX) + 1];
+    for pixel in pixels {
+        seen[usize::from(pixel.instance)] = true;
+    }
+    for hit in returns {
+        seen[(hit.label >> 16) as usize] = true;
+    }
+    seen[usize::from(GROUND)] = false;
+    seen.into_iter().filter(|&seen| seen).count()
+}
+
+fn to_f32(v: &Vector3<f64>) -> Vec3 {
+    Vec3::new(v.x as f32, v.y as f32, v.z as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
+
+    use super::super::sensors::{Lidar, ScanPattern};
+    use super::*;
+    use crate::camera::Camera;
+
+    /// Half the default picture's size, so that the tests stay quick.
+    const SIZE: (usize, usize) = (640, 360);
+
+    /// A camera 0.5 m from the LiDAR that looks along an azimuth.
+    fn rig(lidar: Lidar, azimuth_deg: f64) -> Rig {
+        let k = [[320.0, 0.0, 319.5], [0.0, 320.0, 179.5], [0.0, 0.0, 1.0]];
+        let axes = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
+        let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -azimuth_deg.to_radians());
+        let rotation =
+            UnitQuaternion::from_rotation_matrix(&(Rotation3::from_matrix_unchecked(axes) * turn));
+        let camera_in_lidar = Vector3::new(0.3, 0.3, -0.27);
+        Rig {
+            lidar,
+            camera: Camera::new("plumb_bob", SIZE, k, &[]).expect("a valid camera"),
+            t_camera_lidar: Isometry3::from_parts((rotation * -camera_in_lidar).into(), rotation),
+        }
+    }
+
+    fn renderer(lidar: Lidar, azimuth_deg: f64) -> Renderer {
+        Renderer::new(rig(lidar, azimuth_deg)).expect("a valid rig")
+    }
+
+    fn perfect() -> Lidar {
+        Lidar {
+            range_noise_m: 0.0,
+            dropout: 0.0,
+            ..Lidar::default()
+        }
+    }
+
+    #[test]
+    fn a_frame_depends_on_its_seed_and_number_alone() {
+        let renderer = renderer(Lidar::default(), 0.0);
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("a pool");
+            pool.install(|| renderer.frame(3, 1))
+        };
+        let frame = on(1);
+        assert_eq!(frame, on(2));
+        assert_ne!(frame.image_labels, renderer.frame(3, 2).image_labels);
+        assert_ne!(frame.image_labels, renderer.frame(4, 1).image_labels);
+    }
+
+    #[test]
+    fn visible_points_land_on_pixels_of_their_class() {
+        let (mut agree, mut visible) = (0, 0);
+        for (number, azimuth) in [0.0, 80.0, 160.0, 240.0].into_iter().enumerate() {
+            let renderer = renderer(perfect(), azimuth);
+            let frame = renderer.frame(11, number as u64);
+            for (i, point) in frame.points.iter().enumerate() {
+                if frame.point_visibility[i] != Visibility::Visible {
+                    continue;
+                }
+                let p = Point3::new(point[0], point[1], point[2]).cast();
+                let pixel = (renderer.rig.t_camera_lidar * p).coords;
+                let pixel = renderer
+                    .rig
+                    .camera
+                    .project(&pixel)
+                    .expect("visible points project");
+                let index = pixel.y.round() as usize * SIZE.0 + pixel.x.round() as usize;
+                visible += 1;
+                agree += usize::from(
+                    u32::from(frame.image_labels[index]) == frame.point_labels[i] & 0xffff,
+                );
+            }
+        }
+        assert!(visible > 30_000);
+        let share = agree as f64 / visible as f64;
+        assert!(
+            share > 0.97,
+            "only {share:.4} of {visible} visible points agree with their pixel"
+        );
+    }
+
+    #[test]
+    fn every_frame_is_rich_and_parallax_hides_points() {
+        let mut hidden_shares = Vec::new();
+        for (seed, azimuth) in [(1, 0.0), (2, 70.0), (3, 150.0), (4, 200.0), (5, 290.0)] {
+            let renderer = renderer(Lidar::default(), azimuth);
+            for number in 0..2 {
+                let frame = renderer.frame(seed, number);
+                let image = frame.image_labels.iter().copied();
+                let points = frame.point_labels.iter().map(|&label| label as u8);
+                let classes: BTreeSet<u8> = image.chain(points).collect();
+                assert!(
+                    classes.len() >= 12,
+                    "seed {seed} frame {number}: {classes:?}"
+                );
+                assert!(frame.objects_in_view >= 40, "seed {seed} frame {number}");
+                let count = |what| {
+                    frame
+                        .point_visibility
+                        .iter()
+                        .filter(|&&v| v == what)
+                        .count()
+                };
+                let (hidden, visible) = (count(Visibility::Hidden), count(Visibility::Visible));
+                hidden_shares.push(hidden as f64 / (hidden + visible) as f64);
+            }
+        }
+        hidden_shares.sort_by(f64::total_cmp);
+        let median = hidden_shares[hidden_shares.len() / 2];
+        assert!(median >= 0.03, "{hidden_shares:?}");
+    }
+
+    #[test]
+    fn the_road_lies_beneath_the_rig_at_its_mounting_height() {
+        let down = ScanPattern::Spinning {
+            channels: 1,
+            columns: 1,
+            fov_up_deg: -90.0,
+            fov_down_deg: -90.0,
+        };
+        let renderer = renderer(
+            Lidar {
+                pattern: down,
+                ..perfect()
+            },
+            0.0,
+        );
+        for number in 0..10 {
+            let frame = renderer.frame(1, number);
+            let label = (frame.point_labels[0] & 0xffff) as u8;
+            assert!([Class::Road.id(), Class::RoadLine.id()].contains(&label));
+            // A vehicle inclined by 2 degrees, and roughness between the grid's lines, change it by some millimetres.
+            assert!(
+                (-1.92..-1.68).contains(&frame.points[0][2]),
+                "{:?}",
+                frame.points[0]
+            );
+        }
+    }
+
+    #[test]
+    fn noise_moves_points_along_their_rays_alone() {
+        let (exact, noisy) = (
+            renderer(perfect(), 0.0),
+            renderer(
+                Lidar {
+                    dropout: 0.0,
+                    ..Lidar::default()
+                },
+                0.0,
+            ),
+        );
+        let (exact, noisy) = (exact.frame(9, 0), noisy.frame(9, 0));
+        assert_eq!(exact.point_labels, noisy.point_labels);
+        let range = |p: &[f32; 4]| Vector3::new(p[0], p[1], p[2]).cast::<f64>().norm();
+        let errors: Vec<f64> = exact
+            .points
+            .iter()
+            .zip(&noisy.points)
+            .map(|(a, b)| range(b) - range(a))
+            .collect();
+        let deviation = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
+        assert!((deviation - 0.02).abs() < 0.001, "{deviation}");
+    }
+
+    #[test]
+    fn a_camera_beyond_the_free_zone_is_refused() {
+        let mut far = rig(Lidar::default(), 0.0);
+        far.t_camera_lidar.translation.vector.x = 3.0;
+        assert!(Renderer::new(far).is_err());
+        let blind = ScanPattern::Rosette {
+            points: 0,
+            fov_up_deg: 20.0,
+            fov_down_deg: -35.0,
+        };
+        assert!(
+            Renderer::new(rig(
+                Lidar {
+                    pattern: blind,
+                    ..Lidar::default()
+                },
+                0.0
+            ))
+            .is_err()
+        );
+    }
+}
