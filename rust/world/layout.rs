@@ -11,7 +11,9 @@ use super::mesh::{Builder, Place};
 use super::scene::Scene;
 use super::shading::Light;
 use super::street::Street;
-use super::{FREE_RADIUS_M, cycles, furniture, ground, lots, people, vegetation, vehicles};
+use super::{
+    FREE_RADIUS_M, barriers, cycles, furniture, ground, lots, people, traffic, vegetation,
+};
 
 /// The mounting height of the LiDAR above the road.
 const MOUNT_M: std::ops::Range<f64> = 1.7..1.9;
@@ -19,12 +21,11 @@ const MOUNT_M: std::ops::Range<f64> = 1.7..1.9;
 const MAX_HEADING_OFF: f64 = 25.0;
 const MAX_INCLINATION_DEG: f64 = 2.0;
 /// Objects are placed along this much of the street, either way.
-const REACH: f32 = 80.0;
+pub const REACH: f32 = 80.0;
+/// A crown reaches this share of the tree's height to its sides; the rig stands under none.
+const CROWN_REACH: f32 = 0.7;
 /// The kerb is more crowded up to here.
 const NEAR: f32 = 16.0;
-/// Cars, and lorries and buses, keep this far from the rig: one beside it would fill the picture.
-const CAR_GAP: f32 = 3.6;
-const BIG_VEHICLE_GAP: f32 = 9.0;
 
 /// A scene with a rig in it.
 pub struct Stage {
@@ -106,8 +107,9 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
         street,
     };
     ground::build(&mut site.builder, &site.street);
-    traffic(&mut site);
+    traffic::moving(&mut site);
     for side in [0, 1] {
+        traffic::parked(&mut site, side);
         kerbside(&mut site, side);
         pavement(&mut site, side);
         lots::build(&mut site, side);
@@ -148,80 +150,11 @@ fn rig_pose(
     )
 }
 
-/// Moving vehicles and two-wheelers in the lanes.
-fn traffic(site: &mut Site) {
-    for lane in 0..site.street.lanes {
-        let d = site.street.lane_center(lane);
-        let yaw = if site.street.lane_runs_ahead(lane) {
-            0.0
-        } else {
-            PI
-        };
-        let mut s = -REACH + site.builder.rng.random_range(0.0..8.0);
-        while s < REACH {
-            let kind = site.builder.rng.random_range(0..10);
-            vehicle(site, kind, s, d, yaw);
-            s += site.builder.rng.random_range(8.0..19.0);
-        }
-    }
-    for (make, count) in [
-        (cycles::ridden_bicycle as fn(&mut Builder, &Place), 4),
-        (cycles::ridden_motorcycle, 3),
-    ] {
-        for _ in 0..count {
-            two_wheeler(site, make);
-        }
-    }
-}
-
-/// A vehicle of a kind, if there is room for it.
-fn vehicle(site: &mut Site, kind: usize, s: f32, d: f32, yaw: f32) {
-    let (make, half_size, gap): (fn(&mut Builder, &Place), _, _) = match kind {
-        0 => (vehicles::truck, [5.0, 1.25], BIG_VEHICLE_GAP),
-        1 => (vehicles::bus, [6.2, 1.3], BIG_VEHICLE_GAP),
-        2 => (vehicles::van, [3.0, 1.1], BIG_VEHICLE_GAP),
-        _ => (vehicles::car, [2.8, 1.0], CAR_GAP),
-    };
-    if site.claim_long(s, d, yaw, half_size, gap) {
-        make(&mut site.builder, &site.street.place(s, d, yaw));
-    }
-}
-
-/// A ridden two-wheeler somewhere in the lanes, nearer to the rig than the cars.
-fn two_wheeler(site: &mut Site, make: fn(&mut Builder, &Place)) {
-    for _ in 0..12 {
-        let lane = site.builder.rng.random_range(0..site.street.lanes);
-        let yaw = if site.street.lane_runs_ahead(lane) {
-            0.0
-        } else {
-            PI
-        };
-        let d = site.street.lane_center(lane) + site.builder.rng.random_range(-1.3..1.3);
-        let s = site.builder.rng.random_range(-25.0..25.0);
-        if site.claim_long(s, d, yaw, [1.1, 0.4], FREE_RADIUS_M) {
-            let turned = yaw + site.builder.rng.random_range(-0.3..0.3);
-            make(&mut site.builder, &site.street.place(s, d, turned));
-            return;
-        }
-    }
-}
-
-/// Parked cars, and posts, trees and furniture along the kerb.
+/// Posts, trees and furniture along the kerb.
 fn kerbside(site: &mut Site, side: usize) {
     let sign = if side == 1 { 1.0 } else { -1.0 };
     let kerb = site.street.kerb_at(side);
     let traffic_yaw = if side == 0 { 0.0 } else { PI };
-    if site.street.parking[side] {
-        let mut s = -REACH;
-        while s < REACH {
-            let yaw = traffic_yaw + site.builder.rng.random_range(-0.05..0.05);
-            if !near_branch(&site.street, side, s, 4.0) && site.builder.rng.random_bool(0.6) {
-                let kind = site.builder.rng.random_range(2..10);
-                vehicle(site, kind, s, sign * (kerb - 1.1), yaw);
-            }
-            s += site.builder.rng.random_range(5.8..8.0);
-        }
-    }
     let d = sign * (kerb + 0.5);
     let lamp_pitch = site.builder.rng.random_range(18.0..28.0);
     let mut s = -REACH + site.builder.rng.random_range(0.0..lamp_pitch);
@@ -284,6 +217,9 @@ fn kerb_object(site: &mut Site, side: usize, s: f32, d: f32, traffic_yaw: f32) {
     match site.builder.rng.random_range(0..12) {
         0..=2 => {
             let height = site.builder.rng.random_range(5.0..9.5);
+            if site.builder.distance(&site.street.place(s, d, 0.0)) < CROWN_REACH * height {
+                return;
+            }
             place_at(site, side, s, d, 0.0, 0.5, |b, place| {
                 vegetation::tree(b, place, height)
             });
@@ -298,7 +234,7 @@ fn kerb_object(site: &mut Site, side: usize, s: f32, d: f32, traffic_yaw: f32) {
         9 => place_at(site, side, s, d, toward_street, 1.0, furniture::bench),
         10 => place_at(site, side, s, d, 0.0, 0.4, furniture::mast),
         _ => place_at(site, side, s, d, 0.0, 1.2, |b, place| {
-            furniture::railing(b, &place.shifted(-1.5, 0.0, 0.0, 0.0), 3.0);
+            barriers::railing(b, &place.shifted(-1.5, 0.0, 0.0, 0.0), 3.0);
         }),
     }
 }

@@ -7,7 +7,7 @@ use rand::RngExt;
 use super::buildings::{self, Size};
 use super::layout::{Site, near_branch};
 use super::mesh::Place;
-use super::{cycles, furniture, people, vegetation};
+use super::{barriers, cycles, furniture, people, vegetation};
 
 /// Lots are laid out along this much of the street, either way.
 const REACH: f32 = 92.0;
@@ -124,22 +124,22 @@ fn enclosure(site: &mut Site, lot: &Lot) {
     let (place, length) = lot.edge(site, 0.4);
     let b = &mut site.builder;
     match b.rng.random_range(0..5) {
-        0 | 1 => furniture::fence(b, &place, length),
+        0 | 1 => barriers::fence(b, &place, length),
         2 => {
             let height = b.rng.random_range(0.7..1.9);
-            furniture::wall(b, &place, length, height);
+            barriers::wall(b, &place, length, height);
         }
         3 => {
             let height = b.rng.random_range(0.8..1.7);
             vegetation::hedge(b, &place, length, height);
         }
         _ => {
-            furniture::wall(b, &place, length, 0.45);
+            barriers::wall(b, &place, length, 0.45);
             let above = Place {
                 origin: place.at(0.0, 0.0, 0.5),
                 ..place
             };
-            furniture::railing(b, &above, length);
+            barriers::railing(b, &above, length);
         }
     }
 }

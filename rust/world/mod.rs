@@ -21,6 +21,7 @@
 //! # Ok::<(), semcal::error::Error>(())
 //! ```
 
+mod barriers;
 mod buildings;
 mod classes;
 mod cycles;
@@ -31,12 +32,14 @@ mod lots;
 mod mesh;
 mod noise;
 mod people;
+mod picture;
 mod render;
 mod scene;
 mod sensors;
 mod shading;
 mod street;
 mod surface;
+mod traffic;
 mod vegetation;
 mod vehicles;
 
@@ -47,4 +50,4 @@ pub use sensors::{Lidar, Rig, ScanPattern};
 /// No object comes nearer to the LiDAR than this, seen from above.
 const FREE_RADIUS_M: f32 = 2.5;
 /// The camera may be this far from the LiDAR.
-const MAX_LEVER_M: f64 = 2.0;
+const MAX_LEVER_M: f64 = 1.5;

@@ -7,20 +7,14 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use super::classes::{Class, UNLABELED};
 use super::layout::{self, Stage};
 use super::mesh::GROUND;
+use super::picture::{self, Pixel};
 use super::sensors::Rig;
-use super::shading::Spot;
 use crate::error::Result;
 
 /// A return is hidden when something stands this much nearer on the camera's line of sight.
 const HIDDEN_MARGIN_M: f64 = 0.1;
-/// The camera sees no farther.
-const FAR_M: f32 = 500.0;
-/// Shadow rays start this far off a surface, and nothing farther casts a shadow.
-const SHADOW_OFFSET_M: f32 = 0.01;
-const SHADOW_REACH_M: f32 = 40.0;
 /// Rays of a LiDAR that share one generator.
 const CHUNK: usize = 1024;
 
@@ -44,7 +38,7 @@ pub struct Frame {
     pub point_labels: Vec<u32>,
     /// Whether the camera sees each return.
     pub point_visibility: Vec<Visibility>,
-    /// Class ids, row-major; [`UNLABELED`] where the lens does not reach.
+    /// Class ids, row-major; [`super::UNLABELED`] where the lens does not reach.
     pub image_labels: Vec<u8>,
     /// The colour picture, row-major; black where the lens does not reach.
     pub image_rgb: Vec<[u8; 3]>,
@@ -57,12 +51,6 @@ pub struct Renderer {
     rig: Rig,
     /// The ray of each pixel centre, camera frame; `None` where the lens does not reach.
     pixel_rays: Vec<Option<Vector3<f32>>>,
-}
-
-struct Pixel {
-    label: u8,
-    rgb: [u8; 3],
-    instance: u16,
 }
 
 struct Return {
@@ -92,7 +80,13 @@ impl Renderer {
     /// The frame of a number in the world of a seed.
     pub fn frame(&self, seed: u64, number: u64) -> Frame {
         let stage = layout::build(generator(seed, number, 0), self.rig.lidar.tilt_deg);
-        let pixels = self.picture(&stage);
+        let t_world_camera = stage.t_world_lidar * self.rig.t_camera_lidar.inverse();
+        let pixels = picture::take(
+            &stage,
+            &t_world_camera,
+            &self.pixel_rays,
+            self.rig.camera.width,
+        );
         let returns = self.scan(&stage, seed, number);
         Frame {
             objects_in_view: count_objects(&pixels, &returns),
@@ -102,28 +96,6 @@ impl Renderer {
             point_labels: returns.iter().map(|hit| hit.label).collect(),
             point_visibility: returns.iter().map(|hit| hit.visibility).collect(),
         }
-    }
-
-    fn picture(&self, stage: &Stage) -> Vec<Pixel> {
-        let t_world_camera = stage.t_world_lidar * self.rig.t_camera_lidar.inverse();
-        let origin = to_f32(&t_world_camera.translation.vector);
-        let rotation = t_world_camera.rotation.to_rotation_matrix().cast::<f32>();
-        let row = |rays: &[Option<Vector3<f32>>]| -> Vec<Pixel> {
-            let mut neighbour = Neighbour::default();
-            let mut look = |ray: &Vector3<f32>| {
-                let ray = rotation * ray;
-                neighbour.look(stage, origin, Vec3::new(ray.x, ray.y, ray.z))
-            };
-            rays.iter()
-                .map(|ray| ray.as_ref().map_or(Pixel::UNREACHED, &mut look))
-                .collect()
-        };
-        let rows: Vec<_> = self
-            .pixel_rays
-            .par_chunks(self.rig.camera.width.max(1))
-            .map(row)
-            .collect();
-        rows.into_iter().flatten().collect()
     }
 
     fn scan(&self, stage: &Stage, seed: u64, number: u64) -> Vec<Return> {
@@ -200,52 +172,6 @@ impl Renderer {
     }
 }
 
-impl Pixel {
-    const UNREACHED: Self = Self {
-        label: UNLABELED,
-        rgb: [0; 3],
-        instance: GROUND,
-    };
-}
-
-/// What the pixel before met, which its neighbour is likely to meet too.
-#[derive(Default)]
-struct Neighbour {
-    seen: Option<u32>,
-    shading: Option<u32>,
-}
-
-impl Neighbour {
-    /// The pixel of a unit ray in the world.
-    fn look(&mut self, stage: &Stage, origin: Vec3, direction: Vec3) -> Pixel {
-        let (scene, light) = (&stage.scene, &stage.light);
-        let Some(hit) = scene.cast(origin, direction, FAR_M, self.seen) else {
-            return Pixel {
-                label: Class::Sky.id(),
-                rgb: light.sky(direction),
-                instance: GROUND,
-            };
-        };
-        self.seen = Some(hit.triangle);
-        let spot = scene.spot(hit, origin, direction);
-        let sunlit = light.faces_sun(spot.normal) && !self.is_shaded(stage, &spot);
-        Pixel {
-            label: spot.surface.class.id(),
-            rgb: light.color(&spot, sunlit),
-            instance: spot.surface.instance,
-        }
-    }
-
-    fn is_shaded(&mut self, stage: &Stage, spot: &Spot) -> bool {
-        let start = spot.point + spot.normal * SHADOW_OFFSET_M;
-        let blocker = stage
-            .scene
-            .blocker(start, stage.light.sun, SHADOW_REACH_M, self.shading);
-        self.shading = blocker.or(self.shading);
-        blocker.is_some()
-    }
-}
-
 /// The generator of one part of one frame.
 fn generator(seed: u64, number: u64, part: u64) -> ChaCha8Rng {
     let mut key = [0; 32];
@@ -267,7 +193,8 @@ fn count_objects(pixels: &[Pixel], returns: &[Return]) -> usize {
     seen.into_iter().filter(|&seen| seen).count()
 }
 
-fn to_f32(v: &Vector3<f64>) -> Vec3 {
+/// For the ray caster.
+pub fn to_f32(v: &Vector3<f64>) -> Vec3 {
     Vec3::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
@@ -277,6 +204,7 @@ mod tests {
 
     use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
 
+    use super::super::classes::Class;
     use super::super::sensors::{Lidar, ScanPattern};
     use super::*;
     use crate::camera::Camera;

@@ -193,6 +193,20 @@ pub fn truck(b: &mut Builder, place: &Place) {
     let glass = b.paint_as(Class::Truck, GLASS);
     let dark = b.paint_as(Class::Truck, RUBBER);
     b.cuboid(dark, place, [rear, -0.45, 0.55], [front - 0.3, 0.45, 0.9]);
+    truck_cab(b, place, [cab, glass], front, half);
+    if b.rng.random_bool(0.7) {
+        b.cuboid(load, place, [rear, -half, 1.0], [front - 2.0, half, top]);
+    } else {
+        stakes(b, [cab, load], place, [rear, front - 2.0], half);
+    }
+    lights(b, place, Class::Truck, [rear - 0.02, front], half, 0.8);
+    for x in [rear + 0.9, rear + 2.0, front - 1.0] {
+        wheel_pair(b, dark, place, x, half - 0.02, 0.48);
+    }
+}
+
+/// The cab at the front end of a lorry.
+fn truck_cab(b: &mut Builder, place: &Place, [cab, glass]: [Paint; 2], front: f32, half: f32) {
     b.extrude(
         cab,
         place,
@@ -220,15 +234,6 @@ pub fn truck(b: &mut Builder, place: &Place) {
         [front - 1.0, 0.0, 1.95],
         [0.45, half - 0.03, 0.35],
     );
-    if b.rng.random_bool(0.7) {
-        b.cuboid(load, place, [rear, -half, 1.0], [front - 2.0, half, top]);
-    } else {
-        stakes(b, [cab, load], place, [rear, front - 2.0], half);
-    }
-    lights(b, place, Class::Truck, [rear - 0.02, front], half, 0.8);
-    for x in [rear + 0.9, rear + 2.0, front - 1.0] {
-        wheel_pair(b, dark, place, x, half - 0.02, 0.48);
-    }
 }
 
 /// An open bed with stakes around it and crates on it.

@@ -1,0 +1,93 @@
+//! The camera's side of a frame: one ray through the centre of each pixel.
+
+use nalgebra::{Isometry3, Vector3};
+use parry3d::math::Vec3;
+use rayon::prelude::*;
+
+use super::classes::{Class, UNLABELED};
+use super::layout::Stage;
+use super::mesh::GROUND;
+use super::render::to_f32;
+use super::shading::Spot;
+
+/// The camera sees no farther.
+const FAR_M: f32 = 500.0;
+/// Shadow rays start this far off a surface, and nothing farther casts a shadow.
+const SHADOW_OFFSET_M: f32 = 0.01;
+const SHADOW_REACH_M: f32 = 40.0;
+
+/// What a camera sees in one pixel.
+pub struct Pixel {
+    pub label: u8,
+    pub rgb: [u8; 3],
+    pub instance: u16,
+}
+
+/// The picture of a camera whose pixels look along `pixel_rays`, row by row.
+pub fn take(
+    stage: &Stage,
+    t_world_camera: &Isometry3<f64>,
+    pixel_rays: &[Option<Vector3<f32>>],
+    width: usize,
+) -> Vec<Pixel> {
+    let origin = to_f32(&t_world_camera.translation.vector);
+    let rotation = t_world_camera.rotation.to_rotation_matrix().cast::<f32>();
+    let row = |rays: &[Option<Vector3<f32>>]| -> Vec<Pixel> {
+        let mut neighbour = Neighbour::default();
+        let mut look = |ray: &Vector3<f32>| {
+            let ray = rotation * ray;
+            neighbour.look(stage, origin, Vec3::new(ray.x, ray.y, ray.z))
+        };
+        rays.iter()
+            .map(|ray| ray.as_ref().map_or(Pixel::UNREACHED, &mut look))
+            .collect()
+    };
+    let rows: Vec<_> = pixel_rays.par_chunks(width.max(1)).map(row).collect();
+    rows.into_iter().flatten().collect()
+}
+
+impl Pixel {
+    const UNREACHED: Self = Self {
+        label: UNLABELED,
+        rgb: [0; 3],
+        instance: GROUND,
+    };
+}
+
+/// What the pixel before met, which its neighbour is likely to meet too.
+#[derive(Default)]
+struct Neighbour {
+    seen: Option<u32>,
+    shading: Option<u32>,
+}
+
+impl Neighbour {
+    /// The pixel of a unit ray in the world.
+    fn look(&mut self, stage: &Stage, origin: Vec3, direction: Vec3) -> Pixel {
+        let (scene, light) = (&stage.scene, &stage.light);
+        let Some(hit) = scene.cast(origin, direction, FAR_M, self.seen) else {
+            return Pixel {
+                label: Class::Sky.id(),
+                rgb: light.sky(direction),
+                instance: GROUND,
+            };
+        };
+        self.seen = Some(hit.triangle);
+        let spot = scene.spot(hit, origin, direction);
+        let sunlit = light.faces_sun(spot.normal) && !self.is_shaded(stage, &spot);
+        Pixel {
+            label: spot.surface.class.id(),
+            rgb: light.color(&spot, sunlit),
+            instance: spot.surface.instance,
+        }
+    }
+
+    fn is_shaded(&mut self, stage: &Stage, spot: &Spot) -> bool {
+        let start = spot.point + spot.normal * SHADOW_OFFSET_M;
+        let blocker = stage
+            .scene
+            .blocker(start, stage.light.sun, SHADOW_REACH_M, self.shading);
+        self.shading = blocker.or(self.shading);
+        blocker.is_some()
+    }
+}
