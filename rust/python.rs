@@ -6,7 +6,6 @@ use std::sync::Mutex;
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use numpy::{
     IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
-    PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -246,6 +245,16 @@ type CloudArrays<'py> = (
     usize,
 );
 
+/// Points (N, 3) and the pixels (N, 2) they correspond to.
+type PairArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// Pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
+type LandingArrays<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<bool>>,
+);
+
 /// Points (N, 4), labels (N,), visibility (N,), image labels (H, W), picture (H, W, 3), objects in view.
 type RenderedArrays<'py> = (
     Bound<'py, PyArray2<f32>>,
@@ -471,7 +480,7 @@ mod _core {
         hypothesis: &PyHypothesis,
         count: usize,
         seed: u64,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    ) -> PyResult<PairArrays<'py>> {
         let (zoom, grid) = (parse_zoom(zoom)?, to_grid(grid));
         let pairs = detached(py, || {
             correspondences::sample(&observations.0, &grid, zoom, &hypothesis.0, count, seed)
@@ -499,19 +508,13 @@ mod _core {
         })
     }
 
-    /// Pixels (N, 2) of points, NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
     #[pyfunction]
-    #[allow(clippy::type_complexity)]
     fn land<'py>(
         py: Python<'py>,
         camera: &PyCamera,
         points: PyReadonlyArray2<f32>,
         t_camera_lidar: PyReadonlyArray2<f64>,
-    ) -> PyResult<(
-        Bound<'py, PyArray2<f64>>,
-        Bound<'py, PyArray1<f64>>,
-        Bound<'py, PyArray1<bool>>,
-    )> {
+    ) -> PyResult<LandingArrays<'py>> {
         let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
         let landings = visibility::land(&camera.0, &points, &pose);
         let hidden = visibility::hidden(&camera.0, &landings, pose.translation.vector.norm());
