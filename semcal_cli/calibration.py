@@ -1,0 +1,216 @@
+"""The calibration: what semcal writes, as YAML or JSON with the same content."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field, JsonValue, model_validator
+
+from semcal_cli.documents import Format, document_text, output_format, read_document, write_text
+from semcal_cli.drive import Camera
+from semcal_cli.errors import CalibrationError
+from semcal_cli.poses import Pose, check_rigid, inverse, nearest_rigid, quaternion_xyzw
+from semcal_cli.validation import (
+    FileName,
+    StrictModel,
+    Transform,
+    Vector3,
+    Vector4,
+    Version,
+    length,
+    mismatch,
+    validate,
+)
+
+AGREEMENT_TOLERANCE = 1e-6
+"""Largest difference, metres or matrix entries, between the forms in which a file states one pose."""
+
+Status: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=0)]
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Quality(StrictModel):
+    """How well the labels agree under the transform, over all frames."""
+
+    mutual_information_nats: float
+    """Mutual information of point labels and pixel labels."""
+    label_agreement: Share
+    """Share of visible point-pixel pairs with positive pointwise mutual information."""
+    overlap: Share
+    """Share of the picture's area that visible points cover."""
+    num_points: Count
+    """Visible points."""
+    num_frames: Count
+    """Frames used."""
+
+
+class Stage(StrictModel):
+    """What one stage of the pipeline arrived at."""
+
+    T_camera_lidar: Transform
+    """p_camera = T_camera_lidar * p_lidar."""
+    mutual_information_nats: float
+    """Mutual information there."""
+
+
+class InputFrame(StrictModel):
+    """A frame that was used, as named in the drive."""
+
+    points: FileName
+    """Point cloud."""
+    point_labels: FileName | None = None
+    """Ids or class probabilities of the points."""
+    image_labels: FileName | None = None
+    """Ids or class probabilities of the pixels."""
+
+
+class Input(StrictModel):
+    """What the calibration was computed from."""
+
+    drive: FileName
+    """The drive, as a relative path."""
+    camera: Camera
+    """As in the drive."""
+    frames: Annotated[tuple[InputFrame, ...], length(0)]
+    """Frames used."""
+    sha256: dict[str, Sha256]
+    """Of each file read, by its name in the drive."""
+
+
+class Settings(StrictModel):
+    """Everything else that changes the answer."""
+
+    options: dict[str, JsonValue]
+    """Options by name."""
+    seed: int
+    """Seed of every random choice."""
+    versions: dict[str, str]
+    """Versions of semcal and of the libraries that compute."""
+
+
+class Calibration(StrictModel):
+    """The transform between a LiDAR and a camera, and what speaks for it."""
+
+    semcal_calibration: Version
+    """Version of this format."""
+    status: Status
+    """not_assessed while no check applies."""
+    reasons: Annotated[tuple[str, ...], length(0)]
+    """Sentences, each with its figure."""
+    T_camera_lidar: Transform
+    """p_camera = T_camera_lidar * p_lidar, metres."""
+    T_lidar_camera: Transform
+    """Its inverse."""
+    translation_m: Vector3
+    """Translation of T_camera_lidar."""
+    quaternion_xyzw: Vector4
+    """Rotation of T_camera_lidar."""
+    uncertainty: None = None
+    """Null until it is computed."""
+    quality: Quality
+    """How well the labels agree."""
+    stages: dict[str, Stage]
+    """Stages by name, in order."""
+    input: Input
+    """What was read."""
+    settings: Settings
+    """What was asked."""
+
+    @model_validator(mode="after")
+    def _check_agreement(self) -> "Calibration":
+        T, q = self.pose, quaternion_xyzw(self.pose)
+        q_stated = np.array(self.quaternion_xyzw)
+        _agree("T_lidar_camera", "the inverse", self.T_lidar_camera, inverse(T))
+        _agree("translation_m", "the translation", self.translation_m, T[:3, 3])
+        _agree("quaternion_xyzw", "the rotation", -q_stated if q_stated @ q < 0.0 else q_stated, q)
+        return self
+
+    @property
+    def pose(self) -> Pose:
+        """T_camera_lidar as (4, 4) float64."""
+        return np.array(self.T_camera_lidar)
+
+    @classmethod
+    def from_pose(
+        cls,
+        T_camera_lidar: Pose,
+        *,
+        status: Status,
+        reasons: tuple[str, ...],
+        quality: Quality,
+        stages: Mapping[str, Stage],
+        input: Input,
+        settings: Settings,
+    ) -> "Calibration":
+        """Make a calibration, deriving the other forms of its pose.
+
+        Args:
+            T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar; round-off in its rotation is removed.
+            status: the verdict.
+            reasons: sentences, each with its figure.
+            quality: how well the labels agree.
+            stages: stages by name, in order.
+            input: what was read.
+            settings: what was asked.
+
+        Raises:
+            CalibrationError: the pose is not finite or not rigid.
+        """
+        T = _finite_rigid(T_camera_lidar)
+        return cls(
+            semcal_calibration=1,
+            status=status,
+            reasons=reasons,
+            T_camera_lidar=T.tolist(),
+            T_lidar_camera=inverse(T).tolist(),
+            translation_m=T[:3, 3].tolist(),
+            quaternion_xyzw=quaternion_xyzw(T).tolist(),
+            quality=quality,
+            stages=dict(stages),
+            input=input,
+            settings=settings,
+        )
+
+
+def calibration_text(calibration: Calibration, format: Format) -> str:
+    """Write a calibration as text, the same bytes for the same calibration."""
+    return document_text(calibration.model_dump(), format)
+
+
+def write_calibration(calibration: Calibration, path: Path) -> None:
+    """Write a calibration as YAML or JSON, by the suffix.
+
+    Raises:
+        InputError: another suffix, or the file cannot be written. An existing file is untouched then.
+    """
+    write_text(calibration_text(calibration, output_format(path)), path)
+
+
+def read_calibration(path: Path) -> Calibration:
+    """Read and check a calibration.
+
+    Raises:
+        InputError: the first complaint: file, key, what was found, what was needed.
+    """
+    return validate(Calibration, read_document(path), path)
+
+
+def _agree(key: str, part: str, stated: ArrayLike, derived: NDArray[np.float64]) -> None:
+    difference = np.abs(np.asarray(stated) - derived).max()
+    if not difference <= AGREEMENT_TOLERANCE:
+        needed = f"{part} of T_camera_lidar within {AGREEMENT_TOLERANCE:g}"
+        raise mismatch(f"{key} off by {difference:.3g}", needed)
+
+
+def _finite_rigid(T: Pose) -> Pose:
+    if not np.isfinite(T).all():
+        raise CalibrationError("T_camera_lidar is not finite")
+    try:
+        check_rigid(T)
+    except ValueError as error:
+        raise CalibrationError(f"T_camera_lidar: {error}") from None
+    return nearest_rigid(T)

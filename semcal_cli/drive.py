@@ -1,0 +1,211 @@
+"""The drive: what a calibration reads, described by its `drive.yaml`."""
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator
+
+from semcal_cli.documents import read_document
+from semcal_cli.poses import nearest_rigid
+from semcal_cli.validation import (
+    FileName,
+    Matrix3,
+    StrictModel,
+    Transform,
+    Version,
+    check_distinct,
+    length,
+    mismatch,
+    validate,
+)
+
+DRIVE_FILE = "drive.yaml"
+
+DISTORTION_COUNTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8), "fisheye": (0, 4)}
+"""Coefficients that each camera model takes; 0 is a lens without distortion."""
+
+Id = Annotated[int, Field(ge=0, le=0xFFFF)]
+Ids = Annotated[tuple[Id, ...], length(0)]
+ColorValue = Annotated[int, Field(ge=0, le=255)]
+Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
+PositiveInt = Annotated[int, Field(gt=0)]
+ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
+
+
+def _orthonormal(T: Transform) -> Transform:
+    return tuple(tuple(row) for row in nearest_rigid(np.array(T)).tolist())
+
+
+class Camera(StrictModel):
+    """Picture size, intrinsics and lens."""
+
+    model: Literal["plumb_bob", "rational_polynomial", "fisheye"]
+    """fisheye is Kannala-Brandt; the others are OpenCV's."""
+    width: PositiveInt
+    """Columns of the picture."""
+    height: PositiveInt
+    """Rows of the picture."""
+    K: Matrix3
+    """Intrinsic matrix in pixels, zero skew; an integer pixel is a pixel centre."""
+    distortion: Annotated[tuple[float, ...], length(0)] = ()
+    """Coefficients in OpenCV's order; absent means none."""
+    parameters: dict[str, float] = {}
+    """What a model needs beyond K and distortion; the present models need nothing."""
+
+    @field_validator("K")
+    @classmethod
+    def _check_intrinsics(cls, K: Matrix3) -> Matrix3:
+        (fx, skew, _), (below, fy, _), last_row = K
+        if last_row != (0.0, 0.0, 1.0):
+            raise mismatch(f"last row {list(last_row)}", "[0, 0, 1]")
+        if skew != 0.0 or below != 0.0:
+            raise mismatch(f"skew {skew or below}", "0")
+        if fx <= 0.0 or fy <= 0.0:
+            raise mismatch(f"focal lengths {fx} and {fy}", "both above 0")
+        return K
+
+    @field_validator("distortion")
+    @classmethod
+    def _check_count(cls, distortion: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        model = info.data.get("model", "")
+        counts = DISTORTION_COUNTS.get(model)
+        if counts and len(distortion) not in counts:
+            needed = " or ".join(map(str, counts))
+            raise mismatch(f"{len(distortion)} coefficients", f"{needed} for {model}")
+        return distortion
+
+    @field_validator("parameters")
+    @classmethod
+    def _check_parameters(cls, parameters: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        if parameters and "model" in info.data:
+            raise mismatch(", ".join(map(repr, parameters)), f"none for {info.data['model']}")
+        return parameters
+
+
+class Lidar(StrictModel):
+    """The scan pattern of a spinning LiDAR."""
+
+    channels: PositiveInt
+    """Beams, the rows of the spherical image."""
+    columns: PositiveInt
+    """Firings a turn."""
+    fov_up_deg: ElevationDeg
+    """Elevation of the highest beam."""
+    fov_down_deg: ElevationDeg
+    """Elevation of the lowest beam, negative below the horizon."""
+
+    @field_validator("fov_down_deg")
+    @classmethod
+    def _check_order(cls, fov_down_deg: float, info: ValidationInfo) -> float:
+        fov_up_deg = info.data.get("fov_up_deg", 90.0)
+        if fov_down_deg >= fov_up_deg:
+            raise mismatch(fov_down_deg, f"less than fov_up_deg, {fov_up_deg}")
+        return fov_down_deg
+
+
+class Frame(StrictModel):
+    """One sweep and the picture taken with it. Paths are relative to the drive."""
+
+    points: FileName
+    """Point cloud."""
+    point_labels: FileName | None = None
+    """Ids or class probabilities of the points."""
+    image_labels: FileName | None = None
+    """Ids or class probabilities of the pixels."""
+    image: FileName | None = None
+    """The picture itself."""
+    points_stamp: float | None = None
+    """Seconds."""
+    image_stamp: float | None = None
+    """Seconds."""
+    point_features: FileName | None = None
+    """N x C values of the points."""
+    image_features: FileName | None = None
+    """H x W x C values of the pixels."""
+
+
+class Ignore(StrictModel):
+    """Ids that carry no information."""
+
+    points: Ids = ()
+    """Ids of points."""
+    image: Ids = ()
+    """Ids of pixels."""
+
+
+class Classes(StrictModel):
+    """Names, and merging of raw ids: ids not listed are ignored, and a side without names keeps its ids."""
+
+    points: dict[str, Ids] = {}
+    """Raw ids of points under each name."""
+    image: dict[str, Ids] = {}
+    """Raw ids of pixels under each name."""
+
+    @field_validator("points", "image")
+    @classmethod
+    def _check_ids(cls, side: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
+        check_distinct({name: [f"id {value}" for value in ids] for name, ids in side.items()})
+        return side
+
+
+class Drive(StrictModel):
+    """A drive.yaml. It knows where it lies; the files it names are looked for when they are loaded."""
+
+    semcal_drive: Version
+    """Version of this format."""
+    camera: Camera
+    """Intrinsics are given and right."""
+    lidar: Lidar | None = None
+    """Estimated from the points when absent."""
+    frames: Annotated[tuple[Frame, ...], length(1)]
+    """All frames of one rig."""
+    ignore: Ignore = Ignore()
+    """Ids that carry no information."""
+    classes: Classes | None = None
+    """Names, and merging of raw ids."""
+    palette: dict[str, Color] | None = None
+    """Red, green, blue of each class in colour-coded label images."""
+    motion: dict[str, Any] | None = None
+    """Motion of the rig, for clouds with per-point time."""
+    T_camera_lidar: Annotated[Transform, AfterValidator(_orthonormal)] | None = None
+    """Reference that only commands that compare use: p_camera = T_camera_lidar * p_lidar."""
+
+    _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
+
+    @field_validator("palette")
+    @classmethod
+    def _check_colors(cls, palette: dict[str, tuple[int, ...]] | None) -> dict[str, tuple[int, ...]] | None:
+        check_distinct({name: [f"color {list(color)}"] for name, color in (palette or {}).items()})
+        return palette
+
+    @property
+    def path(self) -> Path:
+        """The file that was read."""
+        return self._path
+
+    @property
+    def root(self) -> Path:
+        """The folder that paths are relative to."""
+        return self._path.parent
+
+    def resolve(self, relative: str) -> Path:
+        """Locate a file named in the drive. Absolute names stay; neither `~` nor `$VAR` is expanded."""
+        return self.root / relative
+
+
+def drive_file(path: Path) -> Path:
+    """Locate the drive.yaml of a drive that is given as its folder or as the file."""
+    return path / DRIVE_FILE if path.is_dir() else path
+
+
+def read_drive(path: Path) -> Drive:
+    """Read and check a drive, given as its folder or as the file.
+
+    Raises:
+        InputError: the first complaint: file, key, what was found, what was needed.
+    """
+    file = drive_file(path)
+    drive = validate(Drive, read_document(file), file)
+    drive._path = file
+    return drive

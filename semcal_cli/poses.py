@@ -1,0 +1,90 @@
+"""Rigid transforms as 4 x 4 matrices: `p_a = T_a_b @ p_b`, float64, metres."""
+
+import math
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Pose: TypeAlias = NDArray[np.float64]
+"""(4, 4) rigid transform."""
+Vector: TypeAlias = NDArray[np.float64]
+"""(3,) coordinates."""
+
+RIGID_TOLERANCE = 1e-3
+"""How far a hand-written rotation may be off: three or four decimals pass, a wrong matrix does not."""
+
+
+def check_rigid(T: Pose) -> None:
+    """Check that a matrix is a rigid transform, to `RIGID_TOLERANCE`.
+
+    Args:
+        T: (4, 4), finite.
+
+    Raises:
+        ValueError: the last row is not 0 0 0 1, or the rotation is none.
+    """
+    if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
+        raise ValueError(f"found last row {T[3].tolist()}, needed [0, 0, 0, 1]")
+    rotation = T[:3, :3]
+    with np.errstate(all="ignore"):
+        determinant = np.linalg.det(rotation)
+        residual = np.abs(rotation @ rotation.T - np.eye(3)).max()
+    if not (determinant > 0.0 and residual <= RIGID_TOLERANCE):
+        raise ValueError(
+            f"found determinant {determinant:.6g} and R R^T off the identity by {residual:.2g}, "
+            f"needed a rotation: determinant 1 and R R^T the identity within {RIGID_TOLERANCE}"
+        )
+
+
+def nearest_rigid(T: Pose) -> Pose:
+    """Replace an almost-rotation by the nearest rotation (orthogonal Procrustes, by SVD)."""
+    U, _, Vt = np.linalg.svd(T[:3, :3])
+    rigid: Pose = T.copy()
+    rigid[:3, :3] = U @ Vt
+    return rigid
+
+
+def pose_from_quaternion(quaternion_xyzw: Sequence[float], translation: Sequence[float]) -> Pose:
+    """Build a transform from a unit quaternion and a translation in metres.
+
+    Raises:
+        ValueError: the quaternion's norm is not 1 within `RIGID_TOLERANCE`.
+    """
+    norm = math.hypot(*quaternion_xyzw)
+    if not abs(norm - 1.0) <= RIGID_TOLERANCE:
+        raise ValueError(f"found a quaternion of norm {norm:.6g}, needed norm 1 within {RIGID_TOLERANCE}")
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_quat(quaternion_xyzw).as_matrix()
+    T[:3, 3] = translation
+    return T
+
+
+def quaternion_xyzw(T: Pose) -> Vector:
+    """Give the rotation as the unit quaternion (4,) with w >= 0."""
+    return Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+
+
+def inverse(T_a_b: Pose) -> Pose:
+    """Invert a rigid transform, T_b_a."""
+    T_b_a = np.eye(4)
+    T_b_a[:3, :3] = T_a_b[:3, :3].T
+    T_b_a[:3, 3] = -T_a_b[:3, :3].T @ T_a_b[:3, 3]
+    return T_b_a
+
+
+def camera_center(T_camera_lidar: Pose) -> Vector:
+    """Give the camera's centre in the LiDAR frame, -R^T t."""
+    return inverse(T_camera_lidar)[:3, 3]
+
+
+def rotation_difference(T_a: Pose, T_b: Pose) -> Vector:
+    """Give log(R_a R_b^T), the rotation vector (3,) in radians that takes T_b's rotation to T_a's."""
+    return Rotation.from_matrix(T_a[:3, :3] @ T_b[:3, :3].T).as_rotvec()
+
+
+def rotation_error_deg(T_a: Pose, T_b: Pose) -> float:
+    """Give the geodesic angle between two rotations, in degrees."""
+    return float(np.degrees(np.linalg.norm(rotation_difference(T_a, T_b))))

@@ -1,0 +1,20 @@
+"""JSON Schemas of drive.yaml and of the calibration, for editors and other tools.
+
+`python -m semcal_cli.schemas` writes them anew from the models.
+"""
+
+import json
+from pathlib import Path
+
+from semcal_cli.calibration import Calibration
+from semcal_cli.drive import Drive
+from semcal_cli.validation import StrictModel
+
+FOLDER = Path(__file__).parent
+SCHEMAS: dict[str, type[StrictModel]] = {"drive.schema.json": Drive, "calibration.schema.json": Calibration}
+
+
+def schema_text(model: type[StrictModel]) -> str:
+    """Give the JSON Schema of a model as text."""
+    dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return json.dumps(dialect | model.model_json_schema(), indent=2) + "\n"
