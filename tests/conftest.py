@@ -1,0 +1,73 @@
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from semcal_cli.poses import Pose
+
+settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
+settings.load_profile("semcal")
+
+TEST_DATA = Path(os.environ.get("SEMCAL_TEST_DATA", Path(__file__).parents[1] / "../shared/data"))
+
+DRIVE = """
+semcal_drive: 1
+camera:
+  model: plumb_bob
+  width: 1280
+  height: 720
+  K: [[640, 0, 639.5], [0, 640, 359.5], [0, 0, 1]]
+frames:
+- points: points/000000.bin
+"""
+
+
+@pytest.fixture
+def document() -> dict[str, Any]:
+    """The smallest drive, to be broken."""
+    return yaml.safe_load(DRIVE)
+
+
+@pytest.fixture
+def rellis3d() -> Path:
+    folder = TEST_DATA / "rellis3d_000104"
+    if not folder.is_dir():
+        pytest.skip(f"no real frames: {folder} does not exist; set SEMCAL_TEST_DATA")
+    return folder
+
+
+def make_pose(rotation_vector: tuple[float, ...], translation: tuple[float, ...]) -> Pose:
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_rotvec(rotation_vector).as_matrix()
+    T[:3, 3] = translation
+    return T
+
+
+def triples(limit: float) -> st.SearchStrategy[tuple[float, float, float]]:
+    number = st.floats(-limit, limit)
+    return st.tuples(number, number, number)
+
+
+poses = st.builds(make_pose, triples(np.pi), triples(100.0))
+
+scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
+keys = st.sampled_from(
+    [
+        "semcal_drive",
+        "semcal_calibration",
+        "camera",
+        "T_camera_lidar",
+        "os1_cloud_node-pylon_camera_node",
+        "q",
+    ]
+)
+documents = st.recursive(
+    scalars, lambda x: st.lists(x, max_size=4) | st.dictionaries(keys | scalars, x, max_size=5), max_leaves=20
+)
+"""Anything that YAML can hold, with a bias to our own keys."""

@@ -1,0 +1,226 @@
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from semcal_cli.drive import read_drive
+from semcal_cli.errors import InputError
+
+Edit = Callable[[dict[str, Any]], object]
+
+SHEARED = [[1, 0.5, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+MIRRORED = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, -1, 0], [0, 0, 0, 1]]
+ROUNDED = [[0.6, 0.8, 0, 1], [-0.8, 0.6, 0, 2], [0, 0, 1.0004, 3], [0, 0, 0, 1]]
+
+
+def edit(*keys: str | int, to: object) -> Edit:
+    def apply(document: Any) -> None:
+        for key in keys[:-1]:
+            document = document.setdefault(key, {}) if isinstance(document, dict) else document[key]
+        document[keys[-1]] = to
+
+    return apply
+
+
+def write(folder: Path, content: str | bytes) -> Path:
+    path = folder / "drive.yaml"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def test_reads_folder_or_file(tmp_path: Path, document: dict[str, Any]) -> None:
+    path = write(tmp_path, yaml.dump(document))
+    drive = read_drive(tmp_path)
+    assert drive == read_drive(path)
+    assert (drive.path, drive.root) == (path, tmp_path)
+    assert drive.camera.K[0] == (640.0, 0.0, 639.5)
+    assert drive.camera.distortion == ()
+    assert drive.lidar is None
+
+
+def test_resolves_relative_and_absolute_names_and_expands_nothing(
+    tmp_path: Path, document: dict[str, Any]
+) -> None:
+    write(tmp_path, yaml.dump(document))
+    drive = read_drive(tmp_path)
+    assert drive.resolve("../other/a.bin") == tmp_path / "../other/a.bin"
+    assert drive.resolve("/data/a.bin") == Path("/data/a.bin")
+    assert drive.resolve("~/$HOME.bin") == tmp_path / "~/$HOME.bin"
+
+
+def test_accepts_every_key(tmp_path: Path, document: dict[str, Any]) -> None:
+    document["camera"] |= {"distortion": [0.1, 0, 0, 0], "parameters": {}}
+    document["lidar"] = {"channels": 64, "columns": 1024, "fov_up_deg": 10, "fov_down_deg": -30.5}
+    document["frames"][0] |= {
+        "point_labels": "a.label",
+        "image_labels": "a.png",
+        "image": "b.png",
+        "points_stamp": 12,
+        "image_stamp": 12.31,
+        "point_features": "a.npy",
+        "image_features": "b.npy",
+    }
+    document["ignore"] = {"points": [0], "image": [255]}
+    document["classes"] = {"points": {"road": [40, 44], "no": [10]}, "image": {"road": [40]}}
+    document["palette"] = {"road": [128, 64, 128]}
+    document["motion"] = {"anything": [1, {"goes": None}]}
+    document["T_camera_lidar"] = np.eye(4).tolist()
+    write(tmp_path, yaml.dump(document))
+    drive = read_drive(tmp_path)
+    assert drive.classes
+    assert drive.classes.points == {"road": (40, 44), "no": (10,)}
+    assert drive.frames[0].points_stamp == 12.0
+
+
+def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str, Any]) -> None:
+    document["T_camera_lidar"] = ROUNDED
+    write(tmp_path, yaml.dump(document))
+    T = np.array(read_drive(tmp_path).T_camera_lidar)
+    np.testing.assert_allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=1e-14)
+    np.testing.assert_allclose(T, ROUNDED, atol=5e-4)
+
+
+@pytest.mark.parametrize(
+    ("change", "complaint"),
+    [
+        (edit("semcal_drive", to=2), "semcal_drive: found 2, needed 1, the only version there is"),
+        (edit("semcal_drive", to=True), "semcal_drive: found true, needed a whole number"),
+        (edit("frame", to=[]), "unknown key 'frame'; the nearest known key is 'frames'"),
+        (edit(3, to=[]), "unknown key 3; the nearest known key is 'semcal_drive'"),
+        (edit("camera", "widht", to=1), "camera: unknown key 'widht'; the nearest known key is 'width'"),
+        (edit("camera", to=None), "camera: found nothing, needed a mapping"),
+        (
+            edit("camera", "model", to="mei"),
+            "camera.model: found 'mei', needed 'plumb_bob', 'rational_polynomial' or 'fisheye'",
+        ),
+        (edit("camera", "width", to="640"), "camera.width: found '640', needed a whole number"),
+        (edit("camera", "width", to=True), "camera.width: found true, needed a whole number"),
+        (edit("camera", "width", to=640.0), "camera.width: found 640.0, needed a whole number"),
+        (edit("camera", "height", to=0), "camera.height: found 0, needed more than 0"),
+        (edit("camera", "K", to=[[1, 0, 0]]), "camera.K: found a list of 1, needed at least 3"),
+        (edit("camera", "K", 1, to=[0, 1, 0, 0]), "camera.K[1]: found a list of 4, needed at most 3"),
+        (edit("camera", "K", 1, 1, to="640"), "camera.K[1][1]: found '640', needed a number"),
+        (edit("camera", "K", 1, 1, to=float("nan")), "camera.K[1][1]: found nan, needed a finite number"),
+        (edit("camera", "K", 0, 1, to=0.5), "camera.K: found skew 0.5, needed 0"),
+        (edit("camera", "K", 2, 2, to=2), "camera.K: found last row [0.0, 0.0, 2.0], needed [0, 0, 1]"),
+        (
+            edit("camera", "K", 0, 0, to=-1),
+            "camera.K: found focal lengths -1.0 and 640.0, needed both above 0",
+        ),
+        (
+            edit("camera", "distortion", to=[0, 0, 0]),
+            "camera.distortion: found 3 coefficients, needed 0 or 4 or 5 for plumb_bob",
+        ),
+        (
+            edit("camera", "parameters", to={"xi": 1}),
+            "camera.parameters: found 'xi', needed none for plumb_bob",
+        ),
+        (
+            edit("lidar", to={"channels": 1, "columns": 1, "fov_up_deg": -3, "fov_down_deg": 3}),
+            "lidar.fov_down_deg: found 3.0, needed less than fov_up_deg, -3.0",
+        ),
+        (edit("frames", to=[]), "frames: found a list of 0, needed at least 1"),
+        (edit("frames", to={}), "frames: found a mapping, needed a list"),
+        (edit("frames", 0, to={}), "frames[0].points: found nothing, needed a value"),
+        (edit("frames", 0, to="a.bin"), "frames[0]: found 'a.bin', needed a mapping"),
+        (edit("frames", 0, "points", to="a\0b"), "frames[0].points: found 'a\\x00b', needed a file name"),
+        (edit("frames", 0, "image", to=""), "frames[0].image: found '', needed a file name"),
+        (edit("frames", 0, "image_stamp", to="1.0"), "frames[0].image_stamp: found '1.0', needed a number"),
+        (edit("ignore", to={"points": [-1]}), "ignore.points[0]: found -1, needed at least 0"),
+        (
+            edit("classes", to={"image": {"road": [1, 2], "car": [2]}}),
+            "classes.image: found id 2 under 'road' and 'car', needed it under one name",
+        ),
+        (
+            edit("classes", to={"image": {"a\nroad": ["x" * 99]}}),
+            f"classes.image['a\\nroad'][0]: found '{'x' * 56}..., needed a whole number",
+        ),
+        (edit("classes", to={"image": {1: [1]}}), "classes.image[1]: found 1, needed text"),
+        (edit("palette", to={"road": [0, 0, 256]}), "palette.road[2]: found 256, needed at most 255"),
+        (
+            edit("palette", to={"road": [1, 2, 3], "car": [1, 2, 3]}),
+            "palette: found color [1, 2, 3] under 'road' and 'car', needed it under one name",
+        ),
+        (
+            edit("T_camera_lidar", to=np.diag([1, 1, 1, 2]).tolist()),
+            "T_camera_lidar: found last row [0.0, 0.0, 0.0, 2.0], needed [0, 0, 0, 1]",
+        ),
+        (
+            edit("T_camera_lidar", to=MIRRORED),
+            "T_camera_lidar: found determinant -1 and R R^T off the identity by 0, "
+            "needed a rotation: determinant 1 and R R^T the identity within 0.001",
+        ),
+        (
+            edit("T_camera_lidar", to=SHEARED),
+            "T_camera_lidar: found determinant 1 and R R^T off the identity by 0.5, "
+            "needed a rotation: determinant 1 and R R^T the identity within 0.001",
+        ),
+    ],
+)
+def test_wrong_value(tmp_path: Path, document: dict[str, Any], change: Edit, complaint: str) -> None:
+    change(document)
+    path = write(tmp_path, yaml.dump(document, sort_keys=False))
+    with pytest.raises(InputError) as error:
+        read_drive(tmp_path)
+    assert str(error.value) == f"{path}: {complaint}"
+
+
+@pytest.mark.parametrize("model", ["plumb_bob", "rational_polynomial", "fisheye"])
+def test_distortion_counts(tmp_path: Path, document: dict[str, Any], model: str) -> None:
+    accepted = []
+    for count in range(10):
+        document["camera"] |= {"model": model, "distortion": [0.0] * count}
+        write(tmp_path, yaml.dump(document))
+        try:
+            read_drive(tmp_path)
+            accepted.append(count)
+        except InputError:
+            pass
+    assert accepted == {"plumb_bob": [0, 4, 5], "rational_polynomial": [0, 8], "fisheye": [0, 4]}[model]
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("", "found nothing, needed a mapping"),
+        ("- 1\n- 2\n", "found a list of 2, needed a mapping"),
+        ("semcal_drive 1", "found 'semcal_drive 1', needed a mapping"),
+        (
+            "a: 1\nb: [1, 2\n",
+            "line 3: while parsing a flow sequence, expected ',' or ']', but got '<stream end>'",
+        ),
+        ("a: 1\nb:\n  c: 1\n  c: 2\n", "line 4: key 'c' is given twice"),
+        ("a: 1\nb: &x [1]\n", "line 2: anchors, aliases and tags are not used here"),
+        ("a: 1\nb: *x\n", "line 2: anchors, aliases and tags are not used here"),
+        ("a: !!python/object:os.system {}\n", "line 1: anchors, aliases and tags are not used here"),
+        ("a: 1\n---\nb: 1\n", "line 2: expected a single document in the stream, but found another document"),
+        (b"a: \xff\n", "byte 3 is not UTF-8 text"),
+        (b"a: \x07\n", "character 3 is a control character"),
+        ("a: " + "[" * 20000, "nested too deeply"),
+    ],
+)
+def test_malformed_file(tmp_path: Path, content: str | bytes, complaint: str) -> None:
+    path = write(tmp_path, content)
+    with pytest.raises(InputError) as error:
+        read_drive(path)
+    assert str(error.value) == f"{path}: {complaint}"
+
+
+@pytest.mark.parametrize("missing", [".", "nowhere", "nowhere/drive.yaml"])
+def test_missing_file(tmp_path: Path, missing: str) -> None:
+    expected = tmp_path / (missing if missing != "." else "drive.yaml")
+    with pytest.raises(InputError) as error:
+        read_drive(tmp_path / missing)
+    assert str(error.value) == f"{expected}: no such file or folder"
+
+
+def test_exponents_without_a_point_are_numbers(tmp_path: Path, document: dict[str, Any]) -> None:
+    """PyYAML on its own takes 1e-3, as many tools write it, for text."""
+    text = yaml.dump(document, sort_keys=False).replace(
+        "width:", "distortion: [1e-3, -2E+1, .5, 0]\n  width:"
+    )
+    write(tmp_path, text)
+    assert read_drive(tmp_path).camera.distortion == (0.001, -20.0, 0.5, 0.0)

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+from conftest import make_pose, poses
+from hypothesis import given
+
+from semcal_cli.metrics import compare_poses
+from semcal_cli.poses import Pose, camera_center, inverse, pose_from_quaternion, quaternion_xyzw
+
+REFERENCE = make_pose((0.3, -1.0, 2.0), (0.4, -0.1, 0.2))
+EXACT = 1e-9  # degrees or centimetres: round-off of poses within 100 m
+
+
+def test_a_pose_is_at_no_distance_from_itself() -> None:
+    error = compare_poses(REFERENCE, REFERENCE)
+    assert error.rotation_deg == pytest.approx(0.0, abs=EXACT)
+    assert error.camera_center_cm == 0.0
+
+
+def test_turn_in_the_camera_frame_keeps_the_center() -> None:
+    error = compare_poses(make_pose((0.0, np.radians(2.0), 0.0), (0.0, 0.0, 0.0)) @ REFERENCE, REFERENCE)
+    assert error.rotation_deg == pytest.approx(2.0)
+    assert error.rotation_xyz_deg == pytest.approx((0.0, 2.0, 0.0), abs=EXACT)
+    assert error.camera_center_cm == pytest.approx(0.0, abs=EXACT)
+
+
+def test_a_camera_moved_to_its_right_by_3_cm() -> None:
+    """A camera that moves along its own +x sees every point move along -x."""
+    error = compare_poses(make_pose((0.0, 0.0, 0.0), (-0.03, 0.0, 0.0)) @ REFERENCE, REFERENCE)
+    assert error.rotation_deg == pytest.approx(0.0, abs=EXACT)
+    assert error.camera_center_cm == pytest.approx(3.0)
+    assert error.camera_center_xyz_cm == pytest.approx((3.0, 0.0, 0.0), abs=EXACT)
+
+
+@given(T=poses, T_reference=poses, T_lidar_world=poses)
+def test_error_does_not_depend_on_the_lidar_frame(T: Pose, T_reference: Pose, T_lidar_world: Pose) -> None:
+    error, moved = (
+        compare_poses(T, T_reference),
+        compare_poses(T @ T_lidar_world, T_reference @ T_lidar_world),
+    )
+    assert moved.rotation_deg == pytest.approx(error.rotation_deg, abs=1e-5)  # half a turn doubles back
+    assert moved.camera_center_cm == pytest.approx(error.camera_center_cm, abs=EXACT)
+    assert np.linalg.norm(error.rotation_xyz_deg) == pytest.approx(error.rotation_deg)
+    assert np.linalg.norm(error.camera_center_xyz_cm) == pytest.approx(error.camera_center_cm)
+
+
+@given(T=poses)
+def test_pose_algebra(T: Pose) -> None:
+    np.testing.assert_allclose(T @ inverse(T), np.eye(4), atol=1e-12)
+    np.testing.assert_allclose(T @ [*camera_center(T), 1.0], [0.0, 0.0, 0.0, 1.0], atol=1e-12)
+    rebuilt = pose_from_quaternion(quaternion_xyzw(T).tolist(), T[:3, 3].tolist())
+    np.testing.assert_allclose(rebuilt, T, atol=1e-12)
