@@ -1,0 +1,39 @@
+"""The `semcal` command: one file a subcommand, and the one place that turns errors into exit codes.
+
+Nothing heavy is imported here or at the top of a subcommand's file, so that `semcal --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import click
+
+from semcal_cli.cli.calibrate import calibrate
+from semcal_cli.cli.demo import demo
+from semcal_cli.cli.evaluate import evaluate
+from semcal_cli.cli.initialize import initialize
+from semcal_cli.cli.refine import refine
+from semcal_cli.cli.synth import synth
+from semcal_cli.errors import SemcalError
+
+EXIT_FAILURE = 1
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="semcal")
+def semcal() -> None:
+    """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
+
+
+for command in (calibrate, initialize, refine, evaluate, synth, demo):
+    semcal.add_command(command)
+
+
+def main() -> None:
+    """Run the command line; an expected failure is one line on stderr and exit code 1."""
+    try:
+        semcal()
+    except SemcalError as error:
+        click.echo(f"semcal: error: {error}", err=True)
+        sys.exit(EXIT_FAILURE)

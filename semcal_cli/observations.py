@@ -1,0 +1,99 @@
+"""The labelled points and label images of all frames, with dense classes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.camera import core_camera
+from semcal_cli.classes import NO_CLASS, ClassTable, class_table
+from semcal_cli.drive import Camera, Drive, Lidar
+from semcal_cli.errors import InputError
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What a calibration is made from."""
+
+    camera: Camera
+    lidar: Lidar | None
+    points: Sequence[npt.NDArray[np.float32]]
+    """(N, 3) of each frame, metres, LiDAR frame."""
+    point_classes: Sequence[npt.NDArray[np.uint8]]
+    """(N,) of each frame: an index into `point_class_names`, or `NO_CLASS`."""
+    image_classes: Sequence[npt.NDArray[np.uint8]]
+    """(H, W) of each frame: an index into `image_class_names`, or `NO_CLASS`."""
+    point_class_names: Sequence[str]
+    image_class_names: Sequence[str]
+
+    @property
+    def num_frames(self) -> int:
+        """How many pairs of sweep and picture there are."""
+        return len(self.points)
+
+    @cached_property
+    def core(self) -> _core.Observations:
+        """The same for the Rust core."""
+        return _core.Observations(
+            core_camera(self.camera),
+            list(self.points),
+            list(self.point_classes),
+            list(self.image_classes),
+            len(self.point_class_names),
+            len(self.image_class_names),
+        )
+
+
+def load_observations(drive: Drive) -> Observations:
+    """Load every frame of a drive, in parallel.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
+    """
+    paths = [
+        (drive.resolve(frame.points), drive.resolve(_named(drive, index, "point_labels")))
+        for index, frame in enumerate(drive.frames)
+    ]
+    image_paths = [
+        drive.resolve(_named(drive, index, "image_labels")) for index in range(len(drive.frames))
+    ]
+    clouds = _core.read_point_clouds(paths)
+    point_ids = [labels for _, _, labels, _ in clouds if labels is not None]
+    image_ids = _core.read_label_images(image_paths, drive.camera.width, drive.camera.height)
+    point_table = _class_table(drive, "points", point_ids)
+    image_table = _class_table(drive, "image", image_ids)
+    return Observations(
+        camera=drive.camera,
+        lidar=drive.lidar,
+        points=[points for points, _, _, _ in clouds],
+        point_classes=[point_table(ids) for ids in point_ids],
+        image_classes=[image_table(ids) for ids in image_ids],
+        point_class_names=point_table.names,
+        image_class_names=image_table.names,
+    )
+
+
+def _named(drive: Drive, frame: int, key: Literal["point_labels", "image_labels"]) -> str:
+    name = getattr(drive.frames[frame], key)
+    if name is None:
+        raise InputError(f"{drive.path}: frames[{frame}].{key}: found nothing, needed a file of class ids")
+    return str(name)
+
+
+def _class_table(
+    drive: Drive, side: Literal["points", "image"], ids: Sequence[npt.NDArray[np.uint16]]
+) -> ClassTable:
+    named = getattr(drive.classes, side) if drive.classes else {}
+    try:
+        table = class_table(ids, named, getattr(drive.ignore, side))
+    except ValueError as error:
+        raise InputError(f"{drive.path}: classes.{side}: {error}") from None
+    if not table.names:
+        raise InputError(f"{drive.path}: {side}: every label is ignored or not listed under classes")
+    return table
