@@ -73,7 +73,7 @@ fn frame_agreement(
 ) -> Agreement {
     let camera = &observations.camera;
     let landings = land(camera, &frame.points, t_camera_lidar);
-    let hidden = hidden(camera, &landings, t_camera_lidar.translation.vector.norm());
+    let hidden = hidden(camera, &landings);
     let mut joint = JointHistogram::new(
         observations.num_point_classes,
         observations.num_image_classes,

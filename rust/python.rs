@@ -517,7 +517,7 @@ mod _core {
     ) -> PyResult<LandingArrays<'py>> {
         let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
         let landings = visibility::land(&camera.0, &points, &pose);
-        let hidden = visibility::hidden(&camera.0, &landings, pose.translation.vector.norm());
+        let hidden = visibility::hidden(&camera.0, &landings);
         let pixels: Vec<[f64; 2]> = landings
             .iter()
             .map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into()))

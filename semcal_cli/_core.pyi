@@ -1,0 +1,182 @@
+"""The numeric core, in Rust. Angles in radians, metres, `(u, v)` pixels; see `rust/` for what each stage does."""
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import TypeAlias, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float64: TypeAlias = NDArray[np.float64]
+Float32: TypeAlias = NDArray[np.float32]
+Grid: TypeAlias = tuple[int, int, float, float]
+"""Rows, columns, elevation of the upper border and height of a cell of a spherical image."""
+
+__all__: list[str]
+
+@final
+class Camera:
+    """A calibrated camera; raises `InputError` for an unknown model or a wrong number of coefficients."""
+
+    def __new__(
+        cls, model: str, width: int, height: int, k: Sequence[Sequence[float]], distortion: Sequence[float]
+    ) -> Camera: ...
+    @property
+    def limit(self) -> float:
+        """The largest normalised radius (or, for fisheye, incidence angle) at which the model holds."""
+    def project(self, points_camera: Float64) -> Float64:
+        """Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold."""
+    def unproject(self, pixels: Float64) -> Float64:
+        """Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach."""
+
+@final
+class Observations:
+    """All frames, as the core keeps them; raises `InputError` where counts, sizes or classes disagree."""
+
+    def __new__(
+        cls,
+        camera: Camera,
+        points: Sequence[Float32],
+        point_classes: Sequence[NDArray[np.uint8]],
+        image_classes: Sequence[NDArray[np.uint8]],
+        num_point_classes: int,
+        num_image_classes: int,
+    ) -> Observations: ...
+
+@final
+class Hypothesis:
+    """A placement of the picture on the sphere of LiDAR directions."""
+
+    @property
+    def rotation(self) -> Float64:
+        """`R_camera_lidar`, (3, 3)."""
+    @property
+    def mutual_information(self) -> float:
+        """Of the pooled histogram of cells, nats, less its bias."""
+    @property
+    def num_cells(self) -> int:
+        """Labelled cells, over all frames, that fall on a labelled pixel."""
+
+@final
+class Agreement:
+    """How well points and label images agree at a pose, over all frames."""
+
+    @property
+    def mutual_information(self) -> float:
+        """Of visible points and the pixels around them, nats, plug-in estimate."""
+    @property
+    def bias(self) -> float:
+        """Miller and Madow's estimate of how far the plug-in estimate is too high, nats."""
+    @property
+    def label_agreement(self) -> float:
+        """Share of the visible pairs with positive pointwise mutual information."""
+    @property
+    def overlap(self) -> float:
+        """Share of the picture's area that visible labelled points cover."""
+    @property
+    def num_inside(self) -> int:
+        """Labelled points inside the picture."""
+    @property
+    def num_hidden(self) -> int:
+        """Those of them that nearer returns hide from the camera."""
+
+@final
+class Renderer:
+    """Renders synthetic streets for one rig."""
+
+    def __new__(
+        cls,
+        camera: Camera,
+        t_camera_lidar: Float64,
+        *,
+        pattern: str,
+        channels: int,
+        columns: int,
+        fov_up_deg: float,
+        fov_down_deg: float,
+        range_noise_m: float,
+        dropout: float,
+        max_range_m: float,
+        tilt_deg: float,
+    ) -> Renderer: ...
+    def frame(
+        self, seed: int, number: int
+    ) -> tuple[
+        Float32, NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int
+    ]:
+        """Render the frame of a number in the world of a seed.
+
+        Returns:
+            Points (N, 4) with intensity; labels (N,), `instance << 16 | class`; visibility (N,), 0 outside the
+            picture, 1 hidden, 2 visible; image labels (H, W); picture (H, W, 3) RGB; objects in view.
+        """
+
+def set_num_threads(num_threads: int) -> None:
+    """Run the core on so many threads; results do not depend on it."""
+
+def read_point_clouds(
+    paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],
+) -> list[tuple[Float32, Float32 | None, NDArray[np.uint16] | None, int]]:
+    """Read sweeps with their labels.
+
+    Returns:
+        For each, x y z of the returns (N, 3), their intensity (N,), their raw class ids (N,), and how many
+        entries were no returns.
+
+    Raises:
+        InputError: a file cannot be read or is not what its format promises, or counts differ.
+    """
+
+def read_label_images(paths: Sequence[str | PathLike[str]], width: int, height: int) -> list[NDArray[np.uint16]]:
+    """Read label images (H, W) of raw ids.
+
+    Raises:
+        InputError: a file cannot be read, has several channels, or has another size.
+    """
+
+def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> Grid:
+    """The grid of a spinning LiDAR, one row a channel."""
+
+def estimate_grid(observations: Observations, cell: float) -> Grid:
+    """A grid of square cells over the elevations that all points span."""
+
+def spherical_image(points: Float32, grid: Grid) -> NDArray[np.uint32]:
+    """The index of the nearest return in each pixel; 2^32 - 1 where there is none."""
+
+def register(
+    observations: Observations,
+    grid: Grid,
+    *,
+    zoom: str,
+    coarse_cell: float,
+    fine_cell: float,
+    max_roll: float,
+    roll_step: float,
+    min_overlap: float,
+    num_hypotheses: int,
+    separation: float,
+) -> list[Hypothesis]:
+    """Find the best well-separated placements of the pictures on the sphere, best first.
+
+    Raises:
+        CalibrationError: no placement overlaps labelled points with labelled pixels.
+    """
+
+def sample_correspondences(
+    observations: Observations, grid: Grid, zoom: str, hypothesis: Hypothesis, count: int, seed: int
+) -> tuple[Float64, Float64]:
+    """Sample points (N, 3) in the LiDAR frame and their pixels (N, 2), spread over the picture and over range."""
+
+def agreement(observations: Observations, t_camera_lidar: Float64) -> Agreement:
+    """Compare points and label images at a pose."""
+
+def land(
+    camera: Camera, points: Float32, t_camera_lidar: Float64
+) -> tuple[Float64, Float64, NDArray[np.bool_]]:
+    """Where points land: pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; who is hidden."""
+
+def class_shares(image_classes: NDArray[np.uint8], num_classes: int, factor: int) -> NDArray[np.uint8]:
+    """Shares of each class in blocks of pixels, (H // factor, W // factor, num_classes), as bytes of 1/255."""
+
+def synthetic_classes() -> list[tuple[int, str]]:
+    """Ids and names of the classes of synthetic streets, which are CARLA's."""

@@ -1,0 +1,39 @@
+"""`semcal evaluate`: a calibration against a reference."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from semcal_cli.cli.options import PATH
+
+
+@click.command()
+@click.argument("calibration", type=PATH)
+@click.option(
+    "--reference",
+    type=PATH,
+    required=True,
+    metavar="FILE|DRIVE",
+    help="What to compare with: a calibration, a drive with T_camera_lidar, a RELLIS-3D transforms.yaml.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def evaluate(calibration: Path, reference: Path, as_json: bool) -> None:
+    """Print how far CALIBRATION is from a reference.
+
+    Rotation in degrees, camera centre in centimetres, along the axes of the camera.
+    """
+    from semcal_cli.formats import read_transform
+    from semcal_cli.metrics import compare_poses
+
+    error = compare_poses(read_transform(calibration), read_transform(reference))
+    if as_json:
+        click.echo(json.dumps(asdict(error)))
+        return
+    from semcal_cli.cli.session import error_lines
+
+    for line in error_lines(error):
+        click.echo(line)

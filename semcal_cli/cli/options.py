@@ -1,0 +1,63 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+PATH = click.Path(path_type=Path)
+
+MAX_SEED = 2**63 - 1
+
+drive_argument = click.argument("drive", type=PATH)
+
+output_option = click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    metavar="FILE",
+    help="Where the result goes: .yaml, .yml or .json. Standard output, as YAML, if not given.",
+)
+log_option = click.option(
+    "--log", type=PATH, metavar="FILE", help="Write times, host and threads to a JSON file."
+)
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(0, MAX_SEED),
+    default=0,
+    show_default=True,
+    help="Seed of every random choice: the same seed gives the same bytes.",
+)
+threads_option = click.option(
+    "--threads",
+    type=click.IntRange(min=1),
+    metavar="N",
+    help="Threads of the Rust stages; all cores if not given. The result does not depend on it.",
+)
+device_option = click.option(
+    "--device",
+    type=click.Choice(["cpu", "cuda"]),
+    default="cpu",
+    show_default=True,
+    help="Where the refinement computes.",
+)
+zoom_option = click.option(
+    "--zoom",
+    type=click.Choice(["exact", "paper"]),
+    default="exact",
+    show_default=True,
+    help="How label images are brought to the LiDAR's angular grid: through K and the lens, or as the paper does.",
+)
+
+
+def result_options(command: Command) -> Command:
+    """Add what every command takes that computes a calibration."""
+    for option in (log_option, quiet_option, threads_option, seed_option, output_option):
+        command = option(command)
+    return command

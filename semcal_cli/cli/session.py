@@ -1,0 +1,142 @@
+"""What every command that computes a calibration does around it: console, log, result."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.status import Status
+from rich.table import Table
+
+from semcal_cli.calibration import Calibration, calibration_text, write_calibration
+from semcal_cli.documents import output_format, write_text
+from semcal_cli.drive import read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.pipeline import Run, StageReport, set_threads
+from semcal_cli.poses import camera_center
+
+if TYPE_CHECKING:
+    from semcal_cli.initialization import Hypothesis
+    from semcal_cli.metrics import PoseError
+
+EXIT_NOT_TRUSTED = 3
+
+
+class Session:
+    """Runs one calibration for the terminal; a context manager that owns the progress line."""
+
+    def __init__(
+        self, drive: Path, output: Path | None, log: Path | None, seed: int, threads: int | None, quiet: bool
+    ) -> None:
+        """Check everything that can be wrong before the work begins.
+
+        Raises:
+            InputError: the drive is invalid, or the result or the log cannot go where they shall.
+        """
+        for path in filter(None, (output, log)):
+            if not path.absolute().parent.is_dir():
+                raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
+        if output is not None:
+            output_format(output)
+        self.console = make_console(quiet)
+        self.output, self.log, self.threads = output, log, threads
+        self.reports: list[StageReport] = []
+        self._status: Status | None = None
+        self.run = Run(read_drive(drive), seed, report=self._report, progress=self._progress)
+        set_threads(threads)
+
+    def __enter__(self) -> Session:
+        if self.console.is_terminal:
+            self._status = self.console.status("")
+            self._status.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._status is not None:
+            self._status.stop()
+
+    @property
+    def folder(self) -> Path:
+        """Where the result goes."""
+        return self.output.parent if self.output else Path()
+
+    def finish(self, calibration: Calibration) -> None:
+        """Write and summarise a calibration; exit with 3 if it is not trusted."""
+        if self._status is not None:
+            self._status.stop()
+        if self.output is None:
+            click.echo(calibration_text(calibration, "yaml"), nl=False)
+        else:
+            write_calibration(calibration, self.output)
+        if self.log is not None:
+            write_text(self._log_text(), self.log)
+        self._summarise(calibration)
+        if calibration.status == "not_trusted":
+            sys.exit(EXIT_NOT_TRUSTED)
+
+    def show(self, hypothesis: Hypothesis) -> None:
+        """Print a hypothesis of the initial calibration."""
+        looks_along = _row(hypothesis.T_camera_lidar[2, :3].tolist())
+        self.console.print(
+            f"  MI {hypothesis.mutual_information_nats:.4f} nats   looks along {looks_along}   "
+            f"overlap {hypothesis.overlap:.0%}   {hypothesis.num_inliers} inliers"
+        )
+
+    def _progress(self, doing: str) -> None:
+        if self._status is not None:
+            self._status.update(doing)
+
+    def _report(self, report: StageReport) -> None:
+        self.reports.append(report)
+        figures = "" if report.agreement is None else f"MI {report.agreement.mutual_information:.4f} nats   "
+        self.console.print(f"{report.name:<8} {report.seconds:6.2f} s   {figures}{report.note}")
+
+    def _summarise(self, calibration: Calibration) -> None:
+        T = calibration.pose
+        quality = calibration.quality
+        table = Table.grid(padding=(0, 2))
+        table.add_row("T_camera_lidar", "\n".join(_row(row) for row in T.tolist()))
+        table.add_row("camera at", f"{_row(camera_center(T).tolist())} m in the LiDAR frame")
+        table.add_row("looks along", f"{_row(T[2, :3].tolist())} in the LiDAR frame")
+        table.add_row(
+            "labels",
+            f"{quality.label_agreement:.1%} of {quality.num_points:,} visible points agree; "
+            f"they cover {quality.overlap:.0%} of the picture",
+        )
+        table.add_row("status", "\n".join([calibration.status, *calibration.reasons]))
+        table.add_row("written to", str(self.output) if self.output else "standard output")
+        self.console.print(table)
+
+    def _log_text(self) -> str:
+        stages = [{"name": r.name, "seconds": round(r.seconds, 4), "note": r.note} for r in self.reports]
+        host = {"machine": platform.machine(), "system": platform.platform(), "python": platform.python_version()}
+        return json.dumps({"stages": stages, "host": host, "threads": self.threads}, indent=2) + "\n"
+
+
+def make_console(quiet: bool) -> Console:
+    """A console on stderr that neither wraps nor highlights, so that a pipe gets plain lines."""
+    return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True)
+
+
+def error_lines(error: PoseError) -> list[str]:
+    """The difference between a calibration and a reference, for reading."""
+    return [
+        f"rotation       {error.rotation_deg:8.4f} deg   x y z {_row(error.rotation_xyz_deg)} deg",
+        f"camera centre  {error.camera_center_cm:8.3f} cm    x y z {_row(error.camera_center_xyz_cm)} cm",
+    ]
+
+
+def _row(values: list[float] | tuple[float, ...]) -> str:
+    return " ".join(f"{value:10.6f}" for value in np.round(values, 6) + 0.0)

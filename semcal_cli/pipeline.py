@@ -1,0 +1,182 @@
+"""The stages of a calibration, in order: initialize, refine, assess."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from semcal_cli import _core
+from semcal_cli.calibration import Calibration, Quality, Settings, Stage, Status
+from semcal_cli.drive import Drive
+from semcal_cli.errors import InputError
+from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize
+from semcal_cli.observations import Observations, load_observations
+from semcal_cli.poses import Pose
+from semcal_cli.provenance import describe_input, versions
+
+if TYPE_CHECKING:
+    from semcal_cli.refinement import Level, Refinement
+
+MIN_OVERLAP = 0.03
+"""An answer whose points cover less of the picture than this is not trusted."""
+
+
+@dataclass(frozen=True)
+class StageReport:
+    """What a stage arrived at, for the user who watches."""
+
+    name: str
+    seconds: float
+    T_camera_lidar: Pose | None = None
+    agreement: _core.Agreement | None = None
+    note: str = ""
+
+
+@dataclass
+class Run:
+    """One calibration under way."""
+
+    drive: Drive
+    seed: int
+    report: Callable[[StageReport], None] = lambda report: None
+    progress: Callable[[str], None] = lambda doing: None
+    stages: dict[str, Stage] = field(default_factory=dict)
+    options: dict[str, object] = field(default_factory=dict)
+
+    def load(self) -> Observations:
+        """Read every file of the drive."""
+        self.progress(f"reading {len(self.drive.frames)} frames")
+        start = perf_counter()
+        observations = load_observations(self.drive)
+        num_points = sum(map(len, observations.points))
+        note = (
+            f"{observations.num_frames} frames, {num_points:,} points, "
+            f"{len(observations.point_class_names)} point classes, "
+            f"{len(observations.image_class_names)} image classes"
+        )
+        self.report(StageReport("load", perf_counter() - start, note=note))
+        return observations
+
+    def initialize(self, observations: Observations, config: InitializationConfig) -> list[Hypothesis]:
+        """Search all mounting directions."""
+        self.progress("searching all mounting directions")
+        start = perf_counter()
+        hypotheses = initialize(observations, config, self.seed)
+        self.options["initialization"] = asdict(config)
+        self._finish("initial", start, observations, hypotheses[0].T_camera_lidar, _runner_up(hypotheses))
+        return hypotheses
+
+    def start_at(self, observations: Observations, T_init: Pose, source: Path) -> None:
+        """Take a given pose for the initial one."""
+        self.options["init"] = source.name
+        self._finish("initial", perf_counter(), observations, T_init, f"from {source}")
+
+    def refine(self, observations: Observations, T_init: Pose, device: str) -> Refinement:
+        """Climb the mutual information from a pose."""
+        self.progress("loading torch")
+        start = perf_counter()
+        from semcal_cli.refinement import RefinementConfig, refine
+
+        config = RefinementConfig()
+
+        def on_level(level: Level, num_levels: int) -> None:
+            self.progress(f"refining: {level.factor}-pixel blocks done, bound {level.bound_nats:.4f} nats")
+
+        refinement = refine(observations, T_init, config, self.seed, device, on_level)
+        self.options["refinement"] = asdict(config) | {"device": device}
+        note = f"{len(refinement.levels)} levels, {'settled' if refinement.converged else 'not settled'}"
+        self._finish("refined", start, observations, refinement.T_camera_lidar, note)
+        return refinement
+
+    def result(
+        self,
+        observations: Observations,
+        T_camera_lidar: Pose,
+        reasons: Sequence[str],
+        relative_to: Path,
+    ) -> Calibration:
+        """Assess a pose and put everything into a calibration."""
+        agreement = _core.agreement(observations.core, T_camera_lidar)
+        reasons = [*reasons, *_overlap_reasons(agreement)]
+        status: Status = "not_trusted" if reasons else "not_assessed"
+        return Calibration.from_pose(
+            T_camera_lidar,
+            status=status,
+            reasons=tuple(reasons),
+            quality=Quality(
+                mutual_information_nats=agreement.mutual_information,
+                label_agreement=agreement.label_agreement,
+                overlap=agreement.overlap,
+                num_points=agreement.num_inside - agreement.num_hidden,
+                num_frames=observations.num_frames,
+            ),
+            stages=self.stages,
+            input=describe_input(self.drive, relative_to),
+            settings=Settings.model_validate(
+                {"options": _plain(self.options), "seed": self.seed, "versions": versions()}
+            ),
+        )
+
+    def _finish(
+        self, name: str, start: float, observations: Observations, T_camera_lidar: Pose, note: str
+    ) -> None:
+        agreement = _core.agreement(observations.core, T_camera_lidar)
+        rows = tuple(tuple(row) for row in T_camera_lidar.tolist())
+        self.stages[name] = Stage(
+            T_camera_lidar=rows, mutual_information_nats=agreement.mutual_information
+        )
+        self.report(StageReport(name, perf_counter() - start, T_camera_lidar, agreement, note))
+
+
+def convergence_reasons(refinement: Refinement) -> list[str]:
+    """Say why a refinement's pose cannot be trusted, if so."""
+    if refinement.converged:
+        return []
+    return [
+        f"the refinement had not settled: the pose still moved points by {refinement.levels[-1].drift:.1f} pixels "
+        f"over the last quarters of the finest level"
+    ]
+
+
+def _overlap_reasons(agreement: _core.Agreement) -> list[str]:
+    if agreement.overlap >= MIN_OVERLAP:
+        return []
+    return [
+        f"visible labelled points cover {agreement.overlap:.1%} of the picture, needed are {MIN_OVERLAP:.0%}"
+    ]
+
+
+def _runner_up(hypotheses: Sequence[Hypothesis]) -> str:
+    if len(hypotheses) == 1:
+        return "1 hypothesis"
+    second = hypotheses[1].mutual_information_nats
+    return f"{len(hypotheses)} hypotheses, runner-up {second:.4f} nats"
+
+
+def _plain(value: object) -> object:
+    """Tuples as lists, as both file formats read them back."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def check_device(device: str) -> None:
+    """Check that torch can compute on a device.
+
+    Raises:
+        InputError: it is `cuda` and there is none.
+    """
+    if device == "cuda":
+        import torch
+
+        if not torch.cuda.is_available():
+            raise InputError("--device cuda: PyTorch finds no CUDA device here")
+
+
+def set_threads(num_threads: int | None) -> None:
+    """Run the Rust stages on so many threads; on as many as there are cores if None."""
+    _core.set_num_threads(num_threads or os.cpu_count() or 1)

@@ -1,0 +1,51 @@
+"""What a calibration was made from and with: files with their hashes, versions."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from importlib.metadata import version
+from pathlib import Path
+
+from semcal_cli.calibration import Input, InputFrame
+from semcal_cli.drive import Drive
+
+LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
+"""Whose versions may change the answer."""
+
+
+def describe_input(drive: Drive, relative_to: Path) -> Input:
+    """List the drive, its camera and frames, and the SHA-256 of each file that was read.
+
+    Args:
+        drive: The drive.
+        relative_to: The folder that the drive's path is given relative to: where the result goes.
+    """
+    frames = [
+        InputFrame(points=f.points, point_labels=f.point_labels, image_labels=f.image_labels)
+        for f in drive.frames
+    ]
+    hashes = {drive.path.name: _sha256(drive.path)}
+    hashes |= {name: _sha256(drive.resolve(name)) for frame in frames for name in _files(frame)}
+    return Input(
+        drive=os.path.relpath(drive.path, relative_to),
+        camera=drive.camera,
+        frames=tuple(frames),
+        sha256=hashes,
+    )
+
+
+def versions() -> dict[str, str]:
+    """The versions of semcal and of the libraries that compute."""
+    return {name: version(name) for name in LIBRARIES}
+
+
+def _files(frame: InputFrame) -> Iterator[str]:
+    for name in (frame.points, frame.point_labels, frame.image_labels):
+        if name is not None:
+            yield name
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
