@@ -1,7 +1,0 @@
-"""placeholder until the branch lands."""
-import click
-
-
-@click.command()
-def synth() -> None:
-    """Write a synthetic drive."""
