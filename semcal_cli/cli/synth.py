@@ -1,0 +1,154 @@
+"""`semcal synth`: a synthetic drive with a known answer."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeAlias, get_args
+
+import click
+
+from semcal_cli.cli.options import PATH, quiet_option, seed_option, threads_option
+from semcal_cli.synthesis_config import MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
+
+Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+class SettingOption(click.Option):
+    """An option for one field of `SynthConfig`, whose default is the field's."""
+
+    def __init__(self, *args: Any, section: str, **kwargs: Any) -> None:
+        if isinstance(kwargs.get("type"), click.IntRange | click.FloatRange):
+            kwargs["metavar"] = "N"
+        super().__init__(*args, **kwargs)
+        self.section = section
+        self.default = getattr(SynthConfig, str(self.name))
+        self.show_default = self.default is not None
+
+
+class SectionedCommand(click.Command):
+    """A command whose help lists its settings section by section."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the options that every command has last."""
+        sections: dict[str, list[tuple[str, str]]] = {}
+        for parameter in self.get_params(ctx):
+            record = parameter.get_help_record(ctx)
+            if record is not None and isinstance(parameter, click.Option):
+                sections.setdefault(getattr(parameter, "section", "Options"), []).append(record)
+        for title in sorted(sections, key="Options".__eq__):
+            with formatter.section(title):
+                formatter.write_dl(sections[title])
+
+
+def _section(title: str) -> Callable[..., Decorator]:
+    """Give what `click.option` is, for the settings of one section."""
+    return partial(click.option, cls=SettingOption, section=title)
+
+
+drive_option, lidar_option, camera_option = _section("Drive"), _section("LiDAR"), _section("Camera")
+mounting_option, label_option = _section("Mounting"), _section("Labels")
+
+ANGLE = click.FloatRange(-180.0, 180.0)
+ELEVATION = click.FloatRange(-90.0, 90.0)
+LENGTH = click.FloatRange(min=0.0)
+SHARE = click.FloatRange(0.0, 1.0, max_open=True)
+
+
+@click.command(cls=SectionedCommand)
+@click.argument("out", type=PATH)
+@drive_option("--frames", "num_frames", type=click.IntRange(1, 999_999), help="Frames, each another street.")
+@lidar_option(
+    "--pattern",
+    type=click.Choice(get_args(Pattern)),
+    help="A spinning LiDAR's grid, or a rosette all around that is no grid.",
+)
+@lidar_option("--channels", type=click.IntRange(1, 512), help="Beams, evenly spaced in elevation.")
+@lidar_option(
+    "--columns",
+    type=click.IntRange(1, 65_536),
+    help="Firings a turn. A rosette has channels x columns rays a frame.",
+)
+@lidar_option("--fov-up-deg", type=ELEVATION, help="Elevation of the highest ray.")
+@lidar_option("--fov-down-deg", type=ELEVATION, help="Elevation of the lowest ray.")
+@lidar_option("--range-noise-m", type=LENGTH, help="Standard deviation of a range.")
+@lidar_option("--dropout", type=SHARE, help="Share of the returns that are lost.")
+@lidar_option("--max-range-m", type=LENGTH, help="Nothing farther returns.")
+@lidar_option(
+    "--lidar-tilt-deg", type=ELEVATION, help="How far the LiDAR's x axis, and the camera with it, dips."
+)
+@camera_option("--width", type=click.IntRange(16, 8192), help="Columns of the picture.")
+@camera_option("--height", type=click.IntRange(16, 8192), help="Rows of the picture.")
+@camera_option(
+    "--lens",
+    type=click.Choice(get_args(Lens)),
+    help="standard: 90 degrees without distortion; narrow: 35 degrees, plumb_bob; "
+    "wide: 100 degrees, rational_polynomial.",
+)
+@camera_option("--hfov-deg", type=click.FloatRange(5.0, 150.0), help="Other horizontal field of view.")
+@mounting_option(
+    "--camera-azimuth-deg",
+    type=ANGLE,
+    help="Where the camera looks: 0 along the LiDAR's x axis, positive to the left. "
+    "Any direction if not given.",
+)
+@mounting_option(
+    "--camera-pitch-deg", type=ELEVATION, help="How far it looks up. Within 8 degrees of level if not given."
+)
+@mounting_option(
+    "--camera-roll-deg",
+    type=ANGLE,
+    help="How far it leans to its right. Within 4 degrees of upright if not given.",
+)
+@mounting_option(
+    "--baseline-m",
+    type=click.FloatRange(0.0, MAX_BASELINE_M, max_open=True),
+    help="Distance between the two sensors. At least 0.1 if not given.",
+)
+@mounting_option(
+    "--max-baseline-m", type=click.FloatRange(0.2, MAX_BASELINE_M), help="The largest distance that is drawn."
+)
+@label_option("--label-noise", type=SHARE, help="Share of the labels, on both sides, of another class.")
+@label_option(
+    "--ontology",
+    type=click.Choice(get_args(Ontology)),
+    help="Label points and pictures with the same named ids, or with ids that have nothing in common.",
+)
+@seed_option
+@threads_option
+@click.option("--force", is_flag=True, help="Write into a folder that is not empty; other files in it stay.")
+@quiet_option
+def synth(out: Path, threads: int | None, force: bool, quiet: bool, **settings: Any) -> None:
+    """Write a synthetic drive, with labels, pictures and its true T_camera_lidar, to the folder OUT.
+
+    Streets are drawn from the seed, with 20 classes under CARLA's names and ids. Both sensors see true
+    parallax. What the mounting options leave open is drawn from the seed, too.
+    """
+    config = SynthConfig(**settings)
+    if config.fov_down_deg >= config.fov_up_deg:
+        raise click.UsageError(
+            f"--fov-down-deg: found {config.fov_down_deg}, needed less than --fov-up-deg, {config.fov_up_deg}"
+        )
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from semcal_cli import _core
+    from semcal_cli.synthesis import synthesize
+
+    if threads is not None:
+        _core.set_num_threads(threads)
+    start = perf_counter()
+    shown = not quiet and sys.stderr.isatty()
+    with Progress(console=Console(stderr=True), transient=True, disable=not shown) as bar:
+        task = bar.add_task("rendering", total=config.num_frames)
+        summary = synthesize(config, out, lambda done: bar.update(task, completed=done), force=force)
+    if not quiet:
+        click.echo(f"wrote {out}", err=True)
+        click.echo(
+            f"{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes "
+            f"in {perf_counter() - start:.1f} s",
+            err=True,
+        )

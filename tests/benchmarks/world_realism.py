@@ -1,0 +1,182 @@
+"""Set the synthetic world's figures beside those of real drives, as a Markdown table.
+
+    python tests/benchmarks/world_realism.py --seeds 10 --frames 10 --drive DRIVE
+
+Every figure is that of one frame at the true (for a real drive: the published) transform; the table gives the
+median over the frames and, in brackets, the smallest and the largest. Shares of classes are means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import get_args
+
+import click
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.camera import core_camera
+from semcal_cli.classes import NO_CLASS, class_table
+from semcal_cli.drive import read_drive
+from semcal_cli.observations import Observations, load_observations
+from semcal_cli.poses import Pose
+from semcal_cli.synthesis import UNLABELED, make_camera, make_renderer, mounting
+from semcal_cli.synthesis_config import Lens, SynthConfig
+
+HIDDEN, VISIBLE = 1, 2
+MIN_POINTS = 50
+TOP_CLASSES = 8
+
+Figures = dict[str, float]
+"""Figures of one frame, by the row of the table that they belong to."""
+HIDDEN_EXACTLY = "- of these hidden from the camera, by ray casting"
+ROWS = {
+    "classes in view": ".0f",
+    "classes in the picture": ".0f",
+    f"classes with {MIN_POINTS} points in the picture": ".0f",
+    "objects in view": ".0f",
+    "points": ",.0f",
+    "points in the picture": ",.0f",
+    HIDDEN_EXACTLY: ".1%",
+    "- of these hidden from the camera, by the z-buffer": ".1%",
+    "- of these of the commonest class": ".1%",
+    "share of the picture that points cover": ".1%",
+    "MI, nats, less its bias": ".3f",
+    "label agreement": ".1%",
+}
+
+
+def synthetic_frames(lens: Lens, num_seeds: int, num_frames: int) -> Iterator[tuple[Figures, Figures]]:
+    """Render; each seed has a rig of its own."""
+    for seed in range(num_seeds):
+        config = SynthConfig(seed=seed, lens=lens)
+        T_camera_lidar = mounting(config)
+        renderer = make_renderer(config, T_camera_lidar)
+        for number in range(num_frames):
+            points, labels, visibility, image_labels, _, num_objects = renderer.frame(seed, number)
+            observations = _observe(config, points, labels, image_labels)
+            figures, shares = describe_frame(observations, T_camera_lidar)
+            hidden, visible = (np.count_nonzero(visibility == value) for value in (HIDDEN, VISIBLE))
+            figures["objects in view"] = num_objects
+            figures[HIDDEN_EXACTLY] = hidden / (hidden + visible)
+            yield figures, shares
+
+
+def real_frames(path: Path) -> Iterator[tuple[Figures, Figures]]:
+    """Read a drive with a reference transform."""
+    drive = read_drive(path)
+    if drive.T_camera_lidar is None:
+        raise click.UsageError(f"{drive.path}: T_camera_lidar: found nothing, needed a transform")
+    observations = load_observations(drive)
+    for number in range(observations.num_frames):
+        frame = Observations(
+            camera=observations.camera,
+            lidar=observations.lidar,
+            points=observations.points[number : number + 1],
+            point_classes=observations.point_classes[number : number + 1],
+            image_classes=observations.image_classes[number : number + 1],
+            point_class_names=observations.point_class_names,
+            image_class_names=observations.image_class_names,
+        )
+        yield describe_frame(frame, np.array(drive.T_camera_lidar))
+
+
+def describe_frame(frame: Observations, T_camera_lidar: Pose) -> tuple[Figures, Figures]:
+    """Give the figures of a frame, and each class's share of the points in the picture."""
+    agreement = _core.agreement(frame.core, T_camera_lidar)
+    classes = frame.point_classes[0]
+    _, ranges, _ = _core.land(core_camera(frame.camera), frame.points[0], T_camera_lidar)
+    inside = classes[np.isfinite(ranges) & (classes != NO_CLASS)]
+    counts = np.bincount(inside, minlength=len(frame.point_class_names))
+    in_picture = _names(frame.image_class_names, frame.image_classes[0])
+    in_view = in_picture | _names(frame.point_class_names, classes)
+    figures = {
+        "classes in view": len(in_view),
+        "classes in the picture": len(in_picture),
+        f"classes with {MIN_POINTS} points in the picture": np.count_nonzero(counts >= MIN_POINTS),
+        "points": len(classes),
+        "points in the picture": agreement.num_inside,
+        "- of these hidden from the camera, by the z-buffer": agreement.num_hidden / agreement.num_inside,
+        "- of these of the commonest class": counts.max() / counts.sum(),
+        "share of the picture that points cover": agreement.overlap,
+        "MI, nats, less its bias": agreement.mutual_information - agreement.bias,
+        "label agreement": agreement.label_agreement,
+    }
+    shares = dict(zip(frame.point_class_names, (counts / counts.sum()).tolist(), strict=True))
+    return figures, shares
+
+
+def _observe(
+    config: SynthConfig,
+    points: npt.NDArray[np.float32],
+    labels: npt.NDArray[np.uint32],
+    image_labels: npt.NDArray[np.uint8],
+) -> Observations:
+    named = {name: (id_,) for id_, name in _core.synthetic_classes()}
+    point_ids, image_ids = (labels & 0xFFFF).astype(np.uint16), image_labels.astype(np.uint16)
+    point_table = class_table([point_ids], named, [UNLABELED])
+    image_table = class_table([image_ids], named, [UNLABELED])
+    return Observations(
+        camera=make_camera(config),
+        lidar=None,
+        points=[np.ascontiguousarray(points[:, :3])],
+        point_classes=[point_table(point_ids)],
+        image_classes=[image_table(image_ids)],
+        point_class_names=point_table.names,
+        image_class_names=image_table.names,
+    )
+
+
+def _names(names: Sequence[str], classes: npt.NDArray[np.uint8]) -> set[str]:
+    return {names[i] for i in np.unique(classes) if i != NO_CLASS}
+
+
+def print_table(columns: Mapping[str, Sequence[tuple[Figures, Figures]]]) -> None:
+    """Print a Markdown table: medians and ranges, and the commonest classes last."""
+    print(f"| a frame | {' | '.join(columns)} |\n|---|{'---:|' * len(columns)}")
+    for row, style in ROWS.items():
+        cells = [
+            _cell([figures[row] for figures, _ in column if row in figures], style)
+            for column in columns.values()
+        ]
+        print(f"| {row} | {' | '.join(cells)} |")
+    cells = [_commonest([shares for _, shares in column]) for column in columns.values()]
+    print(f"| points in the picture, by class | {' | '.join(cells)} |")
+
+
+def _cell(values: list[float], style: str) -> str:
+    if not values:
+        return "not known"
+    middle, low, high = (format(float(f(values)) + 0.0, style) for f in (np.median, np.min, np.max))
+    return middle if len(values) == 1 else f"{middle} ({low} to {high})"
+
+
+def _commonest(frames: list[Figures]) -> str:
+    """The mean shares of the commonest classes."""
+    names = {name for frame in frames for name in frame}
+    mean = {name: float(np.mean([frame.get(name, 0.0) for frame in frames])) for name in names}
+    top = sorted(names, key=lambda name: (-mean[name], name))[:TOP_CLASSES]
+    return ", ".join(f"{name} {mean[name]:.1%}" for name in top)
+
+
+@click.command()
+@click.option("--seeds", default=10, show_default=True, help="Synthetic rigs.")
+@click.option("--frames", default=10, show_default=True, help="Frames of each.")
+@click.option("--lens", "lenses", multiple=True, type=click.Choice(get_args(Lens)), default=["standard"])
+@click.option("--drive", "drives", multiple=True, type=click.Path(path_type=Path), help="A real drive.")
+def main(seeds: int, frames: int, lenses: Sequence[Lens], drives: Sequence[Path]) -> None:
+    """Print the table."""
+    columns = {
+        f"synthetic, {lens} lens, {seeds * frames} frames": list(synthetic_frames(lens, seeds, frames))
+        for lens in lenses
+    }
+    for drive in drives:
+        found = list(real_frames(drive))
+        columns[f"{drive.name}, {len(found)} frame{'s' * (len(found) > 1)}"] = found
+    print_table(columns)
+
+
+if __name__ == "__main__":
+    main()
