@@ -29,15 +29,12 @@ impl Agreement {
     /// Share of the visible pairs whose pointwise mutual information is positive.
     pub fn label_agreement(&self) -> f64 {
         let pairs = self.joint.weights.iter().zip(self.joint.pointwise());
-        let agreeing: f64 = pairs
+        // An empty sum of floats is minus zero.
+        let agreeing = pairs
             .filter(|(_, pmi)| *pmi > 0.0)
-            .map(|(weight, _)| weight)
-            .sum();
-        if self.joint.total() > 0.0 {
-            agreeing / self.joint.total()
-        } else {
-            0.0
-        }
+            .fold(0.0, |sum, (weight, _)| sum + weight);
+        let total = self.joint.total();
+        if total > 0.0 { agreeing / total } else { 0.0 }
     }
 }
 

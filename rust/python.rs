@@ -1,7 +1,7 @@
 //! The Python face of the core: checks, copies in, releases the GIL, calls, copies out.
 
 use std::path::PathBuf;
-use std::sync::Mutex;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use numpy::{
@@ -39,18 +39,15 @@ impl From<Error> for PyErr {
 }
 
 /// The threads of every parallel call; rayon's own default until [`set_num_threads`] is called.
-static POOL: Mutex<Option<ThreadPool>> = Mutex::new(None);
+static POOL: Mutex<Option<Arc<ThreadPool>>> = Mutex::new(None);
 
 /// Runs `f` without the GIL, on the chosen number of threads.
 fn detached<T: Send>(py: Python<'_>, f: impl Send + FnOnce() -> T) -> T {
-    py.detach(|| match POOL.lock() {
-        Ok(pool) => match pool.as_ref() {
+    py.detach(|| {
+        let pool = POOL.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        match pool {
             Some(pool) => pool.install(f),
             None => f(),
-        },
-        Err(poisoned) => {
-            drop(poisoned);
-            f()
         }
     })
 }
@@ -366,9 +363,7 @@ mod _core {
             .num_threads(num_threads)
             .build()
             .map_err(|e| value_error(e.to_string()))?;
-        if let Ok(mut current) = POOL.lock() {
-            *current = Some(pool);
-        }
+        *POOL.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(pool));
         Ok(())
     }
 

@@ -7,12 +7,30 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
-Float64: TypeAlias = NDArray[np.float64]
-Float32: TypeAlias = NDArray[np.float32]
-Grid: TypeAlias = tuple[int, int, float, float]
+_Float64: TypeAlias = NDArray[np.float64]
+_Float32: TypeAlias = NDArray[np.float32]
+_Grid: TypeAlias = tuple[int, int, float, float]
 """Rows, columns, elevation of the upper border and height of a cell of a spherical image."""
 
-__all__: list[str]
+__all__ = [
+    "Agreement",
+    "Camera",
+    "Hypothesis",
+    "Observations",
+    "Renderer",
+    "agreement",
+    "class_shares",
+    "estimate_grid",
+    "land",
+    "read_label_images",
+    "read_point_clouds",
+    "register",
+    "sample_correspondences",
+    "scan_grid",
+    "set_num_threads",
+    "spherical_image",
+    "synthetic_classes",
+]
 
 @final
 class Camera:
@@ -24,9 +42,9 @@ class Camera:
     @property
     def limit(self) -> float:
         """The largest normalised radius (or, for fisheye, incidence angle) at which the model holds."""
-    def project(self, points_camera: Float64) -> Float64:
+    def project(self, points_camera: _Float64) -> _Float64:
         """Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold."""
-    def unproject(self, pixels: Float64) -> Float64:
+    def unproject(self, pixels: _Float64) -> _Float64:
         """Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach."""
 
 @final
@@ -36,7 +54,7 @@ class Observations:
     def __new__(
         cls,
         camera: Camera,
-        points: Sequence[Float32],
+        points: Sequence[_Float32],
         point_classes: Sequence[NDArray[np.uint8]],
         image_classes: Sequence[NDArray[np.uint8]],
         num_point_classes: int,
@@ -48,7 +66,7 @@ class Hypothesis:
     """A placement of the picture on the sphere of LiDAR directions."""
 
     @property
-    def rotation(self) -> Float64:
+    def rotation(self) -> _Float64:
         """`R_camera_lidar`, (3, 3)."""
     @property
     def mutual_information(self) -> float:
@@ -87,7 +105,7 @@ class Renderer:
     def __new__(
         cls,
         camera: Camera,
-        t_camera_lidar: Float64,
+        t_camera_lidar: _Float64,
         *,
         pattern: str,
         channels: int,
@@ -101,9 +119,7 @@ class Renderer:
     ) -> Renderer: ...
     def frame(
         self, seed: int, number: int
-    ) -> tuple[
-        Float32, NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int
-    ]:
+    ) -> tuple[_Float32, NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int]:
         """Render the frame of a number in the world of a seed.
 
         Returns:
@@ -116,7 +132,7 @@ def set_num_threads(num_threads: int) -> None:
 
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],
-) -> list[tuple[Float32, Float32 | None, NDArray[np.uint16] | None, int]]:
+) -> list[tuple[_Float32, _Float32 | None, NDArray[np.uint16] | None, int]]:
     """Read sweeps with their labels.
 
     Returns:
@@ -127,25 +143,27 @@ def read_point_clouds(
         InputError: a file cannot be read or is not what its format promises, or counts differ.
     """
 
-def read_label_images(paths: Sequence[str | PathLike[str]], width: int, height: int) -> list[NDArray[np.uint16]]:
+def read_label_images(
+    paths: Sequence[str | PathLike[str]], width: int, height: int
+) -> list[NDArray[np.uint16]]:
     """Read label images (H, W) of raw ids.
 
     Raises:
         InputError: a file cannot be read, has several channels, or has another size.
     """
 
-def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> Grid:
+def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> _Grid:
     """The grid of a spinning LiDAR, one row a channel."""
 
-def estimate_grid(observations: Observations, cell: float) -> Grid:
+def estimate_grid(observations: Observations, cell: float) -> _Grid:
     """A grid of square cells over the elevations that all points span."""
 
-def spherical_image(points: Float32, grid: Grid) -> NDArray[np.uint32]:
+def spherical_image(points: _Float32, grid: _Grid) -> NDArray[np.uint32]:
     """The index of the nearest return in each pixel; 2^32 - 1 where there is none."""
 
 def register(
     observations: Observations,
-    grid: Grid,
+    grid: _Grid,
     *,
     zoom: str,
     coarse_cell: float,
@@ -163,16 +181,16 @@ def register(
     """
 
 def sample_correspondences(
-    observations: Observations, grid: Grid, zoom: str, hypothesis: Hypothesis, count: int, seed: int
-) -> tuple[Float64, Float64]:
+    observations: Observations, grid: _Grid, zoom: str, hypothesis: Hypothesis, count: int, seed: int
+) -> tuple[_Float64, _Float64]:
     """Sample points (N, 3) in the LiDAR frame and their pixels (N, 2), spread over the picture and over range."""
 
-def agreement(observations: Observations, t_camera_lidar: Float64) -> Agreement:
+def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:
     """Compare points and label images at a pose."""
 
 def land(
-    camera: Camera, points: Float32, t_camera_lidar: Float64
-) -> tuple[Float64, Float64, NDArray[np.bool_]]:
+    camera: Camera, points: _Float32, t_camera_lidar: _Float64
+) -> tuple[_Float64, _Float64, NDArray[np.bool_]]:
     """Where points land: pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; who is hidden."""
 
 def class_shares(image_classes: NDArray[np.uint8], num_classes: int, factor: int) -> NDArray[np.uint8]:

@@ -46,12 +46,12 @@ def class_table(
     for ids in raw:
         seen |= np.bincount(ids.ravel(), minlength=NUM_IDS) > 0
     seen[list(ignored)] = False
-    groups = {str(value): (int(value),) for value in np.flatnonzero(seen)} if not named else named
-    present = {name: [i for i in ids if seen[i]] for name, ids in groups.items()}
-    present = {name: ids for name, ids in present.items() if ids}
+    groups = named or {str(value): (int(value),) for value in np.flatnonzero(seen)}
+    listed = {name: [i for i in ids if seen[i]] for name, ids in groups.items()}
+    present = {name: ids for name, ids in listed.items() if ids}
     if len(present) > MAX_CLASSES:
         raise ValueError(f"found {len(present)} classes, needed at most {MAX_CLASSES}")
     lookup = np.full(NUM_IDS, NO_CLASS, dtype=np.uint8)
-    for index, ids in enumerate(present.values()):
-        lookup[ids] = index
+    for index, group in enumerate(present.values()):
+        lookup[group] = index
     return ClassTable(tuple(present), lookup)

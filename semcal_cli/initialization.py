@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.observations import Observations
 from semcal_cli.pnp import PnpConfig, solve_pnp
 from semcal_cli.poses import Pose
+
+Grid: TypeAlias = tuple[int, int, float, float]
+"""Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
 
 
 @dataclass(frozen=True)
@@ -92,7 +96,7 @@ def initialize(observations: Observations, config: InitializationConfig, seed: i
     return sorted(found, key=lambda hypothesis: -hypothesis.mutual_information_nats)
 
 
-def _grid(observations: Observations, config: InitializationConfig) -> _core.Grid:
+def _grid(observations: Observations, config: InitializationConfig) -> Grid:
     lidar = observations.lidar
     if lidar is None:
         return _core.estimate_grid(observations.core, float(np.radians(config.grid_cell_deg)))
@@ -101,7 +105,7 @@ def _grid(observations: Observations, config: InitializationConfig) -> _core.Gri
 
 
 def _register(
-    observations: Observations, grid: _core.Grid, config: InitializationConfig
+    observations: Observations, grid: Grid, config: InitializationConfig
 ) -> Sequence[_core.Hypothesis]:
     return _core.register(
         observations.core,

@@ -5,6 +5,8 @@ Source: Belghazi et al., *Mutual Information Neural Estimation* (arXiv 1801.0406
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import torch
 from torch import Tensor
 
@@ -20,8 +22,9 @@ class StatisticsNetwork(torch.nn.Module):
         super().__init__()
         widths = [num_y, num_hidden, num_hidden, num_x]
         layers: list[torch.nn.Module] = []
-        for wide_in, wide_out in zip(widths, widths[1:]):
-            linear = torch.nn.utils.skip_init(torch.nn.Linear, wide_in, wide_out)
+        for wide_in, wide_out in pairwise(widths):
+            # Built without weights: torch would draw them from its global generator.
+            linear = torch.nn.Linear(wide_in, wide_out, device="meta").to_empty(device="cpu")
             bound = wide_in**-0.5
             torch.nn.init.uniform_(linear.weight, -bound, bound, generator=generator)
             torch.nn.init.zeros_(linear.bias)

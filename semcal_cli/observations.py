@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
-from semcal_cli.classes import NO_CLASS, ClassTable, class_table
+from semcal_cli.classes import ClassTable, class_table
 from semcal_cli.drive import Camera, Drive, Lidar
 from semcal_cli.errors import InputError
 
@@ -60,9 +60,7 @@ def load_observations(drive: Drive) -> Observations:
         (drive.resolve(frame.points), drive.resolve(_named(drive, index, "point_labels")))
         for index, frame in enumerate(drive.frames)
     ]
-    image_paths = [
-        drive.resolve(_named(drive, index, "image_labels")) for index in range(len(drive.frames))
-    ]
+    image_paths = [drive.resolve(_named(drive, index, "image_labels")) for index in range(len(drive.frames))]
     clouds = _core.read_point_clouds(paths)
     point_ids = [labels for _, _, labels, _ in clouds if labels is not None]
     image_ids = _core.read_label_images(image_paths, drive.camera.width, drive.camera.height)

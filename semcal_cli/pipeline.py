@@ -47,6 +47,31 @@ class Run:
     stages: dict[str, Stage] = field(default_factory=dict)
     options: dict[str, object] = field(default_factory=dict)
 
+    def calibrate(
+        self,
+        folder: Path,
+        given: tuple[Pose, Path] | None = None,
+        initialization: InitializationConfig | None = None,
+        device: str = "cpu",
+    ) -> Calibration:
+        """Run every stage.
+
+        Args:
+            folder: Where the result will lie: the drive's path is given relative to it.
+            given: T_camera_lidar to start at and the file it is from; None searches all mounting directions.
+            initialization: How to search.
+            device: Where the refinement computes, `cpu` or `cuda`.
+        """
+        observations = self.load()
+        if given:
+            T_init, source = given
+            self.start_at(observations, T_init, source)
+        else:
+            config = initialization or InitializationConfig()
+            T_init = self.initialize(observations, config)[0].T_camera_lidar
+        refinement = self.refine(observations, T_init, device)
+        return self.result(observations, refinement.T_camera_lidar, _convergence_reasons(refinement), folder)
+
     def load(self) -> Observations:
         """Read every file of the drive."""
         self.progress(f"reading {len(self.drive.frames)} frames")
@@ -97,7 +122,7 @@ class Run:
         observations: Observations,
         T_camera_lidar: Pose,
         reasons: Sequence[str],
-        relative_to: Path,
+        folder: Path,
     ) -> Calibration:
         """Assess a pose and put everything into a calibration."""
         agreement = _core.agreement(observations.core, T_camera_lidar)
@@ -115,7 +140,7 @@ class Run:
                 num_frames=observations.num_frames,
             ),
             stages=self.stages,
-            input=describe_input(self.drive, relative_to),
+            input=describe_input(self.drive, folder),
             settings=Settings.model_validate(
                 {"options": _plain(self.options), "seed": self.seed, "versions": versions()}
             ),
@@ -126,13 +151,11 @@ class Run:
     ) -> None:
         agreement = _core.agreement(observations.core, T_camera_lidar)
         rows = tuple(tuple(row) for row in T_camera_lidar.tolist())
-        self.stages[name] = Stage(
-            T_camera_lidar=rows, mutual_information_nats=agreement.mutual_information
-        )
+        self.stages[name] = Stage(T_camera_lidar=rows, mutual_information_nats=agreement.mutual_information)
         self.report(StageReport(name, perf_counter() - start, T_camera_lidar, agreement, note))
 
 
-def convergence_reasons(refinement: Refinement) -> list[str]:
+def _convergence_reasons(refinement: Refinement) -> list[str]:
     """Say why a refinement's pose cannot be trusted, if so."""
     if refinement.converged:
         return []

@@ -1,11 +1,12 @@
 """Refinement of a pose by gradient ascent on the mutual information of labels (Alg. 1).
 
-The statistics network's weights theta and the twist v of the pose climb the Donsker-Varadhan bound together, each at its
-own learning rate, over mini-batches drawn from all frames. Levels of the label pyramid are taken coarse to fine; a level
-starts at the pose of the one before, which also chooses the points it uses.
+The statistics network's weights theta and the twist v of the pose climb the Donsker-Varadhan bound together, each at
+its own learning rate, over mini-batches drawn from all frames. Levels of the label pyramid are taken coarse to fine; a
+level starts at the pose of the one before, which also chooses the points it uses.
 
 Overlap: the points of a level are those that lie inside the picture at the level's start, and they keep counting when
-they leave it, with the class at the nearest border. So pushing points out of the picture cannot raise the objective.
+they leave it, with the class at the nearest border. So within a level, pushing points out of the picture cannot raise
+the objective.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
@@ -30,8 +32,9 @@ from semcal_cli.sampling import ShareMaps
 from semcal_cli.se3 import exp_se3
 
 TORCH_THREADS = 1
-"""Fixed, because sums over threads round differently: results must not depend on the machine's cores. One, because on
-mini-batches of this size a second thread gains little, and where other work shares the cores it waits ten times over."""
+"""Fixed, because sums over threads round differently: results must not depend on the machine's cores. One, because
+on mini-batches of this size a second thread gains little, and waits ten times over where other work shares the cores.
+"""
 
 
 @dataclass(frozen=True)
@@ -189,7 +192,7 @@ class _Climb:
             pose.zero_grad()
             self.theta.zero_grad()
         quarter = len(path) // 4
-        before, last = torch.stack(path[-2 * quarter :]).unflatten(0, (2, quarter)).mean(1)
+        before, last = torch.stack(path[-2 * quarter :]).view(2, quarter, 6).mean(1)
         return Level(
             factor=factor,
             T_camera_lidar=without_round_off(exp_se3(path[-1] * unit) @ anchor),
@@ -215,6 +218,7 @@ class _Climb:
         pixels, _ = self.projection(positions @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3])
         y = maps.sample(points.frames[chosen], pixels)
         p_x = torch.bincount(x, minlength=self.num_classes[0]).float() / len(x)
+        bound: Tensor
         bound, ascent = self.bound(self.network(y), x, p_x)
         (-ascent).backward()
         return bound
@@ -223,9 +227,12 @@ class _Climb:
         """The labelled points on labelled pixels at the level's start; at fine levels only visible ones."""
         drop_hidden = math.degrees(factor / self.focal) < self.config.hidden_below_block_deg
         camera = core_camera(self.observations.camera)
-        kept = [self._on_picture(camera, i, T_camera_lidar, drop_hidden) for i in range(self.observations.num_frames)]
-        positions = np.concatenate([p[k] for p, k in zip(self.observations.points, kept)])
-        classes = np.concatenate([c[k] for c, k in zip(self.observations.point_classes, kept)])
+        kept = [
+            self._on_picture(camera, i, T_camera_lidar, drop_hidden)
+            for i in range(self.observations.num_frames)
+        ]
+        positions = np.concatenate([p[k] for p, k in zip(self.observations.points, kept, strict=True)])
+        classes = np.concatenate([c[k] for c, k in zip(self.observations.point_classes, kept, strict=True)])
         if len(classes) < self.config.min_points:
             total = sum(int((c != NO_CLASS).sum()) for c in self.observations.point_classes)
             raise CalibrationError(
@@ -241,10 +248,10 @@ class _Climb:
 
     def _on_picture(
         self, camera: _core.Camera, frame: int, T_camera_lidar: Pose, drop_hidden: bool
-    ) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    ) -> npt.NDArray[np.bool_]:
         pixels, _, hidden = _core.land(camera, self.observations.points[frame], T_camera_lidar)
         inside = ~np.isnan(pixels[:, 0])
         u, v = np.floor(pixels[inside].T + 0.5).astype(np.int64)
-        keep = inside & (self.observations.point_classes[frame] != NO_CLASS)
+        keep: npt.NDArray[np.bool_] = inside & (self.observations.point_classes[frame] != NO_CLASS)
         keep[inside] &= self.observations.image_classes[frame][v, u] != NO_CLASS
         return keep & ~hidden if drop_hidden else keep

@@ -15,7 +15,8 @@ def exp_se3(twist: Tensor) -> Tensor:
     Returns:
         (4, 4), the matrix exponential of `sum_i twist_i B_i` with the generators `B_i` of SE(3).
     """
-    return torch.linalg.matrix_exp((twist[:, None, None] * generators(twist)).sum(0))
+    motion: Tensor = torch.linalg.matrix_exp((twist[:, None, None] * generators(twist)).sum(0))
+    return motion
 
 
 def generators(like: Tensor) -> Tensor:

@@ -40,18 +40,10 @@ def calibrate(
     from semcal_cli.cli.session import Session
     from semcal_cli.formats import read_transform
     from semcal_cli.initialization import InitializationConfig
-    from semcal_cli.pipeline import check_device, convergence_reasons
+    from semcal_cli.pipeline import check_device
 
-    T_given = read_transform(init) if init else None
+    given = (read_transform(init), init) if init else None
     check_device(device)
     with Session(drive, output, log, seed, threads, quiet) as session:
-        run = session.run
-        observations = run.load()
-        if T_given is None:
-            T_init = run.initialize(observations, InitializationConfig(zoom=zoom))[0].T_camera_lidar
-        else:
-            T_init = T_given
-            run.start_at(observations, T_init, init)
-        refinement = run.refine(observations, T_init, device)
-        reasons = convergence_reasons(refinement)
-        session.finish(run.result(observations, refinement.T_camera_lidar, reasons, session.folder))
+        config = InitializationConfig(zoom=zoom)
+        session.finish(session.run.calibrate(session.folder, given, config, device))

@@ -121,7 +121,11 @@ class Session:
 
     def _log_text(self) -> str:
         stages = [{"name": r.name, "seconds": round(r.seconds, 4), "note": r.note} for r in self.reports]
-        host = {"machine": platform.machine(), "system": platform.platform(), "python": platform.python_version()}
+        host = {
+            "machine": platform.machine(),
+            "system": platform.platform(),
+            "python": platform.python_version(),
+        }
         return json.dumps({"stages": stages, "host": host, "threads": self.threads}, indent=2) + "\n"
 
 
