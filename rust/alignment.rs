@@ -30,9 +30,7 @@ impl Agreement {
     pub fn label_agreement(&self) -> f64 {
         let pairs = self.joint.weights.iter().zip(self.joint.pointwise());
         // An empty sum of floats is minus zero.
-        let agreeing = pairs
-            .filter(|(_, pmi)| *pmi > 0.0)
-            .fold(0.0, |sum, (weight, _)| sum + weight);
+        let agreeing = pairs.filter(|(_, pmi)| *pmi > 0.0).fold(0.0, |sum, (weight, _)| sum + weight);
         let total = self.joint.total();
         if total > 0.0 { agreeing / total } else { 0.0 }
     }
@@ -46,10 +44,7 @@ pub fn agreement(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -
         .map(|frame| frame_agreement(observations, frame, t_camera_lidar))
         .collect();
     let mut pooled = Agreement {
-        joint: JointHistogram::new(
-            observations.num_point_classes,
-            observations.num_image_classes,
-        ),
+        joint: JointHistogram::new(observations.num_point_classes, observations.num_image_classes),
         num_inside: 0,
         num_hidden: 0,
         overlap: 0.0,
@@ -63,18 +58,11 @@ pub fn agreement(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -
     pooled
 }
 
-fn frame_agreement(
-    observations: &Observations,
-    frame: &Frame,
-    t_camera_lidar: &Isometry3<f64>,
-) -> Agreement {
+fn frame_agreement(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Agreement {
     let camera = &observations.camera;
     let landings = land(camera, &frame.points, t_camera_lidar);
     let hidden = hidden(camera, &landings);
-    let mut joint = JointHistogram::new(
-        observations.num_point_classes,
-        observations.num_image_classes,
-    );
+    let mut joint = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
     let (mut num_inside, mut num_hidden) = (0, 0);
     let mut cover = Cover::new(camera);
     for ((landing, &class), hidden) in landings.iter().zip(&frame.point_classes).zip(hidden) {
@@ -91,30 +79,15 @@ fn frame_agreement(
             cover.mark(pixel);
         }
     }
-    Agreement {
-        joint,
-        num_inside,
-        num_hidden,
-        overlap: cover.share(),
-    }
+    Agreement { joint, num_inside, num_hidden, overlap: cover.share() }
 }
 
 /// Shares a pair among the four pixels around a point, so that the histogram changes smoothly with the pose.
-fn add_bilinear(
-    joint: &mut JointHistogram,
-    class: u8,
-    image: &LabelImage<u8>,
-    pixel: &Point2<f64>,
-) {
-    let (u, v) = (
-        pixel.x.clamp(0.0, image.width as f64 - 1.0),
-        pixel.y.clamp(0.0, image.height as f64 - 1.0),
-    );
+fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, pixel: &Point2<f64>) {
+    let (u, v) =
+        (pixel.x.clamp(0.0, image.width as f64 - 1.0), pixel.y.clamp(0.0, image.height as f64 - 1.0));
     let (u0, v0) = (u as usize, v as usize);
-    let (u1, v1) = (
-        (u0 + 1).min(image.width - 1),
-        (v0 + 1).min(image.height - 1),
-    );
+    let (u1, v1) = ((u0 + 1).min(image.width - 1), (v0 + 1).min(image.height - 1));
     let (du, dv) = (u - u0 as f64, v - v0 as f64);
     joint.add(class, image.at(u0, v0), (1.0 - du) * (1.0 - dv));
     joint.add(class, image.at(u1, v0), du * (1.0 - dv));
@@ -134,11 +107,7 @@ impl Cover {
         let block = camera.width.max(camera.height) as f64 / COVER_BLOCKS as f64;
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let columns = blocks(camera.width);
-        Self {
-            block,
-            columns,
-            marked: vec![false; columns * blocks(camera.height)],
-        }
+        Self { block, columns, marked: vec![false; columns * blocks(camera.height)] }
     }
 
     fn mark(&mut self, pixel: &Point2<f64>) {

@@ -111,9 +111,7 @@ impl Camera {
                 }
             }
         };
-        Some(Point2::from(
-            self.focal.component_mul(&distorted) + self.center,
-        ))
+        Some(Point2::from(self.focal.component_mul(&distorted) + self.center))
     }
 
     /// The unit ray (camera frame) that lands on a pixel; `None` where the lens reaches no such pixel.
@@ -127,11 +125,7 @@ impl Camera {
             Lens::Fisheye(c) => {
                 let radius = distorted.norm();
                 let angle = invert_monotone(|a| fisheye_radius(c, a), radius, self.limit)?;
-                let scale = if radius < f64::EPSILON {
-                    1.0
-                } else {
-                    angle.sin() / radius
-                };
+                let scale = if radius < f64::EPSILON { 1.0 } else { angle.sin() / radius };
                 Some((distorted * scale).push(angle.cos()))
             }
         }
@@ -162,10 +156,8 @@ impl Camera {
 fn distort(c: &[f64; 8], xy: Vector2<f64>) -> Vector2<f64> {
     let [_, _, p1, p2, ..] = *c;
     let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
-    let tangential = Vector2::new(
-        2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
-        p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
-    );
+    let tangential =
+        Vector2::new(2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x), p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y);
     xy * radial_factor(c, r2) + tangential
 }
 
@@ -190,11 +182,9 @@ fn undistort(c: &[f64; 8], distorted: Vector2<f64>) -> Option<Vector2<f64>> {
         if residual.norm() < NEWTON_TOLERANCE {
             return Some(xy);
         }
-        let column = |axis: Vector2<f64>| {
-            (distort(c, xy + axis * STEP) - distort(c, xy - axis * STEP)) / (2.0 * STEP)
-        };
-        let jacobian =
-            nalgebra::Matrix2::from_columns(&[column(Vector2::x()), column(Vector2::y())]);
+        let column =
+            |axis: Vector2<f64>| (distort(c, xy + axis * STEP) - distort(c, xy - axis * STEP)) / (2.0 * STEP);
+        let jacobian = nalgebra::Matrix2::from_columns(&[column(Vector2::x()), column(Vector2::y())]);
         xy -= jacobian.lu().solve(&residual)?;
     }
     None
@@ -223,10 +213,7 @@ fn invert_monotone(f: impl Fn(f64) -> f64, y: f64, limit: f64) -> Option<f64> {
 /// The radius (or angle) at which the distorted radius stops growing: beyond it pixels would wrap.
 fn monotone_limit(lens: &Lens) -> f64 {
     let (limit, radius): (f64, Box<dyn Fn(f64) -> f64>) = match *lens {
-        Lens::Polynomial(c) => (
-            MAX_POLYNOMIAL_RADIUS,
-            Box::new(move |r| r * radial_factor(&c, r * r)),
-        ),
+        Lens::Polynomial(c) => (MAX_POLYNOMIAL_RADIUS, Box::new(move |r| r * radial_factor(&c, r * r))),
         Lens::Fisheye(c) => (MAX_FISHEYE_ANGLE, Box::new(move |a| fisheye_radius(&c, a))),
     };
     let at = |step: usize| limit * step as f64 / MONOTONE_STEPS as f64;
@@ -248,10 +235,7 @@ mod tests {
         vec![
             camera("plumb_bob", &[]),
             camera("plumb_bob", &[-0.3, 0.1, 0.001, -0.002, -0.01]),
-            camera(
-                "rational_polynomial",
-                &[0.4, 0.05, 0.001, -0.0005, 0.01, 0.7, 0.1, 0.02],
-            ),
+            camera("rational_polynomial", &[0.4, 0.05, 0.001, -0.0005, 0.01, 0.7, 0.1, 0.02]),
             camera("fisheye", &[-0.02, 0.003, -0.001, 0.0]),
         ]
     }
@@ -267,9 +251,7 @@ mod tests {
                         continue;
                     };
                     assert!((ray.norm() - 1.0).abs() < 1e-9);
-                    let back = camera
-                        .project(&(ray * 7.0))
-                        .expect("a ray of the lens projects");
+                    let back = camera.project(&(ray * 7.0)).expect("a ray of the lens projects");
                     assert!((back - pixel).norm() < 1e-6, "{camera:?} {pixel} {back}");
                     seen += 1;
                 }
@@ -283,11 +265,7 @@ mod tests {
         for camera in cameras() {
             assert!(camera.project(&Vector3::new(0.0, 0.0, -1.0)).is_none());
         }
-        assert!(
-            camera("plumb_bob", &[])
-                .project(&Vector3::new(1.0, 1.0, -1.0))
-                .is_none()
-        );
+        assert!(camera("plumb_bob", &[]).project(&Vector3::new(1.0, 1.0, -1.0)).is_none());
     }
 
     #[test]

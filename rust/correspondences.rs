@@ -43,8 +43,7 @@ pub fn sample(
     let mut candidates = agreeing(observations, grid, zoom, hypothesis)?;
     candidates.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     let camera = &observations.camera;
-    let block =
-        |x: f64, size: usize, blocks: usize| ((x + 0.5) / size as f64 * blocks as f64) as usize;
+    let block = |x: f64, size: usize, blocks: usize| ((x + 0.5) / size as f64 * blocks as f64) as usize;
     let bin = |c: &Correspondence| {
         let range = to_f64(&c.point).norm();
         let band = RANGE_BANDS.iter().filter(|&&limit| range > limit).count();
@@ -77,21 +76,12 @@ fn agreeing(
     let pointwise = hypothesis.joint.pointwise();
     let mut pairs = Vec::new();
     for frame in &observations.frames {
-        for index in grid
-            .project(&frame.points)
-            .into_iter()
-            .filter(|&i| i != EMPTY)
-        {
-            let (point, class) = (
-                frame.points[index as usize],
-                frame.point_classes[index as usize],
-            );
+        for index in grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY) {
+            let (point, class) = (frame.points[index as usize], frame.point_classes[index as usize]);
             let Some(pixel) = pixel_of(&to_f64(&point)) else {
                 continue;
             };
-            let image_class = frame
-                .image_classes
-                .at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
+            let image_class = frame.image_classes.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
             let agree = class != NO_CLASS
                 && image_class != NO_CLASS
                 && pointwise[hypothesis.joint.index(class, image_class)] > 0.0;

@@ -27,9 +27,6 @@ pub type Result<T> = std::result::Result<T, Error>;
 impl Error {
     /// An [`Error::File`] about `path`.
     pub fn file(path: &Path, reason: impl Into<String>) -> Self {
-        Self::File {
-            path: path.to_owned(),
-            reason: reason.into(),
-        }
+        Self::File { path: path.to_owned(), reason: reason.into() }
     }
 }

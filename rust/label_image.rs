@@ -54,20 +54,14 @@ fn check_size(path: &Path, found: (usize, usize), camera: (usize, usize)) -> Res
     if found == camera {
         return Ok(());
     }
-    let reason = format!(
-        "is {} x {}, the camera is {} x {}",
-        found.0, found.1, camera.0, camera.1
-    );
+    let reason = format!("is {} x {}, the camera is {} x {}", found.0, found.1, camera.0, camera.1);
     Err(Error::file(path, reason))
 }
 
 fn read_npy(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
     let array = npy::read(path)?;
     let [height, width] = array.shape[..] else {
-        return Err(Error::file(
-            path,
-            format!("has shape {:?}, needs H x W ids", array.shape),
-        ));
+        return Err(Error::file(path, format!("has shape {:?}, needs H x W ids", array.shape)));
     };
     check_size(path, (width, height), size)?;
     class_ids(path, &array.values)
@@ -90,18 +84,11 @@ fn read_png(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
         return Err(Error::file(path, reason));
     }
     check_size(path, (width, reader.info().height as usize), size)?;
-    let num_bytes = reader
-        .output_buffer_size()
-        .ok_or_else(|| Error::file(path, "is too large"))?;
+    let num_bytes = reader.output_buffer_size().ok_or_else(|| Error::file(path, "is too large"))?;
     let mut bytes = vec![0; num_bytes];
     reader.next_frame(&mut bytes).map_err(invalid)?;
-    let stride = reader
-        .output_line_size(width as u32)
-        .ok_or_else(|| Error::file(path, "is too large"))?;
-    Ok(bytes
-        .chunks_exact(stride)
-        .flat_map(|row| unpack_row(row, depth, width))
-        .collect())
+    let stride = reader.output_line_size(width as u32).ok_or_else(|| Error::file(path, "is too large"))?;
+    Ok(bytes.chunks_exact(stride).flat_map(|row| unpack_row(row, depth, width)).collect())
 }
 
 /// The samples of one PNG row, most significant bits first.
@@ -132,55 +119,30 @@ mod tests {
             encoder.set_palette([0u8; 12].to_vec());
         }
         let mut writer = encoder.write_header().expect("a header");
-        writer
-            .write_image_data(data)
-            .expect("the right number of bytes");
+        writer.write_image_data(data).expect("the right number of bytes");
         path
     }
 
     #[test]
     fn ids_are_read_as_stored() {
-        let gray = write(
-            "gray",
-            ColorType::Grayscale,
-            BitDepth::Eight,
-            &[1, 2, 3, 4, 5, 255],
-        );
+        let gray = write("gray", ColorType::Grayscale, BitDepth::Eight, &[1, 2, 3, 4, 5, 255]);
         assert_eq!(read(&gray, (3, 2)).expect("gray").ids, [1, 2, 3, 4, 5, 255]);
-        let wide = write(
-            "wide",
-            ColorType::Grayscale,
-            BitDepth::Sixteen,
-            &[1, 0, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6],
-        );
-        assert_eq!(
-            read(&wide, (3, 2)).expect("16 bit").ids,
-            [256, 2, 3, 4, 5, 6]
-        );
-        let palette = write(
-            "palette",
-            ColorType::Indexed,
-            BitDepth::Two,
-            &[0b0001_1000, 0b1110_0100],
-        );
-        assert_eq!(
-            read(&palette, (3, 2)).expect("palette").ids,
-            [0, 1, 2, 3, 2, 1]
-        );
+        let wide =
+            write("wide", ColorType::Grayscale, BitDepth::Sixteen, &[1, 0, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6]);
+        assert_eq!(read(&wide, (3, 2)).expect("16 bit").ids, [256, 2, 3, 4, 5, 6]);
+        let palette = write("palette", ColorType::Indexed, BitDepth::Two, &[0b0001_1000, 0b1110_0100]);
+        assert_eq!(read(&palette, (3, 2)).expect("palette").ids, [0, 1, 2, 3, 2, 1]);
     }
 
     #[test]
     fn colours_and_wrong_sizes_are_refused() {
         let rgb = write("rgb", ColorType::Rgb, BitDepth::Eight, &[0; 18]);
         let message = read(&rgb, (3, 2)).expect_err("three channels").to_string();
-        assert!(message.ends_with(
-            "has 3 channels, needs one channel of class ids (or a palette: in drive.yaml)"
-        ));
+        assert!(
+            message.ends_with("has 3 channels, needs one channel of class ids (or a palette: in drive.yaml)")
+        );
         let gray = write("small", ColorType::Grayscale, BitDepth::Eight, &[0; 6]);
         let message = read(&gray, (4, 2)).expect_err("wrong size").to_string();
-        assert!(
-            message.ends_with("is 3 x 2, the camera is 4 x 2"),
-            "{message}"
-        );
+        assert!(message.ends_with("is 3 x 2, the camera is 4 x 2"), "{message}");
     }
 }

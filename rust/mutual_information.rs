@@ -13,10 +13,7 @@ pub struct JointHistogram {
 impl JointHistogram {
     /// An empty histogram.
     pub fn new(num_point_classes: usize, num_image_classes: usize) -> Self {
-        Self {
-            num_image_classes,
-            weights: vec![0.0; num_point_classes * num_image_classes],
-        }
+        Self { num_image_classes, weights: vec![0.0; num_point_classes * num_image_classes] }
     }
 
     /// Counts a pair; one side without a class carries no information.
@@ -47,10 +44,7 @@ impl JointHistogram {
             return 0.0;
         }
         let pairs = self.weights.iter().zip(self.pointwise());
-        pairs
-            .map(|(w, pmi)| if *w > 0.0 { w * pmi } else { 0.0 })
-            .sum::<f64>()
-            / total
+        pairs.map(|(w, pmi)| if *w > 0.0 { w * pmi } else { 0.0 }).sum::<f64>() / total
     }
 
     /// Miller and Madow's estimate of how far the plug-in estimate lies above the truth:
@@ -60,11 +54,7 @@ impl JointHistogram {
         let occupied = |weights: &[f64]| weights.iter().filter(|&&w| w > 0.0).count() as f64;
         let cells = occupied(&self.weights) - occupied(&rows) - occupied(&columns) + 1.0;
         let total = self.total();
-        if total > 0.0 {
-            cells / (2.0 * total)
-        } else {
-            0.0
-        }
+        if total > 0.0 { cells / (2.0 * total) } else { 0.0 }
     }
 
     /// `log p(x,y) / (p(x) p(y))` of each pair; minus infinity where a pair was never seen.
@@ -74,11 +64,7 @@ impl JointHistogram {
         let cell = |(index, &weight): (usize, &f64)| {
             let row = rows[index / self.num_image_classes];
             let column = columns[index % self.num_image_classes];
-            if weight > 0.0 {
-                (weight * total / (row * column)).ln()
-            } else {
-                f64::NEG_INFINITY
-            }
+            if weight > 0.0 { (weight * total / (row * column)).ln() } else { f64::NEG_INFINITY }
         };
         self.weights.iter().enumerate().map(cell).collect()
     }
@@ -90,11 +76,8 @@ impl JointHistogram {
     }
 
     fn marginals(&self) -> (Vec<f64>, Vec<f64>) {
-        let rows: Vec<f64> = self
-            .weights
-            .chunks_exact(self.num_image_classes)
-            .map(|row| row.iter().sum())
-            .collect();
+        let rows: Vec<f64> =
+            self.weights.chunks_exact(self.num_image_classes).map(|row| row.iter().sum()).collect();
         let mut columns = vec![0.0; self.num_image_classes];
         for (index, weight) in self.weights.iter().enumerate() {
             columns[index % self.num_image_classes] += weight;
@@ -108,10 +91,7 @@ mod tests {
     use super::*;
 
     fn histogram(weights: [[f64; 2]; 2]) -> JointHistogram {
-        JointHistogram {
-            num_image_classes: 2,
-            weights: weights.concat(),
-        }
+        JointHistogram { num_image_classes: 2, weights: weights.concat() }
     }
 
     #[test]

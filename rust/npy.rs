@@ -25,10 +25,7 @@ pub fn read(path: &Path) -> Result<Array> {
     let header = npyz::NpyHeader::from_reader(&mut rest)
         .map_err(|e| Error::file(path, format!("is no .npy array: {e}")))?;
     let DType::Plain(dtype) = header.dtype() else {
-        return Err(Error::file(
-            path,
-            "holds records, needs an array of numbers",
-        ));
+        return Err(Error::file(path, "holds records, needs an array of numbers"));
     };
     if header.order() != Order::C {
         return Err(Error::file(path, "is Fortran-ordered, needs C order"));
@@ -39,10 +36,8 @@ pub fn read(path: &Path) -> Result<Array> {
         .chain(&[dtype.size_field() as usize])
         .try_fold(1usize, |product, &n| product.checked_mul(n));
     if needed != Some(rest.len()) {
-        let reason = format!(
-            "holds {} bytes of data, its header needs shape {shape:?} of {dtype}",
-            rest.len()
-        );
+        let reason =
+            format!("holds {} bytes of data, its header needs shape {shape:?} of {dtype}", rest.len());
         return Err(Error::file(path, reason));
     }
     let file = NpyFile::with_header(header, rest);
@@ -58,10 +53,7 @@ pub fn read(path: &Path) -> Result<Array> {
         (TypeChar::Uint, 8) => widen(file, |x: u64| x as f64),
         (TypeChar::Int, 8) => widen(file, |x: i64| x as f64),
         _ => {
-            return Err(Error::file(
-                path,
-                format!("holds type {dtype}, needs integers, float32 or float64"),
-            ));
+            return Err(Error::file(path, format!("holds type {dtype}, needs integers, float32 or float64")));
         }
     };
     let values = values.map_err(|e| Error::file(path, e.to_string()))?;
@@ -72,10 +64,7 @@ fn convert<T: Deserialize + Into<f64>>(file: NpyFile<&[u8]>) -> std::io::Result<
     widen(file, T::into)
 }
 
-fn widen<T: Deserialize>(
-    file: NpyFile<&[u8]>,
-    to_f64: impl Fn(T) -> f64,
-) -> std::io::Result<Vec<f64>> {
+fn widen<T: Deserialize>(file: NpyFile<&[u8]>, to_f64: impl Fn(T) -> f64) -> std::io::Result<Vec<f64>> {
     let data = file.data::<T>().map_err(std::io::Error::other)?;
     data.map(|x| x.map(&to_f64)).collect()
 }
@@ -102,10 +91,7 @@ pub fn class_ids(path: &Path, values: &[f64]) -> Result<Vec<u16>> {
         .iter()
         .map(|x| {
             id(x).ok_or_else(|| {
-                Error::file(
-                    path,
-                    format!("holds {x}, a class id is an integer from 0 to 65535"),
-                )
+                Error::file(path, format!("holds {x}, a class id is an integer from 0 to 65535"))
             })
         })
         .collect()

@@ -43,9 +43,7 @@ impl Observations {
         num_image_classes: usize,
     ) -> Result<Self> {
         if frames.is_empty() {
-            return Err(Error::Input(
-                "a calibration needs at least one frame".into(),
-            ));
+            return Err(Error::Input("a calibration needs at least one frame".into()));
         }
         for (index, frame) in frames.iter().enumerate() {
             let (points, image) = (frame.points.len(), &frame.image_classes);
@@ -65,16 +63,10 @@ impl Observations {
             };
             return Err(Error::Input(format!("frame {index}: {complaint}")));
         }
-        Ok(Self {
-            camera,
-            frames,
-            num_point_classes,
-            num_image_classes,
-        })
+        Ok(Self { camera, frames, num_point_classes, num_image_classes })
     }
 }
 
 fn in_range(ids: &[u8], num_classes: usize) -> bool {
-    ids.iter()
-        .all(|&id| id == NO_CLASS || usize::from(id) < num_classes)
+    ids.iter().all(|&id| id == NO_CLASS || usize::from(id) < num_classes)
 }

@@ -44,9 +44,8 @@ pub fn minimize<const N: usize>(
         evaluations += 1;
         f(&std::array::from_fn(|i| start[i] + x[i] * config.step[i]))
     };
-    let mut directions: Vec<SVector<f64, N>> = (0..N)
-        .map(|i| SVector::from_fn(|j, _| if i == j { 1.0 } else { 0.0 }))
-        .collect();
+    let mut directions: Vec<SVector<f64, N>> =
+        (0..N).map(|i| SVector::from_fn(|j, _| if i == j { 1.0 } else { 0.0 })).collect();
     let mut x = SVector::<f64, N>::zeros();
     let mut value = value_at(&x);
     let mut converged = false;
@@ -79,12 +78,7 @@ pub fn minimize<const N: usize>(
         }
     }
     let x = std::array::from_fn(|i| start[i] + x[i] * config.step[i]);
-    Minimum {
-        x,
-        value,
-        num_evaluations: evaluations,
-        converged,
-    }
+    Minimum { x, value, num_evaluations: evaluations, converged }
 }
 
 /// Brent's minimisation of `t -> f(x + t direction)` on `[-1, 1]`, never ending above its start.
@@ -116,11 +110,7 @@ fn search_line<const N: usize>(
                 (GOLDEN * side, side)
             }
         };
-        let u = t + if step.abs() >= tolerance {
-            step
-        } else {
-            tolerance.copysign(step)
-        };
+        let u = t + if step.abs() >= tolerance { step } else { tolerance.copysign(step) };
         let f_u = f(&(start + direction * u));
         if f_u <= f_t {
             if u >= t {
@@ -142,11 +132,7 @@ fn search_line<const N: usize>(
             }
         }
     }
-    if f_t < start_value {
-        (start + direction * t, f_t)
-    } else {
-        (start, start_value)
-    }
+    if f_t < start_value { (start + direction * t, f_t) } else { (start, start_value) }
 }
 
 /// The step from the first point to the vertex of the parabola through three.
@@ -161,11 +147,7 @@ fn parabolic_step([(t, f_t), (w, f_w), (v, f_v)]: [(f64, f64); 3]) -> Option<f64
 mod tests {
     use super::*;
 
-    const CONFIG: PowellConfig<2> = PowellConfig {
-        step: [1.0, 1.0],
-        tolerance: 1e-6,
-        max_rounds: 100,
-    };
+    const CONFIG: PowellConfig<2> = PowellConfig { step: [1.0, 1.0], tolerance: 1e-6, max_rounds: 100 };
 
     #[test]
     fn finds_the_minimum_of_a_skewed_quadratic() {
@@ -175,10 +157,7 @@ mod tests {
         };
         let minimum = minimize(f, [0.0, 0.0], &CONFIG);
         assert!(minimum.converged);
-        assert!(
-            (minimum.x[0] - 2.5).abs() < 1e-4 && (minimum.x[1] + 1.5).abs() < 1e-4,
-            "{minimum:?}"
-        );
+        assert!((minimum.x[0] - 2.5).abs() < 1e-4 && (minimum.x[1] + 1.5).abs() < 1e-4, "{minimum:?}");
     }
 
     #[test]

@@ -16,10 +16,7 @@ pub fn class_shares(image: &LabelImage<u8>, num_classes: usize, factor: usize) -
         counts.fill(0);
         for v in row * factor..(row + 1) * factor {
             let line = &image.ids[v * image.width..][..columns * factor];
-            for (block, counts) in line
-                .chunks_exact(factor)
-                .zip(counts.chunks_exact_mut(num_classes))
-            {
+            for (block, counts) in line.chunks_exact(factor).zip(counts.chunks_exact_mut(num_classes)) {
                 for &id in block.iter().filter(|&&id| id != NO_CLASS) {
                     counts[usize::from(id)] += 1;
                 }
@@ -37,11 +34,7 @@ mod tests {
     #[test]
     fn shares_count_each_class_in_each_whole_block() {
         let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9];
-        let image = LabelImage {
-            width: 5,
-            height: 2,
-            ids,
-        };
+        let image = LabelImage { width: 5, height: 2, ids };
         assert_eq!(class_shares(&image, 2, 2), [128, 64, 0, 255]);
     }
 }

@@ -4,9 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use numpy::{
-    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
-};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
@@ -60,9 +58,7 @@ fn value_error(message: impl Into<String>) -> PyErr {
 fn isometry(matrix: &PyReadonlyArray2<f64>) -> PyResult<Isometry3<f64>> {
     let m = matrix.as_array();
     if m.dim() != (4, 4) || m.iter().any(|x| !x.is_finite()) {
-        return Err(value_error(
-            "T_camera_lidar needs to be a finite 4 x 4 matrix",
-        ));
+        return Err(value_error("T_camera_lidar needs to be a finite 4 x 4 matrix"));
     }
     let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| m[[i, j]]));
     Ok(Isometry3::from_parts(
@@ -77,36 +73,22 @@ fn rows<const N: usize, T: Copy + numpy::Element>(
 ) -> PyResult<Vec<[T; N]>> {
     let array = array.as_array();
     if array.ncols() != N {
-        return Err(value_error(format!(
-            "{name} needs shape (N, {N}), found {:?}",
-            array.dim()
-        )));
+        return Err(value_error(format!("{name} needs shape (N, {N}), found {:?}", array.dim())));
     }
-    Ok(array
-        .rows()
-        .into_iter()
-        .map(|row| std::array::from_fn(|i| row[i]))
-        .collect())
+    Ok(array.rows().into_iter().map(|row| std::array::from_fn(|i| row[i])).collect())
 }
 
 fn to_array2<'py, const N: usize, T: Copy + numpy::Element>(
     py: Python<'py>,
     rows: &[[T; N]],
 ) -> PyResult<Bound<'py, PyArray2<T>>> {
-    rows.as_flattened()
-        .to_vec()
-        .into_pyarray(py)
-        .reshape([rows.len(), N])
+    rows.as_flattened().to_vec().into_pyarray(py).reshape([rows.len(), N])
 }
 
 fn dense_image(array: &PyReadonlyArray2<u8>) -> LabelImage<u8> {
     let array = array.as_array();
     let (height, width) = array.dim();
-    LabelImage {
-        width,
-        height,
-        ids: array.iter().copied().collect(),
-    }
+    LabelImage { width, height, ids: array.iter().copied().collect() }
 }
 
 #[pyclass(name = "Camera", frozen)]
@@ -115,13 +97,7 @@ struct PyCamera(Camera);
 #[pymethods]
 impl PyCamera {
     #[new]
-    fn new(
-        model: &str,
-        width: usize,
-        height: usize,
-        k: [[f64; 3]; 3],
-        distortion: Vec<f64>,
-    ) -> Result<Self> {
+    fn new(model: &str, width: usize, height: usize, k: [[f64; 3]; 3], distortion: Vec<f64>) -> Result<Self> {
         Ok(Self(Camera::new(model, (width, height), k, &distortion)?))
     }
 
@@ -146,11 +122,7 @@ impl PyCamera {
         pixels: PyReadonlyArray2<f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let pixels: Vec<[f64; 2]> = rows("pixels", &pixels)?;
-        let ray = |&p: &[f64; 2]| {
-            self.0
-                .unproject(&p.into())
-                .map_or([f64::NAN; 3], Into::into)
-        };
+        let ray = |&p: &[f64; 2]| self.0.unproject(&p.into()).map_or([f64::NAN; 3], Into::into);
         to_array2(py, &pixels.iter().map(ray).collect::<Vec<_>>())
     }
 
@@ -176,9 +148,7 @@ impl PyObservations {
         num_image_classes: usize,
     ) -> PyResult<Self> {
         if points.len() != point_classes.len() || points.len() != image_classes.len() {
-            return Err(value_error(
-                "points, point_classes and image_classes differ in length",
-            ));
+            return Err(value_error("points, point_classes and image_classes differ in length"));
         }
         let frames: PyResult<Vec<Frame>> = (0..points.len())
             .map(|i| {
@@ -190,12 +160,7 @@ impl PyObservations {
             })
             .collect();
         let camera = camera.0.clone();
-        Ok(Self(Observations::new(
-            camera,
-            frames?,
-            num_point_classes,
-            num_image_classes,
-        )?))
+        Ok(Self(Observations::new(camera, frames?, num_point_classes, num_image_classes)?))
     }
 }
 
@@ -235,22 +200,14 @@ struct PyAgreement {
 }
 
 /// x y z of each return, intensity, raw class ids, and how many entries were no returns.
-type CloudArrays<'py> = (
-    Bound<'py, PyArray2<f32>>,
-    Option<Bound<'py, PyArray1<f32>>>,
-    Option<Bound<'py, PyArray1<u16>>>,
-    usize,
-);
+type CloudArrays<'py> =
+    (Bound<'py, PyArray2<f32>>, Option<Bound<'py, PyArray1<f32>>>, Option<Bound<'py, PyArray1<u16>>>, usize);
 
 /// Points (N, 3) and the pixels (N, 2) they correspond to.
 type PairArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
 /// Pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
-type LandingArrays<'py> = (
-    Bound<'py, PyArray2<f64>>,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<bool>>,
-);
+type LandingArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
 
 /// Points (N, 4), labels (N,), visibility (N,), image labels (H, W), picture (H, W, 3), objects in view.
 type RenderedArrays<'py> = (
@@ -289,35 +246,17 @@ impl PyRenderer {
         tilt_deg: f64,
     ) -> PyResult<Self> {
         let pattern = match pattern {
-            "spinning" => ScanPattern::Spinning {
-                channels,
-                columns,
-                fov_up_deg,
-                fov_down_deg,
-            },
-            "rosette" => ScanPattern::Rosette {
-                points: channels * columns,
-                fov_up_deg,
-                fov_down_deg,
-            },
+            "spinning" => ScanPattern::Spinning { channels, columns, fov_up_deg, fov_down_deg },
+            "rosette" => ScanPattern::Rosette { points: channels * columns, fov_up_deg, fov_down_deg },
             other => return Err(value_error(format!("pattern '{other}' is not known"))),
         };
         let rig = Rig {
-            lidar: Lidar {
-                pattern,
-                range_noise_m,
-                dropout,
-                max_range_m,
-                tilt_deg,
-            },
+            lidar: Lidar { pattern, range_noise_m, dropout, max_range_m, tilt_deg },
             camera: camera.0.clone(),
             t_camera_lidar: isometry(&t_camera_lidar)?,
         };
         let size = (camera.0.height, camera.0.width);
-        Ok(Self {
-            renderer: detached(py, || Renderer::new(rig))?,
-            size,
-        })
+        Ok(Self { renderer: detached(py, || Renderer::new(rig))?, size })
     }
 
     /// The frame of a number in the world of a seed.
@@ -334,16 +273,8 @@ impl PyRenderer {
             to_array2(py, &frame.points)?,
             frame.point_labels.into_pyarray(py),
             visibility.into_pyarray(py),
-            frame
-                .image_labels
-                .into_pyarray(py)
-                .reshape([height, width])?,
-            frame
-                .image_rgb
-                .as_flattened()
-                .to_vec()
-                .into_pyarray(py)
-                .reshape([height, width, 3])?,
+            frame.image_labels.into_pyarray(py).reshape([height, width])?,
+            frame.image_rgb.as_flattened().to_vec().into_pyarray(py).reshape([height, width, 3])?,
             frame.objects_in_view,
         ))
     }
@@ -424,9 +355,7 @@ mod _core {
             separation,
         };
         let grid = to_grid(grid);
-        let found = detached(py, || {
-            registration::register(&observations.0, &grid, &config)
-        })?;
+        let found = detached(py, || registration::register(&observations.0, &grid, &config))?;
         Ok(found.into_iter().map(PyHypothesis).collect())
     }
 
@@ -437,9 +366,7 @@ mod _core {
         fov_up: f64,
         fov_down: f64,
     ) -> PyResult<(usize, usize, f64, f64)> {
-        Ok(from_grid(&SphericalGrid::from_scan(
-            channels, columns, fov_up, fov_down,
-        )?))
+        Ok(from_grid(&SphericalGrid::from_scan(channels, columns, fov_up, fov_down)?))
     }
 
     #[pyfunction]
@@ -449,9 +376,7 @@ mod _core {
         cell: f64,
     ) -> PyResult<(usize, usize, f64, f64)> {
         let sweeps = || observations.0.frames.iter().map(|f| f.points.as_slice());
-        Ok(from_grid(&detached(py, || {
-            SphericalGrid::over(sweeps(), cell)
-        })?))
+        Ok(from_grid(&detached(py, || SphericalGrid::over(sweeps(), cell))?))
     }
 
     #[pyfunction]
@@ -461,9 +386,7 @@ mod _core {
         grid: (usize, usize, f64, f64),
     ) -> PyResult<Bound<'py, PyArray2<u32>>> {
         let (points, grid) = (rows("points", &points)?, to_grid(grid));
-        grid.project(&points)
-            .into_pyarray(py)
-            .reshape([grid.rows, grid.columns])
+        grid.project(&points).into_pyarray(py).reshape([grid.rows, grid.columns])
     }
 
     #[pyfunction]
@@ -513,19 +436,10 @@ mod _core {
         let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
         let landings = visibility::land(&camera.0, &points, &pose);
         let hidden = visibility::hidden(&camera.0, &landings);
-        let pixels: Vec<[f64; 2]> = landings
-            .iter()
-            .map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into()))
-            .collect();
-        let ranges: Vec<f64> = landings
-            .iter()
-            .map(|l| l.map_or(f64::NAN, |l| l.range))
-            .collect();
-        Ok((
-            to_array2(py, &pixels)?,
-            ranges.into_pyarray(py),
-            hidden.into_pyarray(py),
-        ))
+        let pixels: Vec<[f64; 2]> =
+            landings.iter().map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into())).collect();
+        let ranges: Vec<f64> = landings.iter().map(|l| l.map_or(f64::NAN, |l| l.range)).collect();
+        Ok((to_array2(py, &pixels)?, ranges.into_pyarray(py), hidden.into_pyarray(py)))
     }
 
     #[pyfunction]
@@ -537,22 +451,15 @@ mod _core {
     ) -> PyResult<Bound<'py, PyArray3<u8>>> {
         let image = dense_image(&image_classes);
         if factor == 0 || factor > image.width.min(image.height) {
-            return Err(value_error(format!(
-                "factor {factor} does not fit the picture"
-            )));
+            return Err(value_error(format!("factor {factor} does not fit the picture")));
         }
         let shape = [image.height / factor, image.width / factor, num_classes];
-        pyramid::class_shares(&image, num_classes, factor)
-            .into_pyarray(py)
-            .reshape(shape)
+        pyramid::class_shares(&image, num_classes, factor).into_pyarray(py).reshape(shape)
     }
 
     #[pyfunction]
     fn synthetic_classes() -> Vec<(u8, &'static str)> {
-        Class::ALL
-            .iter()
-            .map(|&class| (class as u8, class.name()))
-            .collect()
+        Class::ALL.iter().map(|&class| (class as u8, class.name())).collect()
     }
 }
 
@@ -560,19 +467,12 @@ fn parse_zoom(zoom: &str) -> PyResult<Zoom> {
     match zoom {
         "exact" => Ok(Zoom::Exact),
         "paper" => Ok(Zoom::Paper),
-        other => Err(value_error(format!(
-            "zoom '{other}' is not known, needs exact or paper"
-        ))),
+        other => Err(value_error(format!("zoom '{other}' is not known, needs exact or paper"))),
     }
 }
 
 fn to_grid((rows, columns, top, cell_height): (usize, usize, f64, f64)) -> SphericalGrid {
-    SphericalGrid {
-        rows,
-        columns,
-        top,
-        cell_height,
-    }
+    SphericalGrid { rows, columns, top, cell_height }
 }
 
 fn from_grid(grid: &SphericalGrid) -> (usize, usize, f64, f64) {

@@ -68,18 +68,11 @@ pub fn register(
     config: &RegistrationConfig,
 ) -> Result<Vec<Hypothesis>> {
     let zoomed = Zoomed::new(&observations.camera, config.zoom)?;
-    let candidates = search_grid(
-        observations,
-        &zoomed,
-        &grid.coarsened(config.coarse_cell),
-        config,
-    )?;
+    let candidates = search_grid(observations, &zoomed, &grid.coarsened(config.coarse_cell), config)?;
     let starts = separate(&candidates, config);
     let level = Level::new(observations, &zoomed, grid.coarsened(config.fine_cell));
-    let mut hypotheses: Vec<Hypothesis> = starts
-        .par_iter()
-        .map(|start| refine(&level, start, config))
-        .collect();
+    let mut hypotheses: Vec<Hypothesis> =
+        starts.par_iter().map(|start| refine(&level, start, config)).collect();
     hypotheses.sort_by(|a, b| b.mutual_information.total_cmp(&a.mutual_information));
     Ok(keep_apart(hypotheses, config))
 }
@@ -105,9 +98,7 @@ fn search_grid(
         .par_iter()
         .flat_map_iter(|upright| {
             let template = Template::new(observations, zoomed, grid, &images, upright);
-            (0..grid.columns)
-                .map(|shift| template.score(&rings, shift))
-                .collect::<Vec<_>>()
+            (0..grid.columns).map(|shift| template.score(&rings, shift)).collect::<Vec<_>>()
         })
         .collect();
     let largest = candidates.iter().map(|c| c.num_cells).fold(0.0, f64::max);
@@ -121,11 +112,7 @@ fn search_grid(
 }
 
 /// The (elevation, roll) pairs at azimuth zero whose picture can overlap the sweep.
-fn upright_placements(
-    zoomed: &Zoomed,
-    grid: &SphericalGrid,
-    config: &RegistrationConfig,
-) -> Vec<Placement> {
+fn upright_placements(zoomed: &Zoomed, grid: &SphericalGrid, config: &RegistrationConfig) -> Vec<Placement> {
     let (_, vertical) = zoomed.fov();
     let highest = (grid.top + 0.5 * vertical).min(FRAC_PI_2);
     let lowest = (grid.bottom() - 0.5 * vertical).max(-FRAC_PI_2);
@@ -137,10 +124,7 @@ fn upright_placements(
         roll: f64::from(r) * config.roll_step,
         scale: 1.0,
     };
-    (0..elevations)
-        .flat_map(|e| (-rolls..=rolls).map(move |r| (e, r)))
-        .map(placement)
-        .collect()
+    (0..elevations).flat_map(|e| (-rolls..=rolls).map(move |r| (e, r))).map(placement).collect()
 }
 
 /// The classes of each frame's spherical image, each row twice in a row, so that a shift needs no modulo.
@@ -148,16 +132,9 @@ fn rings(observations: &Observations, grid: &SphericalGrid) -> Vec<Vec<u8>> {
     let ring = |frame: &Frame| {
         let index = grid.project(&frame.points);
         let class = |&i: &u32| {
-            if i == EMPTY {
-                NO_CLASS
-            } else {
-                frame.point_classes[i as usize]
-            }
+            if i == EMPTY { NO_CLASS } else { frame.point_classes[i as usize] }
         };
-        index
-            .chunks_exact(grid.columns)
-            .flat_map(|row| row.iter().chain(row).map(class))
-            .collect()
+        index.chunks_exact(grid.columns).flat_map(|row| row.iter().chain(row).map(class)).collect()
     };
     observations.frames.par_iter().map(ring).collect()
 }
@@ -179,11 +156,7 @@ impl Downsampled {
 fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f64) -> Downsampled {
     let pixels_per_radian = observations.camera.width as f64 / zoomed.fov().0;
     let factor = ((pixels_per_radian * cell).round() as usize).max(1);
-    let images = observations
-        .frames
-        .par_iter()
-        .map(|f| majority(&f.image_classes, factor))
-        .collect();
+    let images = observations.frames.par_iter().map(|f| majority(&f.image_classes, factor)).collect();
     Downsampled { factor, images }
 }
 
@@ -208,8 +181,7 @@ impl Template {
         upright: &Placement,
     ) -> Self {
         let pixel_of = zoomed.pixel_map(upright);
-        let cells =
-            (0..grid.rows).flat_map(|row| (0..grid.columns).map(move |column| (row, column)));
+        let cells = (0..grid.rows).flat_map(|row| (0..grid.columns).map(move |column| (row, column)));
         let (offsets, pixels): (Vec<u32>, Vec<_>) = cells
             .filter_map(|(row, column)| {
                 let pixel = pixel_of(&grid.direction(row, column))?;
@@ -217,12 +189,7 @@ impl Template {
             })
             .unzip();
         let classes = (0..observations.frames.len())
-            .map(|frame| {
-                pixels
-                    .iter()
-                    .map(|pixel| images.class(frame, pixel))
-                    .collect()
-            })
+            .map(|frame| pixels.iter().map(|pixel| images.class(frame, pixel)).collect())
             .collect();
         Self {
             upright: *upright,
@@ -241,8 +208,7 @@ impl Template {
         let mut counts = vec![0u32; (self.num_point_classes + 1) * width];
         for (ring, classes) in rings.iter().zip(&self.classes) {
             for (&offset, &image_class) in self.offsets.iter().zip(classes) {
-                let point_class =
-                    usize::from(ring[offset as usize + shift]).min(self.num_point_classes);
+                let point_class = usize::from(ring[offset as usize + shift]).min(self.num_point_classes);
                 let image_class = usize::from(image_class).min(self.num_image_classes);
                 counts[point_class * width + image_class] += 1;
             }
@@ -254,10 +220,7 @@ impl Template {
             .flat_map(|row| row[..self.num_image_classes].iter().map(|&n| f64::from(n)))
             .collect();
         Candidate {
-            placement: Placement {
-                azimuth: -(shift as f64) / self.columns as f64 * TAU,
-                ..self.upright
-            },
+            placement: Placement { azimuth: -(shift as f64) / self.columns as f64 * TAU, ..self.upright },
             mutual_information: joint.mutual_information() - joint.bias(),
             num_cells: joint.total(),
         }
@@ -268,18 +231,12 @@ impl Template {
 fn separate(candidates: &[Candidate], config: &RegistrationConfig) -> Vec<Placement> {
     let mut order: Vec<usize> = (0..candidates.len()).collect();
     order.sort_by(|&a, &b| {
-        candidates[b]
-            .mutual_information
-            .total_cmp(&candidates[a].mutual_information)
-            .then(a.cmp(&b))
+        candidates[b].mutual_information.total_cmp(&candidates[a].mutual_information).then(a.cmp(&b))
     });
     let mut kept: Vec<Placement> = Vec::new();
     for index in order {
         let placement = candidates[index].placement;
-        if kept
-            .iter()
-            .all(|other| angle_between(other, &placement) >= config.separation)
-        {
+        if kept.iter().all(|other| angle_between(other, &placement) >= config.separation) {
             kept.push(placement);
             if kept.len() == config.num_hypotheses {
                 break;
@@ -323,27 +280,14 @@ struct Level<'a> {
 impl<'a> Level<'a> {
     fn new(observations: &'a Observations, zoomed: &'a Zoomed, grid: SphericalGrid) -> Self {
         let labelled = |frame: &Frame| {
-            let winners = grid
-                .project(&frame.points)
-                .into_iter()
-                .filter(|&i| i != EMPTY);
+            let winners = grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY);
             winners
-                .map(|i| {
-                    (
-                        to_f64(&frame.points[i as usize]).normalize(),
-                        frame.point_classes[i as usize],
-                    )
-                })
+                .map(|i| (to_f64(&frame.points[i as usize]).normalize(), frame.point_classes[i as usize]))
                 .filter(|&(_, class)| class != NO_CLASS)
                 .collect()
         };
         let returns = observations.frames.par_iter().map(labelled).collect();
-        Self {
-            observations,
-            zoomed,
-            images: downsampled(observations, zoomed, grid.cell_height),
-            returns,
-        }
+        Self { observations, zoomed, images: downsampled(observations, zoomed, grid.cell_height), returns }
     }
 
     /// The returns of each frame that a picture placed within `reach` of `placement` may show.
@@ -353,19 +297,12 @@ impl<'a> Level<'a> {
         let axis = from_angles(placement.azimuth, placement.elevation);
         let least = half_angle.min(PI).cos();
         let shown = |r: &&LabelledDirection| r.0.dot(&axis) >= least;
-        self.returns
-            .iter()
-            .map(|r| r.iter().filter(shown).copied().collect())
-            .collect()
+        self.returns.iter().map(|r| r.iter().filter(shown).copied().collect()).collect()
     }
 
     fn joint(&self, placement: &Placement, returns: &[Vec<LabelledDirection>]) -> JointHistogram {
         let pixel_of = self.zoomed.pixel_map(placement);
-        let Observations {
-            num_point_classes,
-            num_image_classes,
-            ..
-        } = *self.observations;
+        let Observations { num_point_classes, num_image_classes, .. } = *self.observations;
         let mut joint = JointHistogram::new(num_point_classes, num_image_classes);
         for (frame, returns) in returns.iter().enumerate() {
             for (direction, class) in returns {
@@ -385,19 +322,10 @@ fn refine(level: &Level, start: &Placement, config: &RegistrationConfig) -> Hypo
     let least = config.min_overlap * level.joint(start, &returns).total();
     let objective = |placement: &Placement| {
         let joint = level.joint(placement, &returns);
-        if joint.total() < least {
-            f64::INFINITY
-        } else {
-            joint.bias() - joint.mutual_information()
-        }
+        if joint.total() < least { f64::INFINITY } else { joint.bias() - joint.mutual_information() }
     };
     let [a, e, r] = [start.azimuth, start.elevation, start.roll];
-    let place = |x: &[f64; 4]| Placement {
-        azimuth: x[0],
-        elevation: x[1],
-        roll: x[2],
-        scale: x[3],
-    };
+    let place = |x: &[f64; 4]| Placement { azimuth: x[0], elevation: x[1], roll: x[2], scale: x[3] };
     let placement = match config.zoom {
         Zoom::Exact => {
             let powell = powell([reach, reach, config.roll_step]);
@@ -419,9 +347,5 @@ fn refine(level: &Level, start: &Placement, config: &RegistrationConfig) -> Hypo
 }
 
 fn powell<const N: usize>(step: [f64; N]) -> PowellConfig<N> {
-    PowellConfig {
-        step,
-        tolerance: POWELL_TOLERANCE,
-        max_rounds: POWELL_ROUNDS,
-    }
+    PowellConfig { step, tolerance: POWELL_TOLERANCE, max_rounds: POWELL_ROUNDS }
 }

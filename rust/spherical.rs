@@ -32,10 +32,7 @@ impl SphericalGrid {
     /// # Errors
     /// There are fewer than two channels or four columns, or the field of view is empty.
     pub fn from_scan(channels: usize, columns: usize, fov_up: f64, fov_down: f64) -> Result<Self> {
-        if channels < 2
-            || columns < 4
-            || fov_up.partial_cmp(&fov_down) != Some(std::cmp::Ordering::Greater)
-        {
+        if channels < 2 || columns < 4 || fov_up.partial_cmp(&fov_down) != Some(std::cmp::Ordering::Greater) {
             return Err(Error::Input(format!(
                 "lidar: needs at least 2 channels, 4 columns and fov_up above fov_down, found {channels} channels, \
                  {columns} columns, {:.3} to {:.3} degrees",
@@ -44,12 +41,7 @@ impl SphericalGrid {
             )));
         }
         let cell_height = (fov_up - fov_down) / (channels - 1) as f64;
-        Ok(Self {
-            rows: channels,
-            columns,
-            top: fov_up + 0.5 * cell_height,
-            cell_height,
-        })
+        Ok(Self { rows: channels, columns, top: fov_up + 0.5 * cell_height, cell_height })
     }
 
     /// A grid of square cells over the elevations that the points of all sweeps span.
@@ -60,10 +52,9 @@ impl SphericalGrid {
         let mut elevations: Vec<f64> = sweeps.flatten().map(|p| elevation(&to_f64(p))).collect();
         let stray = (elevations.len() as f64 * STRAY_SHARE) as usize;
         elevations.sort_unstable_by(f64::total_cmp);
-        let (Some(&bottom), Some(&top)) = (
-            elevations.get(stray),
-            elevations.get(elevations.len().saturating_sub(1 + stray)),
-        ) else {
+        let (Some(&bottom), Some(&top)) =
+            (elevations.get(stray), elevations.get(elevations.len().saturating_sub(1 + stray)))
+        else {
             return Err(Error::Calibration("the point clouds are empty".into()));
         };
         let rows = ((top - bottom) / cell).ceil().max(1.0);
@@ -78,9 +69,7 @@ impl SphericalGrid {
 
     /// The same field of view in cells of about `cell` radians, never finer than this grid's own.
     pub fn coarsened(&self, cell: f64) -> Self {
-        let rows = (self.rows as f64 * self.cell_height / cell)
-            .round()
-            .clamp(1.0, self.rows as f64);
+        let rows = (self.rows as f64 * self.cell_height / cell).round().clamp(1.0, self.rows as f64);
         let columns = (TAU / cell).round().clamp(4.0, self.columns as f64);
         Self {
             rows: rows as usize,
@@ -136,11 +125,7 @@ impl SphericalGrid {
 /// A point as read, for geometry.
 #[inline]
 pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
-    Vector3::new(
-        f64::from(point[0]),
-        f64::from(point[1]),
-        f64::from(point[2]),
-    )
+    Vector3::new(f64::from(point[0]), f64::from(point[1]), f64::from(point[2]))
 }
 
 /// Angle from the x axis towards y, in (-pi, pi].
@@ -158,11 +143,7 @@ pub fn elevation(direction: &Vector3<f64>) -> f64 {
 /// The unit vector of an azimuth and an elevation.
 #[inline]
 pub fn from_angles(azimuth: f64, elevation: f64) -> Vector3<f64> {
-    Vector3::new(
-        elevation.cos() * azimuth.cos(),
-        elevation.cos() * azimuth.sin(),
-        elevation.sin(),
-    )
+    Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
 }
 
 #[cfg(test)]
@@ -171,21 +152,13 @@ mod tests {
     use proptest::prelude::*;
 
     fn grid() -> SphericalGrid {
-        SphericalGrid::from_scan(64, 1024, 10f64.to_radians(), -30f64.to_radians())
-            .expect("a valid scan")
+        SphericalGrid::from_scan(64, 1024, 10f64.to_radians(), -30f64.to_radians()).expect("a valid scan")
     }
 
     #[test]
     fn the_outer_channels_lie_in_the_outer_rows() {
-        let at = |deg: f64| {
-            grid()
-                .cell(&from_angles(0.1, deg.to_radians()))
-                .map(|(row, _)| row)
-        };
-        assert_eq!(
-            (at(10.0), at(-30.0), at(10.4), at(-30.4)),
-            (Some(0), Some(63), None, None)
-        );
+        let at = |deg: f64| grid().cell(&from_angles(0.1, deg.to_radians())).map(|(row, _)| row);
+        assert_eq!((at(10.0), at(-30.0), at(10.4), at(-30.4)), (Some(0), Some(63), None, None));
     }
 
     #[test]

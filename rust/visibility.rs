@@ -20,20 +20,12 @@ pub struct Landing {
 const NEARER: f64 = 0.95;
 
 /// Projects points (metres, LiDAR frame); `None` for those outside the picture.
-pub fn land(
-    camera: &Camera,
-    points: &[[f32; 3]],
-    t_camera_lidar: &Isometry3<f64>,
-) -> Vec<Option<Landing>> {
+pub fn land(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<Option<Landing>> {
     let land = |point: &[f32; 3]| {
         let p_lidar = to_f64(point);
         let p_camera = t_camera_lidar.rotation * p_lidar + t_camera_lidar.translation.vector;
         let pixel = camera.project(&p_camera)?;
-        let landing = Landing {
-            pixel,
-            range: p_camera.norm(),
-            direction_lidar: p_lidar.normalize(),
-        };
+        let landing = Landing { pixel, range: p_camera.norm(), direction_lidar: p_lidar.normalize() };
         camera.contains(&pixel).then_some(landing)
     };
     points.iter().map(land).collect()
@@ -52,19 +44,12 @@ pub fn hidden(camera: &Camera, landings: &[Option<Landing>]) -> Vec<bool> {
     let focal = camera.mean_focal();
     let buffer = NearestReturns::new(camera, landings, spacing);
     let hides = |near: &Landing, far: &Landing| {
-        let seen_from_lidar = near
-            .direction_lidar
-            .dot(&far.direction_lidar)
-            .clamp(-1.0, 1.0)
-            .acos();
+        let seen_from_lidar = near.direction_lidar.dot(&far.direction_lidar).clamp(-1.0, 1.0).acos();
         let seen_from_camera = (near.pixel - far.pixel).norm() / focal;
         near.range < NEARER * far.range && seen_from_lidar > seen_from_camera + spacing / focal
     };
     let is_hidden = |l: &Landing| buffer.around(&l.pixel).any(|near| hides(near, l));
-    landings
-        .iter()
-        .map(|l| l.as_ref().is_some_and(is_hidden))
-        .collect()
+    landings.iter().map(|l| l.as_ref().is_some_and(is_hidden)).collect()
 }
 
 /// A coarse z-buffer: the nearest of the points that land in each square block.
@@ -79,12 +64,7 @@ impl<'a> NearestReturns<'a> {
     fn new(camera: &Camera, landings: &'a [Option<Landing>], block: f64) -> Self {
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let (columns, rows) = (blocks(camera.width), blocks(camera.height));
-        let mut buffer = Self {
-            block,
-            columns,
-            rows,
-            nearest: vec![None; columns * rows],
-        };
+        let mut buffer = Self { block, columns, rows, nearest: vec![None; columns * rows] };
         for landing in landings.iter().flatten() {
             let (column, row) = buffer.at(&landing.pixel);
             let nearest = &mut buffer.nearest[row * columns + column];
@@ -138,10 +118,7 @@ mod tests {
             }
             num_hidden += usize::from(hidden);
         }
-        assert!(
-            num_hidden >= 50,
-            "a column of the wall has 60 points, found {num_hidden} hidden"
-        );
+        assert!(num_hidden >= 50, "a column of the wall has 60 points, found {num_hidden} hidden");
     }
 
     #[test]

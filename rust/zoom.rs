@@ -53,17 +53,10 @@ impl Placement {
     /// The placement with this `R_camera_lidar`.
     pub fn from_rotation(rotation: &Matrix3<f64>) -> Self {
         let forward: Vector3<f64> = rotation.row(2).transpose();
-        let upright = Self {
-            azimuth: azimuth(&forward),
-            elevation: elevation(&forward),
-            roll: 0.0,
-            scale: 1.0,
-        };
+        let upright =
+            Self { azimuth: azimuth(&forward), elevation: elevation(&forward), roll: 0.0, scale: 1.0 };
         let relative = rotation * upright.rotation().transpose();
-        Self {
-            roll: relative[(0, 1)].atan2(relative[(0, 0)]),
-            ..upright
-        }
+        Self { roll: relative[(0, 1)].atan2(relative[(0, 0)]), ..upright }
     }
 }
 
@@ -80,10 +73,7 @@ impl<'a> Zoomed<'a> {
     /// # Errors
     /// The lens does not reach the middle of a border of the picture, so that it has no field of view.
     pub fn new(camera: &'a Camera, zoom: Zoom) -> Result<Self> {
-        let fov = Vector2::new(
-            border_angle(camera, Vector2::x())?,
-            border_angle(camera, Vector2::y())?,
-        );
+        let fov = Vector2::new(border_angle(camera, Vector2::x())?, border_angle(camera, Vector2::y())?);
         Ok(Self { camera, zoom, fov })
     }
 
@@ -94,10 +84,7 @@ impl<'a> Zoomed<'a> {
 
     /// The raw pixel that LiDAR directions fall on when the picture is placed so; `None` outside the picture.
     #[inline]
-    pub fn pixel_map(
-        &self,
-        placement: &Placement,
-    ) -> impl Fn(&Vector3<f64>) -> Option<Point2<f64>> {
+    pub fn pixel_map(&self, placement: &Placement) -> impl Fn(&Vector3<f64>) -> Option<Point2<f64>> {
         let rotation = placement.rotation();
         let placement = *placement;
         let (sin, cos) = placement.roll.sin_cos();
@@ -111,11 +98,7 @@ impl<'a> Zoomed<'a> {
                     let down = placement.elevation - elevation(direction);
                     let turned = Vector2::new(cos * right + sin * down, cos * down - sin * right);
                     let share = turned.component_div(&fov) * placement.scale;
-                    Point2::from(
-                        (share.add_scalar(0.5))
-                            .component_mul(&size)
-                            .add_scalar(-0.5),
-                    )
+                    Point2::from((share.add_scalar(0.5)).component_mul(&size).add_scalar(-0.5))
                 }
             };
             camera.contains(&pixel).then_some(pixel)
@@ -160,12 +143,11 @@ pub fn majority(image: &LabelImage<u8>, factor: usize) -> LabelImage<u8> {
                 counts[u / factor][usize::from(id)] += 1;
             }
         }
-        ids.extend(counts.iter().map(|c| {
-            (0..=NO_CLASS)
-                .rev()
-                .max_by_key(|&id| c[usize::from(id)])
-                .unwrap_or(NO_CLASS)
-        }));
+        ids.extend(
+            counts
+                .iter()
+                .map(|c| (0..=NO_CLASS).rev().max_by_key(|&id| c[usize::from(id)]).unwrap_or(NO_CLASS)),
+        );
     }
     LabelImage { width, height, ids }
 }
@@ -183,12 +165,7 @@ mod tests {
 
     #[test]
     fn a_level_camera_that_looks_along_x_has_the_usual_axes() {
-        let placement = Placement {
-            azimuth: 0.0,
-            elevation: 0.0,
-            roll: 0.0,
-            scale: 1.0,
-        };
+        let placement = Placement { azimuth: 0.0, elevation: 0.0, roll: 0.0, scale: 1.0 };
         // Camera x is right (-y of the LiDAR), y is down (-z), z is forward (x).
         let expected = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
         assert!((placement.rotation() - expected).norm() < 1e-15);
@@ -197,12 +174,7 @@ mod tests {
     #[test]
     fn zooms_agree_on_the_axis_and_part_at_the_border() {
         let camera = camera(640.0);
-        let placement = Placement {
-            azimuth: 0.3,
-            elevation: 0.0,
-            roll: 0.0,
-            scale: 1.0,
-        };
+        let placement = Placement { azimuth: 0.3, elevation: 0.0, roll: 0.0, scale: 1.0 };
         let pixel = |zoom, right_deg: f64| {
             let direction = from_angles(0.3 - right_deg.to_radians(), 0.0);
             let zoomed = Zoomed::new(&camera, zoom).expect("a picture");
@@ -216,11 +188,7 @@ mod tests {
 
     #[test]
     fn majority_ignores_nothing_and_breaks_ties_low() {
-        let image = LabelImage {
-            width: 5,
-            height: 2,
-            ids: vec![1, 1, 3, 2, 9, 1, 2, 2, 3, 9],
-        };
+        let image = LabelImage { width: 5, height: 2, ids: vec![1, 1, 3, 2, 9, 1, 2, 2, 3, 9] };
         assert_eq!(majority(&image, 2).ids, [1, 2, 9]);
     }
 

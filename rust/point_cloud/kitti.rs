@@ -11,10 +11,7 @@ pub(super) fn read_points(path: &Path) -> Result<RawCloud> {
     let (records, _) = values.as_chunks::<4>();
     let f = |b: [u8; 4]| f32::from_le_bytes(b);
     Ok(RawCloud {
-        points: records
-            .iter()
-            .map(|&[x, y, z, _]| [f(x), f(y), f(z)])
-            .collect(),
+        points: records.iter().map(|&[x, y, z, _]| [f(x), f(y), f(z)]).collect(),
         intensity: Some(records.iter().map(|&[_, _, _, i]| f(i)).collect()),
     })
 }
@@ -23,8 +20,5 @@ pub(super) fn read_points(path: &Path) -> Result<RawCloud> {
 pub(super) fn read_labels(path: &Path) -> Result<Vec<u16>> {
     let bytes = read_records(path, 4)?;
     let (values, _) = bytes.as_chunks::<4>();
-    Ok(values
-        .iter()
-        .map(|&[low, high, ..]| u16::from_le_bytes([low, high]))
-        .collect())
+    Ok(values.iter().map(|&[low, high, ..]| u16::from_le_bytes([low, high])).collect())
 }

@@ -11,18 +11,13 @@ pub(super) fn read_points(path: &Path) -> Result<RawCloud> {
     let columns = match array.shape[..] {
         [_, columns @ (3 | 4)] => columns,
         _ => {
-            let reason = format!(
-                "has shape {:?}, needs N x 3 or N x 4 (x y z intensity)",
-                array.shape
-            );
+            let reason = format!("has shape {:?}, needs N x 3 or N x 4 (x y z intensity)", array.shape);
             return Err(Error::file(path, reason));
         }
     };
     let rows = || array.values.chunks_exact(columns);
     Ok(RawCloud {
-        points: rows()
-            .map(|p| [p[0] as f32, p[1] as f32, p[2] as f32])
-            .collect(),
+        points: rows().map(|p| [p[0] as f32, p[1] as f32, p[2] as f32]).collect(),
         intensity: (columns == 4).then(|| rows().map(|p| p[3] as f32).collect()),
     })
 }
@@ -30,10 +25,7 @@ pub(super) fn read_points(path: &Path) -> Result<RawCloud> {
 pub(super) fn read_labels(path: &Path) -> Result<Vec<u16>> {
     let array = read(path)?;
     if array.shape.len() != 1 {
-        return Err(Error::file(
-            path,
-            format!("has shape {:?}, needs N ids", array.shape),
-        ));
+        return Err(Error::file(path, format!("has shape {:?}, needs N ids", array.shape)));
     }
     class_ids(path, &array.values)
 }

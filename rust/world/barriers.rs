@@ -15,12 +15,7 @@ pub fn fence(b: &mut Builder, place: &Place, length: f32) {
     let picket = pitch * b.rng.random_range(0.25..0.55);
     let mut x = 0.0;
     while x < length {
-        b.cuboid(
-            paint,
-            place,
-            [x, -0.05, ROOT],
-            [x + 0.09, 0.05, height + 0.06],
-        );
+        b.cuboid(paint, place, [x, -0.05, ROOT], [x + 0.09, 0.05, height + 0.06]);
         x += 2.2;
     }
     for z in [0.22 * height, 0.82 * height] {
@@ -28,12 +23,7 @@ pub fn fence(b: &mut Builder, place: &Place, length: f32) {
     }
     let mut x = 0.1;
     while x < length {
-        let corners = [
-            (x, 0.08),
-            (x + picket, 0.08),
-            (x + picket, height),
-            (x, height),
-        ];
+        let corners = [(x, 0.08), (x + picket, 0.08), (x + picket, height), (x, height)];
         b.quad(paint, corners.map(|(x, z)| place.at(x, 0.03, z)));
         x += pitch;
     }
@@ -49,12 +39,7 @@ pub fn railing(b: &mut Builder, place: &Place, length: f32) {
         x += 1.5;
     }
     for z in [0.35, 0.7, 1.07] {
-        b.tube(
-            paint,
-            [place.at(0.0, 0.0, z), place.at(length, 0.0, z)],
-            [0.025; 2],
-            4,
-        );
+        b.tube(paint, [place.at(0.0, 0.0, z), place.at(length, 0.0, z)], [0.025; 2], 4);
     }
 }
 
@@ -64,20 +49,10 @@ pub fn wall(b: &mut Builder, place: &Place, length: f32, height: f32) {
     let paint = b.paint(Class::Wall);
     let coping = b.paint(Class::Wall);
     b.cuboid(paint, place, [0.0, -0.12, ROOT], [length, 0.12, height]);
-    b.cuboid(
-        coping,
-        place,
-        [0.0, -0.17, height],
-        [length, 0.17, height + 0.08],
-    );
+    b.cuboid(coping, place, [0.0, -0.17, height], [length, 0.17, height + 0.08]);
     let piers = (length / 3.0).ceil();
     for i in 0..=piers as usize {
         let x = (length * i as f32 / piers).min(length - 0.2);
-        b.cuboid(
-            paint,
-            place,
-            [x - 0.2, -0.22, ROOT],
-            [x + 0.2, 0.22, height + 0.18],
-        );
+        b.cuboid(paint, place, [x - 0.2, -0.22, ROOT], [x + 0.2, 0.22, height + 0.18]);
     }
 }

@@ -32,15 +32,9 @@ struct Paints {
 pub fn house(b: &mut Builder, place: &Place, size: Size) {
     b.begin_object();
     let floor = b.rng.random_range(2.8..3.4f32);
-    let texture = Texture::Facade {
-        pitch: b.rng.random_range(2.0..3.4),
-        floor,
-    };
+    let texture = Texture::Facade { pitch: b.rng.random_range(2.0..3.4), floor };
     // Whole floors, or the roof cuts through windows.
-    let size = Size {
-        height: (size.height / floor).round().max(1.0) * floor,
-        ..size
-    };
+    let size = Size { height: (size.height / floor).round().max(1.0) * floor, ..size };
     let paints = Paints {
         wall: b.paint_textured(Class::Building, texture),
         trim: b.paint(Class::Building),
@@ -66,79 +60,37 @@ fn front(b: &mut Builder, place: &Place, size: Size, paints: &Paints) {
     for i in 0..bays {
         let x = -0.5 * size.width + width * i as f32;
         let y = b.rng.random_range(0.0..0.8f32);
-        let height = size.height
-            * if b.rng.random_bool(0.25) {
-                b.rng.random_range(0.4..0.9)
-            } else {
-                1.0
-            };
-        b.cuboid(
-            paints.wall,
-            place,
-            [x, y, FOUNDATION],
-            [x + width, 1.0, height],
-        );
+        let height = size.height * if b.rng.random_bool(0.25) { b.rng.random_range(0.4..0.9) } else { 1.0 };
+        b.cuboid(paints.wall, place, [x, y, FOUNDATION], [x + width, 1.0, height]);
         let middle = x + 0.5 * width;
         if i == door {
             entrance(b, place, middle, y, paints);
         } else if b.rng.random_bool(0.35) {
             balconies(b, place, [x + 0.3, x + width - 0.3], y, height, paints.trim);
         } else if b.rng.random_bool(0.4) {
-            b.cuboid(
-                paints.trim,
-                place,
-                [x + 0.1, y - 0.25, 2.7],
-                [x + width - 0.1, y, 2.9],
-            );
+            b.cuboid(paints.trim, place, [x + 0.1, y - 0.25, 2.7], [x + width - 0.1, y, 2.9]);
         }
     }
 }
 
 /// A door under a canopy at the top of two steps.
 fn entrance(b: &mut Builder, place: &Place, x: f32, y: f32, paints: &Paints) {
-    b.cuboid(
-        paints.door,
-        place,
-        [x - 0.55, y - 0.04, 0.3],
-        [x + 0.55, y, 2.4],
-    );
-    b.cuboid(
-        paints.trim,
-        place,
-        [x - 0.9, y - 0.8, 2.55],
-        [x + 0.9, y, 2.7],
-    );
+    b.cuboid(paints.door, place, [x - 0.55, y - 0.04, 0.3], [x + 0.55, y, 2.4]);
+    b.cuboid(paints.trim, place, [x - 0.9, y - 0.8, 2.55], [x + 0.9, y, 2.7]);
     for (out, up) in [(0.75, 0.17), (0.4, 0.34)] {
-        b.cuboid(
-            paints.trim,
-            place,
-            [x - 0.8, y - out, FOUNDATION],
-            [x + 0.8, y, up],
-        );
+        b.cuboid(paints.trim, place, [x - 0.8, y - out, FOUNDATION], [x + 0.8, y, up]);
     }
 }
 
 /// A slab and a parapet of bars on each upper floor.
-fn balconies(
-    b: &mut Builder,
-    place: &Place,
-    [x0, x1]: [f32; 2],
-    y: f32,
-    height: f32,
-    paint: Paint,
-) {
+fn balconies(b: &mut Builder, place: &Place, [x0, x1]: [f32; 2], y: f32, height: f32, paint: Paint) {
     const FLOOR: f32 = 3.0;
     const REACH: f32 = 1.0;
     let floors = ((height / FLOOR) as usize).min(4);
     for floor in 1..floors {
         let z = FLOOR * floor as f32;
         b.cuboid(paint, place, [x0, y - REACH, z - 0.12], [x1, y, z]);
-        b.cuboid(
-            paint,
-            place,
-            [x0, y - REACH, z + 0.95],
-            [x1, y - REACH + 0.05, z + 1.0],
-        );
+        b.cuboid(paint, place, [x0, y - REACH, z + 0.95], [x1, y - REACH + 0.05, z + 1.0]);
         let bars = ((x1 - x0) / 0.25) as usize;
         for i in 0..=bars {
             let x = x0 + (x1 - x0 - 0.04) * i as f32 / bars as f32;
@@ -177,12 +129,7 @@ fn gable(b: &mut Builder, place: &Place, size: Size, paints: &Paints) {
     }
     let x = b.rng.random_range(-0.3..0.3) * size.width;
     let top = size.height + rise + 0.8;
-    b.cuboid(
-        paints.trim,
-        place,
-        [x - 0.35, ridge_y + 0.5, size.height],
-        [x + 0.35, ridge_y + 1.1, top],
-    );
+    b.cuboid(paints.trim, place, [x - 0.35, ridge_y + 0.5, size.height], [x + 0.35, ridge_y + 1.1, top]);
 }
 
 /// A parapet and boxes of machinery.
@@ -198,11 +145,6 @@ fn flat_roof(b: &mut Builder, place: &Place, size: Size, paints: &Paints) {
         let x = b.rng.random_range(-0.7..0.5) * half;
         let y = b.rng.random_range(0.4..0.6) * size.depth;
         let tall = b.rng.random_range(0.8..2.6);
-        b.cuboid(
-            paints.trim,
-            place,
-            [x, y, size.height],
-            [x + 2.0, y + 1.6, size.height + tall],
-        );
+        b.cuboid(paints.trim, place, [x, y, size.height], [x + 2.0, y + 1.6, size.height + tall]);
     }
 }

@@ -17,12 +17,7 @@ pub const ROOT: f32 = -0.3;
 
 /// A tapered upright.
 pub fn post(b: &mut Builder, paint: Paint, place: &Place, height: f32, radius: f32) {
-    b.tube(
-        paint,
-        [place.at(0.0, 0.0, ROOT), place.at(0.0, 0.0, height)],
-        [radius, 0.8 * radius],
-        7,
-    );
+    b.tube(paint, [place.at(0.0, 0.0, ROOT), place.at(0.0, 0.0, height)], [radius, 0.8 * radius], 7);
 }
 
 /// A lamp post whose arm reaches along local y.
@@ -30,20 +25,10 @@ pub fn lamp_post(b: &mut Builder, place: &Place, reach: f32) {
     b.begin_object();
     let steel = b.paint(Class::Pole);
     let height = b.rng.random_range(5.5..8.0);
-    b.tube(
-        steel,
-        [place.at(0.0, 0.0, ROOT), place.at(0.0, 0.0, 1.0)],
-        [0.13, 0.12],
-        8,
-    );
+    b.tube(steel, [place.at(0.0, 0.0, ROOT), place.at(0.0, 0.0, 1.0)], [0.13, 0.12], 8);
     post(b, steel, place, height, 0.085);
     let tip = place.at(0.0, reach, height + 0.4);
-    b.tube(
-        steel,
-        [place.at(0.0, 0.0, height - 0.1), tip],
-        [0.06, 0.045],
-        6,
-    );
+    b.tube(steel, [place.at(0.0, 0.0, height - 0.1), tip], [0.06, 0.045], 6);
     let inwards = reach.signum();
     let head = [0.0, reach, height + 0.35];
     b.cuboid(
@@ -69,13 +54,7 @@ pub fn bollards(b: &mut Builder, place: &Place, count: usize) {
     for i in 0..count {
         b.begin_object();
         let paint = b.paint(Class::Pole);
-        post(
-            b,
-            paint,
-            &place.shifted(1.5 * i as f32, 0.0, 0.0, 0.0),
-            0.95,
-            0.075,
-        );
+        post(b, paint, &place.shifted(1.5 * i as f32, 0.0, 0.0, 0.0), 0.95, 0.075);
     }
 }
 
@@ -87,12 +66,7 @@ pub fn traffic_light(b: &mut Builder, place: &Place, reach: f32) {
     post(b, steel, place, height, 0.08);
     light_head(b, &place.shifted(-0.2, 0.0, 2.4, 0.0));
     if reach != 0.0 {
-        b.tube(
-            steel,
-            [place.at(0.0, 0.0, 5.6), place.at(0.0, reach, 5.8)],
-            [0.07, 0.05],
-            6,
-        );
+        b.tube(steel, [place.at(0.0, 0.0, 5.6), place.at(0.0, reach, 5.8)], [0.07, 0.05], 6);
         light_head(b, &place.shifted(-0.2, reach, 5.0, 0.0));
     }
 }
@@ -103,11 +77,7 @@ fn light_head(b: &mut Builder, place: &Place) {
     b.cuboid(case, place, [-0.02, -0.27, -0.1], [0.02, 0.27, 1.08]);
     for (i, colour) in [GREEN, AMBER, RED].into_iter().enumerate() {
         let lamp = b.paint_as(Class::TrafficLight, colour);
-        b.ellipsoid(
-            lamp,
-            place.at(-0.12, 0.0, 0.19 + 0.3 * i as f32),
-            Vec3::new(0.06, 0.1, 0.1),
-        );
+        b.ellipsoid(lamp, place.at(-0.12, 0.0, 0.19 + 0.3 * i as f32), Vec3::new(0.06, 0.1, 0.1));
     }
 }
 
@@ -124,8 +94,7 @@ pub fn traffic_sign(b: &mut Builder, place: &Place) {
 }
 
 fn sign_plate(b: &mut Builder, place: &Place, z: f32) {
-    let (sides, size): (usize, f32) =
-        [(3, 0.46), (4, 0.4), (8, 0.4), (12, 0.34)][b.rng.random_range(0..4)];
+    let (sides, size): (usize, f32) = [(3, 0.46), (4, 0.4), (8, 0.4), (12, 0.34)][b.rng.random_range(0..4)];
     let rim = b.paint(Class::TrafficSign);
     let face = b.paint(Class::TrafficSign);
     let half_turn = std::f32::consts::PI;
@@ -186,37 +155,16 @@ pub fn small_thing(b: &mut Builder, place: &Place) {
     let dark = b.paint_as(Class::Static, DARK);
     match b.rng.random_range(0..5) {
         0 => {
-            b.tube(
-                paint,
-                [place.at(0.0, 0.0, ROOT), place.at(0.0, 0.0, 0.85)],
-                [0.2, 0.26],
-                9,
-            );
-            b.tube(
-                dark,
-                [place.at(0.0, 0.0, 0.85), place.at(0.0, 0.0, 0.95)],
-                [0.28, 0.2],
-                9,
-            );
+            b.tube(paint, [place.at(0.0, 0.0, ROOT), place.at(0.0, 0.0, 0.85)], [0.2, 0.26], 9);
+            b.tube(dark, [place.at(0.0, 0.0, 0.85), place.at(0.0, 0.0, 0.95)], [0.28, 0.2], 9);
         }
         1 => {
             post(b, paint, place, 0.7, 0.13);
             b.ellipsoid(paint, place.at(0.0, 0.0, 0.7), Vec3::new(0.15, 0.15, 0.12));
-            b.tube(
-                paint,
-                [place.at(0.0, -0.22, 0.48), place.at(0.0, 0.22, 0.48)],
-                [0.07; 2],
-                6,
-            );
+            b.tube(paint, [place.at(0.0, -0.22, 0.48), place.at(0.0, 0.22, 0.48)], [0.07; 2], 6);
         }
         2 => b.cuboid(paint, place, [-0.5, -0.2, ROOT], [0.5, 0.2, 1.3]),
-        3 => b.extrude(
-            paint,
-            place,
-            &[(-0.45, ROOT), (0.45, ROOT), (0.6, 0.55), (-0.6, 0.55)],
-            -0.4,
-            0.4,
-        ),
+        3 => b.extrude(paint, place, &[(-0.45, ROOT), (0.45, ROOT), (0.6, 0.55), (-0.6, 0.55)], -0.4, 0.4),
         _ => {
             post(b, dark, place, 0.9, 0.06);
             b.cuboid(paint, place, [-0.22, -0.18, 0.8], [0.22, 0.18, 1.4]);
@@ -229,12 +177,7 @@ pub fn wheeled_bins(b: &mut Builder, place: &Place) {
     for x in [-0.35, 0.35] {
         b.begin_object();
         let paint = b.paint(Class::Static);
-        let outline = [
-            (x - 0.24, 0.04),
-            (x + 0.24, 0.04),
-            (x + 0.29, 1.0),
-            (x - 0.29, 1.0),
-        ];
+        let outline = [(x - 0.24, 0.04), (x + 0.24, 0.04), (x + 0.29, 1.0), (x - 0.29, 1.0)];
         b.extrude(paint, place, &outline, -0.3, 0.3);
         b.cuboid(paint, place, [x - 0.31, -0.34, 1.0], [x + 0.31, 0.34, 1.07]);
     }
@@ -246,12 +189,7 @@ pub fn shelter(b: &mut Builder, place: &Place) {
     let frame = b.paint(Class::Static);
     let glass = b.paint_as(Class::Static, GLASS);
     for (x, y) in [(-1.8, -0.7), (1.8, -0.7), (-1.8, 0.6), (1.8, 0.6)] {
-        b.cuboid(
-            frame,
-            place,
-            [x - 0.04, y - 0.04, ROOT],
-            [x + 0.04, y + 0.04, 2.4],
-        );
+        b.cuboid(frame, place, [x - 0.04, y - 0.04, ROOT], [x + 0.04, y + 0.04, 2.4]);
     }
     b.cuboid(frame, place, [-2.0, -0.85, 2.4], [2.0, 0.9, 2.52]);
     b.cuboid(glass, place, [-1.76, -0.71, 0.3], [1.76, -0.69, 2.1]);

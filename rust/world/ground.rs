@@ -54,15 +54,7 @@ pub fn build(builder: &mut Builder, street: &Street) {
             let step = street.step(class);
             let corner = |s, d| street.at(s, d).extend(street.relief(s, d) + step);
             let [s0, s1, d0, d1] = [row[0], row[1], column[0], column[1]];
-            builder.quad(
-                paints.of(class),
-                [
-                    corner(s0, d0),
-                    corner(s1, d0),
-                    corner(s1, d1),
-                    corner(s0, d1),
-                ],
-            );
+            builder.quad(paints.of(class), [corner(s0, d0), corner(s1, d0), corner(s1, d1), corner(s0, d1)]);
         }
     }
     let mut kerb = |from: (f32, f32), to: (f32, f32), classes: [Class; 2]| {
@@ -99,11 +91,7 @@ fn rows(street: &Street) -> Vec<f32> {
         }
     }
     if let Some(branch) = &street.side_street {
-        for offset in [
-            branch.half_width,
-            branch.half_width + branch.sidewalk,
-            0.5 * LINE_WIDTH,
-        ] {
+        for offset in [branch.half_width, branch.half_width + branch.sidewalk, 0.5 * LINE_WIDTH] {
             lines.extend([branch.s - offset, branch.s + offset]);
         }
     }
@@ -118,11 +106,7 @@ fn columns(street: &Street) -> Vec<f32> {
     }
     for (side, sign) in [(0, -1.0), (1, 1.0)] {
         let kerb = street.kerb_at(side);
-        lines.extend([
-            sign * kerb,
-            sign * (kerb + street.verge),
-            sign * street.frontage_at(side),
-        ]);
+        lines.extend([sign * kerb, sign * (kerb + street.verge), sign * street.frontage_at(side)]);
         let mut width = MAX_PAVED_COLUMN;
         let mut d = street.frontage_at(side);
         while d < HALF_WIDTH {
@@ -133,9 +117,7 @@ fn columns(street: &Street) -> Vec<f32> {
     }
     let lines = sorted(lines);
     let paved = street.frontage_at(0).max(street.frontage_at(1));
-    let gaps = lines
-        .windows(2)
-        .filter(|gap| gap[0] > -paved - MERGE && gap[1] < paved + MERGE);
+    let gaps = lines.windows(2).filter(|gap| gap[0] > -paved - MERGE && gap[1] < paved + MERGE);
     let between = gaps.flat_map(|gap| {
         let parts = ((gap[1] - gap[0]) / MAX_PAVED_COLUMN).ceil();
         (1..parts as usize).map(move |i| gap[0] + (gap[1] - gap[0]) * i as f32 / parts)

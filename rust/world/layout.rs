@@ -11,9 +11,7 @@ use super::mesh::{Builder, Place};
 use super::scene::Scene;
 use super::shading::Light;
 use super::street::Street;
-use super::{
-    FREE_RADIUS_M, barriers, cycles, furniture, ground, lots, people, traffic, vegetation,
-};
+use super::{FREE_RADIUS_M, barriers, cycles, furniture, ground, lots, people, traffic, vegetation};
 
 /// The mounting height of the LiDAR above the road.
 const MOUNT_M: std::ops::Range<f64> = 1.7..1.9;
@@ -46,10 +44,7 @@ impl Site {
     /// Takes a disc of ground, if all of it is free; `(s, d)` in street coordinates.
     pub fn claim(&mut self, s: f32, d: f32, radius: f32) -> bool {
         let spot = self.street.at(s, d);
-        let free = self
-            .taken
-            .iter()
-            .all(|(other, size)| spot.distance(*other) > radius + size);
+        let free = self.taken.iter().all(|(other, size)| spot.distance(*other) > radius + size);
         if free {
             self.taken.push((spot, radius));
         }
@@ -70,18 +65,10 @@ impl Site {
         let steps = (half_length / half_width).ceil() as i32;
         let spots: Vec<_> = (-steps..=steps)
             .map(|i| (half_length - half_width).max(0.0) * i as f32 / steps as f32)
-            .map(|along| {
-                (
-                    self.street.at(s + along * yaw.cos(), d + along * yaw.sin()),
-                    half_width,
-                )
-            })
+            .map(|along| (self.street.at(s + along * yaw.cos(), d + along * yaw.sin()), half_width))
             .collect();
         let free = |(spot, size): &(Vec2, f32)| {
-            let clear = self
-                .taken
-                .iter()
-                .all(|(other, radius)| spot.distance(*other) > size + radius);
+            let clear = self.taken.iter().all(|(other, radius)| spot.distance(*other) > size + radius);
             clear && spot.distance(self.rig) > size + gap
         };
         let all_free = spots.iter().all(free);
@@ -100,12 +87,7 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
     let rig_d = street.lane_center(lane) + rng.random_range(-0.4..0.4);
     let t_world_lidar = rig_pose(&mut rng, &street, lane, rig_d, tilt_deg);
     let rig = street.at(0.0, rig_d);
-    let mut site = Site {
-        builder: Builder::new(rng, rig),
-        rig,
-        taken: vec![(rig, FREE_RADIUS_M)],
-        street,
-    };
+    let mut site = Site { builder: Builder::new(rng, rig), rig, taken: vec![(rig, FREE_RADIUS_M)], street };
     ground::build(&mut site.builder, &site.street);
     traffic::moving(&mut site);
     for side in [0, 1] {
@@ -115,34 +97,17 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
         lots::build(&mut site, side);
     }
     lots::backdrop(&mut site);
-    Stage {
-        scene: Scene::new(site.builder),
-        light,
-        t_world_lidar,
-    }
+    Stage { scene: Scene::new(site.builder), light, t_world_lidar }
 }
 
-fn rig_pose(
-    rng: &mut ChaCha8Rng,
-    street: &Street,
-    lane: usize,
-    d: f32,
-    tilt_deg: f64,
-) -> Isometry3<f64> {
+fn rig_pose(rng: &mut ChaCha8Rng, street: &Street, lane: usize, d: f32, tilt_deg: f64) -> Isometry3<f64> {
     let spot = street.rig_spot(d);
     let height = f64::from(spot.z) + rng.random_range(MOUNT_M);
-    let along = if street.lane_runs_ahead(lane) {
-        0.0
-    } else {
-        180.0
-    };
+    let along = if street.lane_runs_ahead(lane) { 0.0 } else { 180.0 };
     let quarter_turns = [0, 0, 0, 0, 0, 1, 2, 3][rng.random_range(0..8)];
     let off = rng.random_range(-MAX_HEADING_OFF..MAX_HEADING_OFF);
     let yaw: f64 = along + 90.0 * f64::from(quarter_turns) + off;
-    let mut incline = || {
-        rng.random_range(-MAX_INCLINATION_DEG..MAX_INCLINATION_DEG)
-            .to_radians()
-    };
+    let mut incline = || rng.random_range(-MAX_INCLINATION_DEG..MAX_INCLINATION_DEG).to_radians();
     let (roll, pitch) = (incline(), incline() + tilt_deg.to_radians());
     Isometry3::from_parts(
         Translation3::new(f64::from(spot.x), f64::from(spot.y), height),
@@ -160,9 +125,7 @@ fn kerbside(site: &mut Site, side: usize) {
     let mut s = -REACH + site.builder.rng.random_range(0.0..lamp_pitch);
     while s < REACH {
         let reach = -sign * 1.6;
-        place_at(site, side, s, d, 0.0, 0.3, |b, place| {
-            furniture::lamp_post(b, place, reach)
-        });
+        place_at(site, side, s, d, 0.0, 0.3, |b, place| furniture::lamp_post(b, place, reach));
         s += lamp_pitch;
     }
     signals(site, side, d, traffic_yaw);
@@ -170,25 +133,15 @@ fn kerbside(site: &mut Site, side: usize) {
     while s < REACH {
         kerb_object(site, side, s, d, traffic_yaw);
         let near = s.abs() < NEAR;
-        s += site
-            .builder
-            .rng
-            .random_range(if near { 1.6..3.2 } else { 3.0..7.0 });
+        s += site.builder.rng.random_range(if near { 1.6..3.2 } else { 3.0..7.0 });
     }
 }
 
 /// Traffic lights at the side street, or else at a crossing, and signs.
 fn signals(site: &mut Site, side: usize, d: f32, yaw: f32) {
-    let at = site
-        .street
-        .side_street
-        .map_or(if side == 0 { 16.0 } else { -14.0 }, |branch| branch.s);
+    let at = site.street.side_street.map_or(if side == 0 { 16.0 } else { -14.0 }, |branch| branch.s);
     let ahead = if side == 0 { -1.0 } else { 1.0 };
-    let reach = if site.builder.rng.random_bool(0.5) {
-        3.2
-    } else {
-        0.0
-    };
+    let reach = if site.builder.rng.random_bool(0.5) { 3.2 } else { 0.0 };
     for (offset, turn) in [(6.5, 0.0), (-6.5, PI)] {
         let s = at + ahead * offset;
         place_at(site, side, s, d, yaw + turn, 0.3, |b, place| {
@@ -201,15 +154,7 @@ fn signals(site: &mut Site, side: usize, d: f32, yaw: f32) {
         place_at(site, side, s, d, yaw + turn, 0.3, furniture::traffic_sign);
     }
     let s = site.builder.rng.random_range(-30.0..30.0);
-    place_at(
-        site,
-        side,
-        s,
-        d * 1.06,
-        yaw,
-        1.2,
-        furniture::direction_panel,
-    );
+    place_at(site, side, s, d * 1.06, yaw, 1.2, furniture::direction_panel);
 }
 
 fn kerb_object(site: &mut Site, side: usize, s: f32, d: f32, traffic_yaw: f32) {
@@ -220,9 +165,7 @@ fn kerb_object(site: &mut Site, side: usize, s: f32, d: f32, traffic_yaw: f32) {
             if site.builder.distance(&site.street.place(s, d, 0.0)) < CROWN_REACH * height {
                 return;
             }
-            place_at(site, side, s, d, 0.0, 0.5, |b, place| {
-                vegetation::tree(b, place, height)
-            });
+            place_at(site, side, s, d, 0.0, 0.5, |b, place| vegetation::tree(b, place, height));
         }
         3 | 4 => place_at(site, side, s, d, toward_street, 0.5, furniture::small_thing),
         5 => place_at(site, side, s, d, 0.0, 0.8, furniture::wheeled_bins),
@@ -247,15 +190,7 @@ fn pavement(site: &mut Site, side: usize) {
     let toward_street = if side == 1 { PI } else { 0.0 };
     for _ in 0..2 {
         let s = site.builder.rng.random_range(-40.0..40.0);
-        place_at(
-            site,
-            side,
-            s,
-            sign * (end - 0.6),
-            toward_street,
-            1.6,
-            furniture::shelter,
-        );
+        place_at(site, side, s, sign * (end - 0.6), toward_street, 1.6, furniture::shelter);
     }
     for i in 0..20 {
         let far = if i < 10 { NEAR } else { 50.0 };
@@ -268,10 +203,7 @@ fn pavement(site: &mut Site, side: usize) {
         let s = site.builder.rng.random_range(-30.0..30.0);
         let d = sign * site.builder.rng.random_range(0.5..start);
         if site.claim(s, d, 0.4) {
-            people::pedestrian(
-                &mut site.builder,
-                &site.street.place(s, d, sign * FRAC_PI_2),
-            );
+            people::pedestrian(&mut site.builder, &site.street.place(s, d, sign * FRAC_PI_2));
         }
     }
 }
@@ -293,7 +225,5 @@ fn place_at(
 
 /// Whether `s` lies in the mouth of the side street, or within a margin of it.
 pub fn near_branch(street: &Street, side: usize, s: f32, margin: f32) -> bool {
-    street
-        .branch(side)
-        .is_some_and(|branch| (s - branch.s).abs() < branch.half_width + margin)
+    street.branch(side).is_some_and(|branch| (s - branch.s).abs() < branch.half_width + margin)
 }

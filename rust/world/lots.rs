@@ -33,8 +33,7 @@ impl Lot {
     /// The middle of a front line, its local y pointing away from the street.
     fn front(&self, site: &Site, share: f32, depth: f32) -> Place {
         let (s, d) = self.spot(site, share, depth);
-        site.street
-            .place(s, d, if self.side == 1 { 0.0 } else { PI })
+        site.street.place(s, d, if self.side == 1 { 0.0 } else { PI })
     }
 
     /// The start of a line along the whole front, and its length.
@@ -44,10 +43,7 @@ impl Lot {
             site.street.place(s, d, 0.0).origin
         });
         let along = to - from;
-        (
-            Place::new(from, along.y.atan2(along.x)),
-            along.truncate().length(),
-        )
+        (Place::new(from, along.y.atan2(along.x)), along.truncate().length())
     }
 }
 
@@ -57,10 +53,7 @@ pub fn build(site: &mut Site, side: usize) {
     while s < REACH {
         let width = site.builder.rng.random_range(LOT_WIDTHS);
         let middle = s + 0.5 * width;
-        let sidewalk = site
-            .street
-            .branch(side)
-            .map_or(0.0, |branch| branch.sidewalk);
+        let sidewalk = site.street.branch(side).map_or(0.0, |branch| branch.sidewalk);
         if near_branch(&site.street, side, middle, 0.5 * width + sidewalk + 0.5) {
             s += 1.0;
             continue;
@@ -72,11 +65,7 @@ pub fn build(site: &mut Site, side: usize) {
             _ => park(site, &lot),
         }
         s += width
-            + if site.builder.rng.random_bool(0.3) {
-                site.builder.rng.random_range(1.0..4.0)
-            } else {
-                0.2
-            };
+            + if site.builder.rng.random_bool(0.3) { site.builder.rng.random_range(1.0..4.0) } else { 0.2 };
     }
 }
 
@@ -135,10 +124,7 @@ fn enclosure(site: &mut Site, lot: &Lot) {
         }
         _ => {
             barriers::wall(b, &place, length, 0.45);
-            let above = Place {
-                origin: place.at(0.0, 0.0, 0.5),
-                ..place
-            };
+            let above = Place { origin: place.at(0.0, 0.0, 0.5), ..place };
             barriers::railing(b, &above, length);
         }
     }
@@ -181,18 +167,8 @@ fn park(site: &mut Site, lot: &Lot) {
         people::pedestrian(&mut site.builder, &stroller);
     }
     let bench = lot.front(site, 0.5, 1.6);
-    furniture::bench(
-        &mut site.builder,
-        &Place {
-            heading: -bench.heading,
-            ..bench
-        },
-    );
-    let size = Size {
-        width: lot.width,
-        depth: 9.0,
-        height: site.builder.rng.random_range(5.0..12.0),
-    };
+    furniture::bench(&mut site.builder, &Place { heading: -bench.heading, ..bench });
+    let size = Size { width: lot.width, depth: 9.0, height: site.builder.rng.random_range(5.0..12.0) };
     let place = lot.front(site, 0.5, 24.0);
     buildings::house(&mut site.builder, &place, size);
 }
@@ -220,11 +196,7 @@ pub fn backdrop(site: &mut Site) {
 fn far_object(site: &mut Site, place: &Place) {
     let b = &mut site.builder;
     if b.rng.random_bool(0.7) {
-        let size = Size {
-            width: 13.0,
-            depth: 8.0,
-            height: b.rng.random_range(8.0..19.0),
-        };
+        let size = Size { width: 13.0, depth: 8.0, height: b.rng.random_range(8.0..19.0) };
         buildings::house(b, place, size);
     } else {
         for x in [-4.0, 0.0, 4.0] {

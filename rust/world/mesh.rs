@@ -32,10 +32,7 @@ pub struct Place {
 
 impl Place {
     pub fn new(origin: Vec3, yaw: f32) -> Self {
-        Self {
-            origin,
-            heading: Vec2::from_angle(yaw),
-        }
+        Self { origin, heading: Vec2::from_angle(yaw) }
     }
 
     /// Local coordinates to the world's.
@@ -46,10 +43,7 @@ impl Place {
 
     /// The place at a local offset, turned further by `yaw`.
     pub fn shifted(&self, x: f32, y: f32, z: f32, yaw: f32) -> Self {
-        Self {
-            origin: self.at(x, y, z),
-            heading: self.heading.rotate(Vec2::from_angle(yaw)),
-        }
+        Self { origin: self.at(x, y, z), heading: self.heading.rotate(Vec2::from_angle(yaw)) }
     }
 }
 
@@ -66,14 +60,7 @@ pub struct Builder {
 
 impl Builder {
     pub fn new(rng: ChaCha8Rng, viewpoint: Vec2) -> Self {
-        Self {
-            rng,
-            triangles: Vec::new(),
-            surfaces: Vec::new(),
-            viewpoint,
-            instance: GROUND,
-            objects: 0,
-        }
+        Self { rng, triangles: Vec::new(), surfaces: Vec::new(), viewpoint, instance: GROUND, objects: 0 }
     }
 
     /// Metres from the rig, seen from above: what is near is built finer.
@@ -95,19 +82,14 @@ impl Builder {
 
     /// A surface of the current object in a given colour.
     pub fn paint_as(&mut self, class: Class, colour: [f32; 3]) -> Paint {
-        let surface = Surface {
-            albedo: Vec3::from(colour),
-            ..Surface::random(class, self.instance, &mut self.rng)
-        };
+        let surface =
+            Surface { albedo: Vec3::from(colour), ..Surface::random(class, self.instance, &mut self.rng) };
         self.add_surface(surface)
     }
 
     /// A surface of the current object with a pattern.
     pub fn paint_textured(&mut self, class: Class, texture: Texture) -> Paint {
-        let surface = Surface {
-            texture,
-            ..Surface::random(class, self.instance, &mut self.rng)
-        };
+        let surface = Surface { texture, ..Surface::random(class, self.instance, &mut self.rng) };
         self.add_surface(surface)
     }
 
@@ -117,12 +99,7 @@ impl Builder {
     }
 
     pub fn triangle(&mut self, paint: Paint, a: Vec3, b: Vec3, c: Vec3) {
-        self.triangles.push(Triangle {
-            corner: a,
-            edge_1: b - a,
-            edge_2: c - a,
-            paint,
-        });
+        self.triangles.push(Triangle { corner: a, edge_1: b - a, edge_2: c - a, paint });
     }
 
     /// A quadrilateral, its corners in turn.
@@ -141,30 +118,12 @@ impl Builder {
     /// A box between two local corners.
     pub fn cuboid(&mut self, paint: Paint, place: &Place, low: [f32; 3], high: [f32; 3]) {
         let ([x0, y0, z0], [x1, y1, z1]) = (low, high);
-        self.extrude(
-            paint,
-            place,
-            &[(x0, z0), (x1, z0), (x1, z1), (x0, z1)],
-            y0,
-            y1,
-        );
+        self.extrude(paint, place, &[(x0, z0), (x1, z0), (x1, z1), (x0, z1)], y0, y1);
     }
 
     /// A convex outline in the local x-z plane, swept from `y0` to `y1`.
-    pub fn extrude(
-        &mut self,
-        paint: Paint,
-        place: &Place,
-        outline: &[(f32, f32)],
-        y0: f32,
-        y1: f32,
-    ) {
-        let side = |y| {
-            outline
-                .iter()
-                .map(move |&(x, z)| place.at(x, y, z))
-                .collect()
-        };
+    pub fn extrude(&mut self, paint: Paint, place: &Place, outline: &[(f32, f32)], y0: f32, y1: f32) {
+        let side = |y| outline.iter().map(move |&(x, z)| place.at(x, y, z)).collect();
         let (right, left): (Vec<_>, Vec<_>) = (side(y0), side(y1));
         self.loft(paint, &right, &left);
         self.polygon(paint, &right);
@@ -181,9 +140,7 @@ impl Builder {
 
     /// A tapered tube closed at both ends.
     pub fn tube(&mut self, paint: Paint, ends: [Vec3; 2], radii: [f32; 2], sides: usize) {
-        let (u, v) = (ends[1] - ends[0])
-            .normalize_or(Vec3::Z)
-            .any_orthonormal_pair();
+        let (u, v) = (ends[1] - ends[0]).normalize_or(Vec3::Z).any_orthonormal_pair();
         let circle = |end: usize| -> Vec<Vec3> {
             (0..sides)
                 .map(|i| Vec2::from_angle(TAU * i as f32 / sides as f32) * radii[end])

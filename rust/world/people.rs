@@ -6,12 +6,7 @@ use rand::RngExt;
 use super::classes::Class;
 use super::mesh::{Builder, Paint, Place};
 
-const SKINS: [[f32; 3]; 4] = [
-    [0.75, 0.55, 0.45],
-    [0.55, 0.38, 0.28],
-    [0.35, 0.23, 0.16],
-    [0.8, 0.62, 0.5],
-];
+const SKINS: [[f32; 3]; 4] = [[0.75, 0.55, 0.45], [0.55, 0.38, 0.28], [0.35, 0.23, 0.16], [0.8, 0.62, 0.5]];
 const HAIR: [f32; 3] = [0.12, 0.08, 0.05];
 const LIMB_SIDES: usize = 5;
 
@@ -38,41 +33,24 @@ impl Clothes {
 pub fn pedestrian(b: &mut Builder, place: &Place) {
     b.begin_object();
     let clothes = Clothes::random(b, Class::Pedestrian);
-    let size = if b.rng.random_bool(0.15) {
-        0.65
-    } else {
-        b.rng.random_range(0.92..1.06)
-    };
+    let size = if b.rng.random_bool(0.15) { 0.65 } else { b.rng.random_range(0.92..1.06) };
     let stride = b.rng.random_range(0.0..0.32);
     let at = |x: f32, y: f32, z: f32| place.at(x * size, y * size, z * size);
     for (side, step) in [(-1.0, stride), (1.0, -stride)] {
         let hip = at(0.0, side * 0.1, 0.92);
         let knee = at(0.5 * step + 0.05, side * 0.1, 0.5);
         let foot = at(step, side * 0.1, 0.04);
-        limb(
-            b,
-            clothes.bottom,
-            [hip, knee, foot],
-            [0.095, 0.075, 0.055].map(|r| r * size),
-        );
+        limb(b, clothes.bottom, [hip, knee, foot], [0.095, 0.075, 0.055].map(|r| r * size));
         b.tube(
             clothes.hair,
-            [
-                at(step - 0.08, side * 0.1, 0.04),
-                at(step + 0.18, side * 0.1, 0.04),
-            ],
+            [at(step - 0.08, side * 0.1, 0.04), at(step + 0.18, side * 0.1, 0.04)],
             [0.05 * size; 2],
             4,
         );
         let shoulder = at(0.0, side * 0.21, 1.42);
         let elbow = at(-0.5 * step, side * 0.27, 1.14);
         let hand = at(-0.9 * step + 0.1, side * 0.26, 0.88);
-        limb(
-            b,
-            clothes.top,
-            [shoulder, elbow, hand],
-            [0.06, 0.05, 0.04].map(|r| r * size),
-        );
+        limb(b, clothes.top, [shoulder, elbow, hand], [0.06, 0.05, 0.04].map(|r| r * size));
         b.ellipsoid(clothes.skin, hand, Vec3::splat(0.05 * size));
     }
     torso(b, &clothes, at(0.0, 0.0, 0.88), at(0.0, 0.0, 1.45), size);
@@ -104,63 +82,33 @@ pub fn rider(b: &mut Builder, place: &Place, saddle: f32, grips: f32) {
         ];
         limb(b, clothes.top, arm, [0.06, 0.05, 0.04]);
     }
-    torso(
-        b,
-        &clothes,
-        at(-0.24, 0.0, hip - 0.04),
-        at(0.02, 0.0, hip + 0.53),
-        1.0,
-    );
+    torso(b, &clothes, at(-0.24, 0.0, hip - 0.04), at(0.02, 0.0, hip + 0.53), 1.0);
     head(b, &clothes, at(0.1, 0.0, hip + 0.72), 1.0);
     let helmet = b.paint(Class::Rider);
-    b.ellipsoid(
-        helmet,
-        at(0.09, 0.0, hip + 0.77),
-        Vec3::new(0.14, 0.14, 0.12),
-    );
+    b.ellipsoid(helmet, at(0.09, 0.0, hip + 0.77), Vec3::new(0.14, 0.14, 0.12));
 }
 
 fn limb(b: &mut Builder, paint: Paint, joints: [Vec3; 3], radii: [f32; 3]) {
     for i in 0..2 {
-        b.tube(
-            paint,
-            [joints[i], joints[i + 1]],
-            [radii[i], radii[i + 1]],
-            LIMB_SIDES,
-        );
+        b.tube(paint, [joints[i], joints[i + 1]], [radii[i], radii[i + 1]], LIMB_SIDES);
     }
 }
 
 fn torso(b: &mut Builder, clothes: &Clothes, hips: Vec3, shoulders: Vec3, size: f32) {
     let waist = hips.lerp(shoulders, 0.35);
     b.tube(clothes.bottom, [hips, waist], [0.17 * size, 0.15 * size], 7);
-    b.tube(
-        clothes.top,
-        [waist, shoulders],
-        [0.155 * size, 0.2 * size],
-        7,
-    );
+    b.tube(clothes.top, [waist, shoulders], [0.155 * size, 0.2 * size], 7);
 }
 
 fn head(b: &mut Builder, clothes: &Clothes, center: Vec3, size: f32) {
-    b.tube(
-        clothes.skin,
-        [center - Vec3::Z * 0.22 * size, center],
-        [0.055 * size; 2],
-        LIMB_SIDES,
-    );
+    b.tube(clothes.skin, [center - Vec3::Z * 0.22 * size, center], [0.055 * size; 2], LIMB_SIDES);
     b.ellipsoid(clothes.skin, center, Vec3::new(0.1, 0.09, 0.13) * size);
-    b.ellipsoid(
-        clothes.hair,
-        center + Vec3::Z * 0.04 * size,
-        Vec3::new(0.105, 0.1, 0.11) * size,
-    );
+    b.ellipsoid(clothes.hair, center + Vec3::Z * 0.04 * size, Vec3::new(0.105, 0.1, 0.11) * size);
 }
 
 fn backpack(b: &mut Builder, place: &Place, size: f32) {
     let paint = b.paint(Class::Pedestrian);
-    let [low, high] =
-        [[-0.36, -0.15, 1.0], [-0.14, 0.15, 1.42]].map(|corner| corner.map(|x: f32| x * size));
+    let [low, high] = [[-0.36, -0.15, 1.0], [-0.14, 0.15, 1.42]].map(|corner| corner.map(|x: f32| x * size));
     b.cuboid(paint, place, low, high);
 }
 

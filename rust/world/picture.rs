@@ -38,20 +38,14 @@ pub fn take(
             let ray = rotation * ray;
             neighbour.look(stage, origin, Vec3::new(ray.x, ray.y, ray.z))
         };
-        rays.iter()
-            .map(|ray| ray.as_ref().map_or(Pixel::UNREACHED, &mut look))
-            .collect()
+        rays.iter().map(|ray| ray.as_ref().map_or(Pixel::UNREACHED, &mut look)).collect()
     };
     let rows: Vec<_> = pixel_rays.par_chunks(width.max(1)).map(row).collect();
     rows.into_iter().flatten().collect()
 }
 
 impl Pixel {
-    const UNREACHED: Self = Self {
-        label: UNLABELED,
-        rgb: [0; 3],
-        instance: GROUND,
-    };
+    const UNREACHED: Self = Self { label: UNLABELED, rgb: [0; 3], instance: GROUND };
 }
 
 /// What the pixel before met, which its neighbour is likely to meet too.
@@ -66,11 +60,7 @@ impl Neighbour {
     fn look(&mut self, stage: &Stage, origin: Vec3, direction: Vec3) -> Pixel {
         let (scene, light) = (&stage.scene, &stage.light);
         let Some(hit) = scene.cast(origin, direction, FAR_M, self.seen) else {
-            return Pixel {
-                label: Class::Sky.id(),
-                rgb: light.sky(direction),
-                instance: GROUND,
-            };
+            return Pixel { label: Class::Sky.id(), rgb: light.sky(direction), instance: GROUND };
         };
         self.seen = Some(hit.triangle);
         let spot = scene.spot(hit, origin, direction);
@@ -84,9 +74,7 @@ impl Neighbour {
 
     fn is_shaded(&mut self, stage: &Stage, spot: &Spot) -> bool {
         let start = spot.point + spot.normal * SHADOW_OFFSET_M;
-        let blocker = stage
-            .scene
-            .blocker(start, stage.light.sun, SHADOW_REACH_M, self.shading);
+        let blocker = stage.scene.blocker(start, stage.light.sun, SHADOW_REACH_M, self.shading);
         self.shading = blocker.or(self.shading);
         blocker.is_some()
     }

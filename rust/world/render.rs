@@ -81,12 +81,7 @@ impl Renderer {
     pub fn frame(&self, seed: u64, number: u64) -> Frame {
         let stage = layout::build(generator(seed, number, 0), self.rig.lidar.tilt_deg);
         let t_world_camera = stage.t_world_lidar * self.rig.t_camera_lidar.inverse();
-        let pixels = picture::take(
-            &stage,
-            &t_world_camera,
-            &self.pixel_rays,
-            self.rig.camera.width,
-        );
+        let pixels = picture::take(&stage, &t_world_camera, &self.pixel_rays, self.rig.camera.width);
         let returns = self.scan(&stage, seed, number);
         Frame {
             objects_in_view: count_objects(&pixels, &returns),
@@ -105,59 +100,35 @@ impl Renderer {
             .enumerate()
             .map(|(i, directions)| {
                 let mut rng = generator(seed, number, 1 + i as u64);
-                directions
-                    .iter()
-                    .filter_map(|direction| self.fire(stage, direction, &mut rng))
-                    .collect()
+                directions.iter().filter_map(|direction| self.fire(stage, direction, &mut rng)).collect()
             })
             .collect();
         chunks.into_iter().flatten().collect()
     }
 
     /// One ray of the LiDAR.
-    fn fire(
-        &self,
-        stage: &Stage,
-        direction: &Vector3<f64>,
-        rng: &mut ChaCha8Rng,
-    ) -> Option<Return> {
+    fn fire(&self, stage: &Stage, direction: &Vector3<f64>, rng: &mut ChaCha8Rng) -> Option<Return> {
         let lidar = &self.rig.lidar;
-        let (lost, noise): (bool, f64) =
-            (rng.random_bool(lidar.dropout), StandardNormal.sample(rng));
+        let (lost, noise): (bool, f64) = (rng.random_bool(lidar.dropout), StandardNormal.sample(rng));
         let origin = to_f32(&stage.t_world_lidar.translation.vector);
         let ray = to_f32(&(stage.t_world_lidar.rotation * direction));
-        let hit = stage
-            .scene
-            .cast(origin, ray, lidar.max_range_m as f32, None)?;
+        let hit = stage.scene.cast(origin, ray, lidar.max_range_m as f32, None)?;
         if lost {
             return None;
         }
         let spot = stage.scene.spot(hit, origin, ray);
         let measured = direction * (f64::from(hit.range) + noise * lidar.range_noise_m);
         Some(Return {
-            point: [
-                measured.x as f32,
-                measured.y as f32,
-                measured.z as f32,
-                spot.intensity(),
-            ],
+            point: [measured.x as f32, measured.y as f32, measured.z as f32, spot.intensity()],
             label: u32::from(spot.surface.instance) << 16 | u32::from(spot.surface.class.id()),
             visibility: self.visibility(stage, &measured, &(direction * f64::from(hit.range))),
         })
     }
 
     /// Whether the camera sees a return, measured at one point of the LiDAR frame and truly at another.
-    fn visibility(
-        &self,
-        stage: &Stage,
-        measured: &Vector3<f64>,
-        truth: &Vector3<f64>,
-    ) -> Visibility {
+    fn visibility(&self, stage: &Stage, measured: &Vector3<f64>, truth: &Vector3<f64>) -> Visibility {
         let t = &self.rig.t_camera_lidar;
-        let pixel = self
-            .rig
-            .camera
-            .project(&(t * Point3::from(*measured)).coords);
+        let pixel = self.rig.camera.project(&(t * Point3::from(*measured)).coords);
         if !pixel.is_some_and(|pixel| self.rig.camera.contains(&pixel)) {
             return Visibility::Outside;
         }
@@ -217,8 +188,7 @@ mod tests {
         let k = [[320.0, 0.0, 319.5], [0.0, 320.0, 179.5], [0.0, 0.0, 1.0]];
         let axes = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
         let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), -azimuth_deg.to_radians());
-        let rotation =
-            UnitQuaternion::from_rotation_matrix(&(Rotation3::from_matrix_unchecked(axes) * turn));
+        let rotation = UnitQuaternion::from_rotation_matrix(&(Rotation3::from_matrix_unchecked(axes) * turn));
         let camera_in_lidar = Vector3::new(0.3, 0.3, -0.27);
         Rig {
             lidar,
@@ -232,21 +202,14 @@ mod tests {
     }
 
     fn perfect() -> Lidar {
-        Lidar {
-            range_noise_m: 0.0,
-            dropout: 0.0,
-            ..Lidar::default()
-        }
+        Lidar { range_noise_m: 0.0, dropout: 0.0, ..Lidar::default() }
     }
 
     #[test]
     fn a_frame_depends_on_its_seed_and_number_alone() {
         let renderer = renderer(Lidar::default(), 0.0);
         let on = |threads| {
-            let pool = rayon::ThreadPoolBuilder::new()
-                .num_threads(threads)
-                .build()
-                .expect("a pool");
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
             pool.install(|| renderer.frame(3, 1))
         };
         let frame = on(1);
@@ -267,24 +230,15 @@ mod tests {
                 }
                 let p = Point3::new(point[0], point[1], point[2]).cast();
                 let pixel = (renderer.rig.t_camera_lidar * p).coords;
-                let pixel = renderer
-                    .rig
-                    .camera
-                    .project(&pixel)
-                    .expect("visible points project");
+                let pixel = renderer.rig.camera.project(&pixel).expect("visible points project");
                 let index = pixel.y.round() as usize * SIZE.0 + pixel.x.round() as usize;
                 visible += 1;
-                agree += usize::from(
-                    u32::from(frame.image_labels[index]) == frame.point_labels[i] & 0xffff,
-                );
+                agree += usize::from(u32::from(frame.image_labels[index]) == frame.point_labels[i] & 0xffff);
             }
         }
         assert!(visible > 30_000);
         let share = agree as f64 / visible as f64;
-        assert!(
-            share > 0.97,
-            "only {share:.4} of {visible} visible points agree with their pixel"
-        );
+        assert!(share > 0.97, "only {share:.4} of {visible} visible points agree with their pixel");
     }
 
     #[test]
@@ -297,18 +251,9 @@ mod tests {
                 let image = frame.image_labels.iter().copied();
                 let points = frame.point_labels.iter().map(|&label| label as u8);
                 let classes: BTreeSet<u8> = image.chain(points).collect();
-                assert!(
-                    classes.len() >= 12,
-                    "seed {seed} frame {number}: {classes:?}"
-                );
+                assert!(classes.len() >= 12, "seed {seed} frame {number}: {classes:?}");
                 assert!(frame.objects_in_view >= 40, "seed {seed} frame {number}");
-                let count = |what| {
-                    frame
-                        .point_visibility
-                        .iter()
-                        .filter(|&&v| v == what)
-                        .count()
-                };
+                let count = |what| frame.point_visibility.iter().filter(|&&v| v == what).count();
                 let (hidden, visible) = (count(Visibility::Hidden), count(Visibility::Visible));
                 hidden_shares.push(hidden as f64 / (hidden + visible) as f64);
             }
@@ -320,53 +265,26 @@ mod tests {
 
     #[test]
     fn the_road_lies_beneath_the_rig_at_its_mounting_height() {
-        let down = ScanPattern::Spinning {
-            channels: 1,
-            columns: 1,
-            fov_up_deg: -90.0,
-            fov_down_deg: -90.0,
-        };
-        let renderer = renderer(
-            Lidar {
-                pattern: down,
-                ..perfect()
-            },
-            0.0,
-        );
+        let down = ScanPattern::Spinning { channels: 1, columns: 1, fov_up_deg: -90.0, fov_down_deg: -90.0 };
+        let renderer = renderer(Lidar { pattern: down, ..perfect() }, 0.0);
         for number in 0..10 {
             let frame = renderer.frame(1, number);
             let label = (frame.point_labels[0] & 0xffff) as u8;
             assert!([Class::Road.id(), Class::RoadLine.id()].contains(&label));
             // A vehicle inclined by 2 degrees, and roughness between the grid's lines, change it by some millimetres.
-            assert!(
-                (-1.92..-1.68).contains(&frame.points[0][2]),
-                "{:?}",
-                frame.points[0]
-            );
+            assert!((-1.92..-1.68).contains(&frame.points[0][2]), "{:?}", frame.points[0]);
         }
     }
 
     #[test]
     fn noise_moves_points_along_their_rays_alone() {
-        let (exact, noisy) = (
-            renderer(perfect(), 0.0),
-            renderer(
-                Lidar {
-                    dropout: 0.0,
-                    ..Lidar::default()
-                },
-                0.0,
-            ),
-        );
+        let (exact, noisy) =
+            (renderer(perfect(), 0.0), renderer(Lidar { dropout: 0.0, ..Lidar::default() }, 0.0));
         let (exact, noisy) = (exact.frame(9, 0), noisy.frame(9, 0));
         assert_eq!(exact.point_labels, noisy.point_labels);
         let range = |p: &[f32; 4]| Vector3::new(p[0], p[1], p[2]).cast::<f64>().norm();
-        let errors: Vec<f64> = exact
-            .points
-            .iter()
-            .zip(&noisy.points)
-            .map(|(a, b)| range(b) - range(a))
-            .collect();
+        let errors: Vec<f64> =
+            exact.points.iter().zip(&noisy.points).map(|(a, b)| range(b) - range(a)).collect();
         let deviation = (errors.iter().map(|e| e * e).sum::<f64>() / errors.len() as f64).sqrt();
         assert!((deviation - 0.02).abs() < 0.001, "{deviation}");
     }
@@ -376,20 +294,7 @@ mod tests {
         let mut far = rig(Lidar::default(), 0.0);
         far.t_camera_lidar.translation.vector.x = 3.0;
         assert!(Renderer::new(far).is_err());
-        let blind = ScanPattern::Rosette {
-            points: 0,
-            fov_up_deg: 20.0,
-            fov_down_deg: -35.0,
-        };
-        assert!(
-            Renderer::new(rig(
-                Lidar {
-                    pattern: blind,
-                    ..Lidar::default()
-                },
-                0.0
-            ))
-            .is_err()
-        );
+        let blind = ScanPattern::Rosette { points: 0, fov_up_deg: 20.0, fov_down_deg: -35.0 };
+        assert!(Renderer::new(rig(Lidar { pattern: blind, ..Lidar::default() }, 0.0)).is_err());
     }
 }

@@ -39,38 +39,21 @@ impl Scene {
     /// The first triangle on a ray of unit direction, nearer than `max_range`.
     ///
     /// `guess` is a triangle that the ray may well meet, such as the one that its neighbour met: it only saves time.
-    pub fn cast(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        max_range: f32,
-        guess: Option<u32>,
-    ) -> Option<Hit> {
+    pub fn cast(&self, origin: Vec3, direction: Vec3, max_range: f32, guess: Option<u32>) -> Option<Hit> {
         let meet = |id: u32| intersect(&self.triangles[id as usize], origin, direction);
         let guessed = guess
             .and_then(|triangle| meet(triangle).map(|range| Hit { triangle, range }))
             .filter(|hit| hit.range < max_range);
         let limit = guessed.map_or(max_range, |hit| hit.range);
         let slabs = Slabs::new(origin, direction);
-        let found = self
-            .bvh
-            .find_best(limit, |node, _| slabs.enter(node), |id, _| meet(id));
-        found
-            .map(|(triangle, range)| Hit { triangle, range })
-            .or(guessed)
+        let found = self.bvh.find_best(limit, |node, _| slabs.enter(node), |id, _| meet(id));
+        found.map(|(triangle, range)| Hit { triangle, range }).or(guessed)
     }
 
     /// Any triangle on a ray of unit direction, nearer than `max_range`; `guess` as in [`Scene::cast`].
-    pub fn blocker(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        max_range: f32,
-        guess: Option<u32>,
-    ) -> Option<u32> {
+    pub fn blocker(&self, origin: Vec3, direction: Vec3, max_range: f32, guess: Option<u32>) -> Option<u32> {
         let stands_in = |id: u32| {
-            intersect(&self.triangles[id as usize], origin, direction)
-                .is_some_and(|range| range < max_range)
+            intersect(&self.triangles[id as usize], origin, direction).is_some_and(|range| range < max_range)
         };
         if let Some(id) = guess.filter(|&id| stands_in(id)) {
             return Some(id);
@@ -78,9 +61,7 @@ impl Scene {
         let slabs = Slabs::new(origin, direction);
         // Whatever is met ends the search: nothing is nearer than minus infinity.
         let meet = |id: u32, _| stands_in(id).then_some(f32::NEG_INFINITY);
-        self.bvh
-            .find_best(max_range, |node, _| slabs.enter(node), meet)
-            .map(|(id, _)| id)
+        self.bvh.find_best(max_range, |node, _| slabs.enter(node), meet).map(|(id, _)| id)
     }
 
     /// What a ray sees where it hits; the normal is on the ray's side.
@@ -90,11 +71,7 @@ impl Scene {
         Spot {
             surface: &self.surfaces[triangle.paint as usize],
             point: origin + direction * hit.range,
-            normal: if normal.dot(direction) > 0.0 {
-                -normal
-            } else {
-                normal
-            },
+            normal: if normal.dot(direction) > 0.0 { -normal } else { normal },
             direction,
             range: hit.range,
         }
@@ -109,10 +86,7 @@ struct Slabs {
 
 impl Slabs {
     fn new(origin: Vec3, direction: Vec3) -> Self {
-        Self {
-            origin: origin.into(),
-            inverse: Vec3A::from(direction).recip(),
-        }
+        Self { origin: origin.into(), inverse: Vec3A::from(direction).recip() }
     }
 
     /// Where the ray enters a node's box, `f32::MAX` if it passes by.
@@ -121,20 +95,12 @@ impl Slabs {
         let low = (Vec3A::from(node.mins()) - self.origin) * self.inverse;
         let high = (Vec3A::from(node.maxs()) - self.origin) * self.inverse;
         let (enter, leave) = (low.min(high).max_element(), low.max(high).min_element());
-        if leave >= enter.max(0.0) {
-            enter
-        } else {
-            f32::MAX
-        }
+        if leave >= enter.max(0.0) { enter } else { f32::MAX }
     }
 }
 
 fn bounds(triangle: &Triangle) -> Aabb {
-    let [a, b, c] = [
-        triangle.corner,
-        triangle.corner + triangle.edge_1,
-        triangle.corner + triangle.edge_2,
-    ];
+    let [a, b, c] = [triangle.corner, triangle.corner + triangle.edge_1, triangle.corner + triangle.edge_2];
     Aabb::new(a.min(b).min(c), a.max(b).max(c))
 }
 

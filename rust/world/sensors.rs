@@ -41,12 +41,7 @@ pub enum ScanPattern {
 
 impl Default for ScanPattern {
     fn default() -> Self {
-        Self::Spinning {
-            channels: 64,
-            columns: 800,
-            fov_up_deg: 10.0,
-            fov_down_deg: -30.0,
-        }
+        Self::Spinning { channels: 64, columns: 800, fov_up_deg: 10.0, fov_down_deg: -30.0 }
     }
 }
 
@@ -54,27 +49,17 @@ impl ScanPattern {
     /// The unit vectors of one frame's rays.
     pub fn directions(&self, frame: u64) -> Vec<Vector3<f64>> {
         match *self {
-            Self::Spinning {
-                channels,
-                columns,
-                fov_up_deg,
-                fov_down_deg,
-            } => {
+            Self::Spinning { channels, columns, fov_up_deg, fov_down_deg } => {
                 let step = (fov_up_deg - fov_down_deg) / (channels.max(2) - 1) as f64;
                 let elevation = |channel: usize| (fov_up_deg - step * channel as f64).to_radians();
                 let azimuth = |column: usize| TAU * column as f64 / columns as f64;
                 (0..columns)
                     .flat_map(|column| {
-                        (0..channels)
-                            .map(move |channel| toward(azimuth(column), elevation(channel)))
+                        (0..channels).map(move |channel| toward(azimuth(column), elevation(channel)))
                     })
                     .collect()
             }
-            Self::Rosette {
-                points,
-                fov_up_deg,
-                fov_down_deg,
-            } => {
+            Self::Rosette { points, fov_up_deg, fov_down_deg } => {
                 let middle = 0.5 * (fov_up_deg + fov_down_deg);
                 let swing = 0.5 * (fov_up_deg - fov_down_deg);
                 let first = frame as f64 * points as f64;
@@ -91,17 +76,10 @@ impl ScanPattern {
 
     fn is_valid(&self) -> bool {
         let (rays, up, down) = match *self {
-            Self::Spinning {
-                channels,
-                columns,
-                fov_up_deg,
-                fov_down_deg,
-            } => (channels * columns, fov_up_deg, fov_down_deg),
-            Self::Rosette {
-                points,
-                fov_up_deg,
-                fov_down_deg,
-            } => (points, fov_up_deg, fov_down_deg),
+            Self::Spinning { channels, columns, fov_up_deg, fov_down_deg } => {
+                (channels * columns, fov_up_deg, fov_down_deg)
+            }
+            Self::Rosette { points, fov_up_deg, fov_down_deg } => (points, fov_up_deg, fov_down_deg),
         };
         rays > 0 && (-90.0..=90.0).contains(&down) && (down..=90.0).contains(&up)
     }
@@ -143,10 +121,7 @@ impl Lidar {
     fn is_valid(&self) -> bool {
         let lengths = [self.range_noise_m, self.max_range_m];
         let sound = lengths.iter().all(|&x| x.is_finite() && x >= 0.0);
-        sound
-            && (0.0..=1.0).contains(&self.dropout)
-            && self.tilt_deg.is_finite()
-            && self.pattern.is_valid()
+        sound && (0.0..=1.0).contains(&self.dropout) && self.tilt_deg.is_finite() && self.pattern.is_valid()
     }
 }
 

@@ -55,11 +55,7 @@ impl Light {
     /// The colour of a spot in the sun or in shadow.
     pub fn color(&self, spot: &Spot, sunlit: bool) -> [u8; 3] {
         let sky = SKY_LIGHT[0] + SKY_LIGHT[1] * spot.normal.z;
-        let sun = if sunlit {
-            self.sun_strength * spot.normal.dot(self.sun)
-        } else {
-            0.0
-        };
+        let sun = if sunlit { self.sun_strength * spot.normal.dot(self.sun) } else { 0.0 };
         let haze = 1.0 - (-spot.range / HAZE_RANGE).exp();
         let radiance = spot.textured().0 * (sky + sun);
         self.expose(radiance.lerp(sky_color(spot.direction), haze))
@@ -99,29 +95,18 @@ impl Spot<'_> {
 
     /// Albedo and reflectance: the surface's own, under its texture and grain.
     fn textured(&self) -> (Vec3, f32) {
-        let &Self {
-            surface,
-            point,
-            normal,
-            ..
-        } = self;
-        let grain =
-            1.0 + GRAIN_CONTRAST * noise::blocky(point * GRAIN, u32::from(surface.instance));
+        let &Self { surface, point, normal, .. } = self;
+        let grain = 1.0 + GRAIN_CONTRAST * noise::blocky(point * GRAIN, u32::from(surface.instance));
         let pattern = match surface.texture {
             Texture::Plain => 1.0,
-            Texture::Patches { size } => {
-                1.0 + PATCH_CONTRAST * noise::smooth(point.truncate() / size, 0)
-            }
+            Texture::Patches { size } => 1.0 + PATCH_CONTRAST * noise::smooth(point.truncate() / size, 0),
             Texture::Courses => courses(point, normal),
             Texture::Facade { pitch, floor } if is_window(point, normal, pitch, floor) => {
                 return (GLASS * grain, GLASS_REFLECTANCE * surface.reflectance);
             }
             Texture::Facade { .. } => 1.0,
         };
-        (
-            surface.albedo * grain * pattern,
-            surface.reflectance * grain * pattern,
-        )
+        (surface.albedo * grain * pattern, surface.reflectance * grain * pattern)
     }
 }
 

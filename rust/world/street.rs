@@ -73,11 +73,7 @@ impl Street {
             lanes: [2, 2, 2, 3, 4][rng.random_range(0..5)],
             lane_width: rng.random_range(LANE_WIDTHS),
             parking: [rng.random_bool(0.6), rng.random_bool(0.6)],
-            verge: if rng.random_bool(0.4) {
-                rng.random_range(0.8..2.0)
-            } else {
-                0.0
-            },
+            verge: if rng.random_bool(0.4) { rng.random_range(0.8..2.0) } else { 0.0 },
             sidewalk: rng.random_range(1.8..4.5),
             kerb: rng.random_range(KERB_HEIGHTS),
             side_street,
@@ -93,12 +89,7 @@ impl Street {
 
     /// From the centre line to the kerb of one side (0 right, 1 left).
     pub fn kerb_at(&self, side: usize) -> f32 {
-        self.lanes_half_width()
-            + if self.parking[side] {
-                PARKING_WIDTH
-            } else {
-                0.4
-            }
+        self.lanes_half_width() + if self.parking[side] { PARKING_WIDTH } else { 0.4 }
     }
 
     /// From the centre line to the far edge of the sidewalk of one side.
@@ -156,48 +147,31 @@ impl Street {
         let (side, out) = (usize::from(d > 0.0), d.abs());
         let kerb = self.kerb_at(side);
         if out < kerb {
-            return if self.is_line(s, d) {
-                Class::RoadLine
-            } else {
-                Class::Road
-            };
+            return if self.is_line(s, d) { Class::RoadLine } else { Class::Road };
         }
         if let Some(branch) = self.branch(side)
             && (s - branch.s).abs() < branch.half_width
         {
             let on_line = (s - branch.s).abs() < 0.5 * LINE_WIDTH && is_dash(out);
-            return if on_line && out > kerb + DASH {
-                Class::RoadLine
-            } else {
-                Class::Road
-            };
+            return if on_line && out > kerb + DASH { Class::RoadLine } else { Class::Road };
         }
-        let from_branch = self.branch(side).map_or(f32::INFINITY, |branch| {
-            (s - branch.s).abs() - branch.half_width - branch.sidewalk
-        });
+        let from_branch = self
+            .branch(side)
+            .map_or(f32::INFINITY, |branch| (s - branch.s).abs() - branch.half_width - branch.sidewalk);
         let sidewalk = (kerb + self.verge..self.frontage_at(side)).contains(&out);
-        if sidewalk || from_branch < 0.0 {
-            Class::Sidewalk
-        } else {
-            Class::Terrain
-        }
+        if sidewalk || from_branch < 0.0 { Class::Sidewalk } else { Class::Terrain }
     }
 
     fn is_line(&self, s: f32, d: f32) -> bool {
-        let crossed = self
-            .side_street
-            .is_some_and(|branch| (s - branch.s).abs() < branch.half_width);
-        let painted = |&(line, dashed): &(f32, bool)| {
-            (d - line).abs() < 0.5 * LINE_WIDTH && (!dashed || is_dash(s))
-        };
+        let crossed = self.side_street.is_some_and(|branch| (s - branch.s).abs() < branch.half_width);
+        let painted =
+            |&(line, dashed): &(f32, bool)| (d - line).abs() < 0.5 * LINE_WIDTH && (!dashed || is_dash(s));
         !crossed && self.lines().iter().any(painted)
     }
 
     /// The side street, where it leaves to this side.
     pub fn branch(&self, side: usize) -> Option<&SideStreet> {
-        self.side_street
-            .as_ref()
-            .filter(|branch| branch.sides[side])
+        self.side_street.as_ref().filter(|branch| branch.sides[side])
     }
 
     /// How far ground of a class stands above the carriageway.
@@ -213,8 +187,7 @@ impl Street {
         let p = self.at(s, d);
         let wild = (self.beyond_pavement(s, d) / TERRAIN_RAMP).clamp(0.0, 1.0);
         let roughness = ROAD_ROUGHNESS + (self.terrain_roughness - ROAD_ROUGHNESS) * wild;
-        let bumps =
-            0.7 * noise::smooth(p / 2.5, self.seed) + 0.3 * noise::smooth(p / 0.9, self.seed ^ 1);
+        let bumps = 0.7 * noise::smooth(p / 2.5, self.seed) + 0.3 * noise::smooth(p / 0.9, self.seed ^ 1);
         HILL_HEIGHT * noise::smooth(p / HILL_LENGTH, self.seed ^ 2) + roughness * bumps
     }
 
@@ -222,9 +195,9 @@ impl Street {
     pub fn beyond_pavement(&self, s: f32, d: f32) -> f32 {
         let side = usize::from(d > 0.0);
         let from_street = d.abs() - self.frontage_at(side);
-        let from_branch = self.branch(side).map_or(f32::INFINITY, |branch| {
-            (s - branch.s).abs() - branch.half_width - branch.sidewalk
-        });
+        let from_branch = self
+            .branch(side)
+            .map_or(f32::INFINITY, |branch| (s - branch.s).abs() - branch.half_width - branch.sidewalk);
         from_street.min(from_branch)
     }
 

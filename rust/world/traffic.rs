@@ -16,11 +16,7 @@ const BIG_VEHICLE_GAP: f32 = 9.0;
 pub fn moving(site: &mut Site) {
     for lane in 0..site.street.lanes {
         let d = site.street.lane_center(lane);
-        let yaw = if site.street.lane_runs_ahead(lane) {
-            0.0
-        } else {
-            PI
-        };
+        let yaw = if site.street.lane_runs_ahead(lane) { 0.0 } else { PI };
         let mut s = -REACH + site.builder.rng.random_range(0.0..8.0);
         while s < REACH {
             let kind = site.builder.rng.random_range(0..10);
@@ -28,10 +24,9 @@ pub fn moving(site: &mut Site) {
             s += site.builder.rng.random_range(8.0..19.0);
         }
     }
-    for (make, count) in [
-        (cycles::ridden_bicycle as fn(&mut Builder, &Place), 4),
-        (cycles::ridden_motorcycle, 3),
-    ] {
+    for (make, count) in
+        [(cycles::ridden_bicycle as fn(&mut Builder, &Place), 4), (cycles::ridden_motorcycle, 3)]
+    {
         for _ in 0..count {
             two_wheeler(site, make);
         }
@@ -73,11 +68,7 @@ fn vehicle(site: &mut Site, kind: usize, s: f32, d: f32, yaw: f32) {
 fn two_wheeler(site: &mut Site, make: fn(&mut Builder, &Place)) {
     for _ in 0..12 {
         let lane = site.builder.rng.random_range(0..site.street.lanes);
-        let yaw = if site.street.lane_runs_ahead(lane) {
-            0.0
-        } else {
-            PI
-        };
+        let yaw = if site.street.lane_runs_ahead(lane) { 0.0 } else { PI };
         let d = site.street.lane_center(lane) + site.builder.rng.random_range(-1.3..1.3);
         let s = site.builder.rng.random_range(-25.0..25.0);
         if site.claim_long(s, d, yaw, [1.1, 0.4], FREE_RADIUS_M) {

@@ -35,12 +35,7 @@ pub fn tree(b: &mut Builder, place: &Place, height: f32) {
     let clear = b.rng.random_range(0.28..0.4) * height;
     let lean = Vec2::new(b.rng.random_range(-0.3..0.3), b.rng.random_range(-0.3..0.3));
     let fork = place.at(lean.x, lean.y, clear);
-    b.tube(
-        bark,
-        [place.at(0.0, 0.0, -0.2), fork],
-        [girth, 0.75 * girth],
-        7,
-    );
+    b.tube(bark, [place.at(0.0, 0.0, -0.2), fork], [girth, 0.75 * girth], 7);
     let spread = b.rng.random_range(0.2..0.3) * height;
     let foliage = Foliage::seen_from_rig(b, place, 0.6);
     let clumps = b.rng.random_range(4..7);
@@ -48,12 +43,7 @@ pub fn tree(b: &mut Builder, place: &Place, height: f32) {
         let around = Vec2::from_angle(2.4 * i as f32) * spread * b.rng.random_range(0.3..0.8);
         let up = clear + (height - clear) * b.rng.random_range(0.25..0.8);
         let center = fork + around.extend(up - clear);
-        b.tube(
-            bark,
-            [fork - Vec3::Z * 0.3, center],
-            [0.5 * girth, 0.2 * girth],
-            4,
-        );
+        b.tube(bark, [fork - Vec3::Z * 0.3, center], [0.5 * girth, 0.2 * girth], 4);
         let size = spread * b.rng.random_range(0.55..0.85);
         let radii = Vec3::new(size, size, 0.8 * size);
         foliage.scatter(b, leaf_paints[i % 2], center, radii);
@@ -65,12 +55,7 @@ pub fn conifer(b: &mut Builder, place: &Place, height: f32) {
     b.begin_object();
     let bark = b.paint_as(Class::Vegetation, BARK);
     let needles = b.paint(Class::Vegetation);
-    b.tube(
-        bark,
-        [place.at(0.0, 0.0, -0.2), place.at(0.0, 0.0, height)],
-        [0.02 * height, 0.02],
-        6,
-    );
+    b.tube(bark, [place.at(0.0, 0.0, -0.2), place.at(0.0, 0.0, height)], [0.02 * height, 0.02], 6);
     let foliage = Foliage::seen_from_rig(b, place, 0.8);
     let tiers = 7;
     for i in 0..tiers {
@@ -85,9 +70,7 @@ pub fn conifer(b: &mut Builder, place: &Place, height: f32) {
 pub fn bush(b: &mut Builder, place: &Place, radius: f32) {
     b.begin_object();
     let paint = b.paint(Class::Vegetation);
-    let foliage = Foliage {
-        ..Foliage::seen_from_rig(b, place, 0.8)
-    };
+    let foliage = Foliage { ..Foliage::seen_from_rig(b, place, 0.8) };
     for _ in 0..3 {
         let x = b.rng.random_range(-0.5..0.5) * radius;
         let y = b.rng.random_range(-0.5..0.5) * radius;
@@ -102,12 +85,7 @@ pub fn hedge(b: &mut Builder, place: &Place, length: f32, height: f32) {
     let coat = b.paint(Class::Vegetation);
     let heart = b.paint_as(Class::Vegetation, SHADE);
     let half = b.rng.random_range(0.25..0.45);
-    b.cuboid(
-        heart,
-        place,
-        [0.1, -0.6 * half, -0.2],
-        [length - 0.1, 0.6 * half, 0.88 * height],
-    );
+    b.cuboid(heart, place, [0.1, -0.6 * half, -0.2], [length - 0.1, 0.6 * half, 0.88 * height]);
     let size = Foliage::seen_from_rig(b, place, 1.0).leaf.min(0.3);
     let leaves = (1.6 * length * (height + half) / (size * size)) as usize;
     for _ in 0..leaves {
@@ -115,11 +93,7 @@ pub fn hedge(b: &mut Builder, place: &Place, length: f32, height: f32) {
         let z = b.rng.random_range(0.05..height);
         let y = half * b.rng.random_range(0.5..1.0) * if b.rng.random() { 1.0 } else { -1.0 };
         let top = b.rng.random_bool(0.3);
-        let (y, z) = if top {
-            (b.rng.random_range(-half..half), 0.94 * height)
-        } else {
-            (y, z)
-        };
+        let (y, z) = if top { (b.rng.random_range(-half..half), 0.94 * height) } else { (y, z) };
         leaf(b, coat, place.at(x, y, z), size);
     }
 }
@@ -127,10 +101,7 @@ pub fn hedge(b: &mut Builder, place: &Place, length: f32, height: f32) {
 impl Foliage {
     fn seen_from_rig(b: &Builder, place: &Place, density: f32) -> Self {
         let [smallest, largest] = LEAF_SIZES;
-        Self {
-            leaf: (LEAF_ANGLE * b.distance(place)).clamp(smallest, largest),
-            density,
-        }
+        Self { leaf: (LEAF_ANGLE * b.distance(place)).clamp(smallest, largest), density }
     }
 
     /// Leaves that cover an ellipsoid: a random leaf's area is about half its size squared.
@@ -142,18 +113,10 @@ impl Foliage {
     /// Leaves near the surface of an ellipsoid and some within.
     fn scatter(self, b: &mut Builder, paint: Paint, center: Vec3, radii: Vec3) {
         for i in 0..self.count(radii) {
-            let spot: [f32; 3] = if i % 3 == 0 {
-                UnitBall.sample(&mut b.rng)
-            } else {
-                UnitSphere.sample(&mut b.rng)
-            };
+            let spot: [f32; 3] =
+                if i % 3 == 0 { UnitBall.sample(&mut b.rng) } else { UnitSphere.sample(&mut b.rng) };
             let ragged = b.rng.random_range(0.75..1.1);
-            leaf(
-                b,
-                paint,
-                center + radii * Vec3::from(spot) * ragged,
-                self.leaf,
-            );
+            leaf(b, paint, center + radii * Vec3::from(spot) * ragged, self.leaf);
         }
     }
 }

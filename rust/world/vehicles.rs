@@ -27,41 +27,11 @@ struct Shape {
 const VAN: usize = 4;
 const SHAPES: [Shape; 5] = [
     // Hatchback, saloon, estate, off-roader, van.
-    Shape {
-        length: 4.0,
-        width: 1.74,
-        height: 1.48,
-        waist: 0.6,
-        cabin: [0.02, 0.74, 0.1, 0.56],
-    },
-    Shape {
-        length: 4.7,
-        width: 1.8,
-        height: 1.45,
-        waist: 0.6,
-        cabin: [0.14, 0.74, 0.27, 0.57],
-    },
-    Shape {
-        length: 4.7,
-        width: 1.82,
-        height: 1.5,
-        waist: 0.6,
-        cabin: [0.01, 0.74, 0.07, 0.57],
-    },
-    Shape {
-        length: 4.6,
-        width: 1.9,
-        height: 1.75,
-        waist: 0.58,
-        cabin: [0.01, 0.78, 0.05, 0.62],
-    },
-    Shape {
-        length: 5.3,
-        width: 1.98,
-        height: 2.1,
-        waist: 0.5,
-        cabin: [0.0, 0.93, 0.01, 0.78],
-    },
+    Shape { length: 4.0, width: 1.74, height: 1.48, waist: 0.6, cabin: [0.02, 0.74, 0.1, 0.56] },
+    Shape { length: 4.7, width: 1.8, height: 1.45, waist: 0.6, cabin: [0.14, 0.74, 0.27, 0.57] },
+    Shape { length: 4.7, width: 1.82, height: 1.5, waist: 0.6, cabin: [0.01, 0.74, 0.07, 0.57] },
+    Shape { length: 4.6, width: 1.9, height: 1.75, waist: 0.58, cabin: [0.01, 0.78, 0.05, 0.62] },
+    Shape { length: 5.3, width: 1.98, height: 2.1, waist: 0.5, cabin: [0.0, 0.93, 0.01, 0.78] },
 ];
 
 /// A parked or moving passenger car, lower than the rig's sensors.
@@ -78,11 +48,7 @@ pub fn van(b: &mut Builder, place: &Place) {
 fn car_of_shape(b: &mut Builder, place: &Place, shape: &Shape) {
     b.begin_object();
     let scale = b.rng.random_range(0.95..1.06);
-    let [length, width, height] = [
-        shape.length * scale,
-        shape.width * scale,
-        shape.height * scale,
-    ];
+    let [length, width, height] = [shape.length * scale, shape.width * scale, shape.height * scale];
     let half = 0.5 * width;
     let body = b.paint(Class::Car);
     let glass = b.paint_as(Class::Car, GLASS);
@@ -98,14 +64,7 @@ fn car_of_shape(b: &mut Builder, place: &Place, shape: &Shape) {
         (x(0.0), 0.5 * waist),
     ];
     b.extrude(body, place, &hull, -half, half);
-    cabin(
-        b,
-        place,
-        [body, glass],
-        &shape.cabin.map(x),
-        [waist, height],
-        half,
-    );
+    cabin(b, place, [body, glass], &shape.cabin.map(x), [waist, height], half);
     lights(b, place, Class::Car, [x(0.0), x(0.985)], half, 0.72 * waist);
     let wheel = b.paint_as(Class::Car, RUBBER);
     for along in [x(0.19), x(0.81)] {
@@ -118,21 +77,12 @@ fn car_of_shape(b: &mut Builder, place: &Place, shape: &Shape) {
 }
 
 /// The glass house of a car: sides lean in towards the roof, which is painted.
-fn cabin(
-    b: &mut Builder,
-    place: &Place,
-    [body, glass]: [Paint; 2],
-    x: &[f32; 4],
-    z: [f32; 2],
-    half: f32,
-) {
+fn cabin(b: &mut Builder, place: &Place, [body, glass]: [Paint; 2], x: &[f32; 4], z: [f32; 2], half: f32) {
     const LEAN: f32 = 0.16;
     let foot = half - 0.03;
     let roof = half - LEAN;
-    let lower = [(x[0], -foot), (x[1], -foot), (x[1], foot), (x[0], foot)]
-        .map(|(x, y)| place.at(x, y, z[0]));
-    let upper = [(x[2], -roof), (x[3], -roof), (x[3], roof), (x[2], roof)]
-        .map(|(x, y)| place.at(x, y, z[1]));
+    let lower = [(x[0], -foot), (x[1], -foot), (x[1], foot), (x[0], foot)].map(|(x, y)| place.at(x, y, z[0]));
+    let upper = [(x[2], -roof), (x[3], -roof), (x[3], roof), (x[2], roof)].map(|(x, y)| place.at(x, y, z[1]));
     b.loft(glass, &lower, &upper);
     b.polygon(body, &upper);
     let pillar = 0.05;
@@ -153,14 +103,7 @@ fn cabin(
     }
 }
 
-fn lights(
-    b: &mut Builder,
-    place: &Place,
-    class: Class,
-    [rear, front]: [f32; 2],
-    half: f32,
-    z: f32,
-) {
+fn lights(b: &mut Builder, place: &Place, class: Class, [rear, front]: [f32; 2], half: f32, z: f32) {
     let white = b.paint_as(class, HEADLIGHT);
     let red = b.paint_as(class, TAILLIGHT);
     for side in [-0.75, 0.75] {
@@ -210,13 +153,7 @@ fn truck_cab(b: &mut Builder, place: &Place, [cab, glass]: [Paint; 2], front: f3
     b.extrude(
         cab,
         place,
-        &[
-            (front - 1.8, 0.5),
-            (front, 0.5),
-            (front, 1.5),
-            (front - 0.25, 2.5),
-            (front - 1.8, 2.6),
-        ],
+        &[(front - 1.8, 0.5), (front, 0.5), (front, 1.5), (front - 0.25, 2.5), (front - 1.8, 2.6)],
         -half + 0.05,
         half - 0.05,
     );
@@ -227,13 +164,7 @@ fn truck_cab(b: &mut Builder, place: &Place, [cab, glass]: [Paint; 2], front: f3
         (front - 0.22, -1.0, 2.4),
     ];
     b.quad(glass, screen.map(|(x, y, z)| place.at(x + 0.02, y, z)));
-    small_box(
-        b,
-        glass,
-        place,
-        [front - 1.0, 0.0, 1.95],
-        [0.45, half - 0.03, 0.35],
-    );
+    small_box(b, glass, place, [front - 1.0, 0.0, 1.95], [0.45, half - 0.03, 0.35]);
 }
 
 /// An open bed with stakes around it and crates on it.
@@ -253,26 +184,14 @@ fn stakes(
     }
     for z in [1.5, 1.9] {
         for side in [-half, half] {
-            small_box(
-                b,
-                bed,
-                place,
-                [0.5 * (rear + front), side, z],
-                [0.5 * (front - rear), 0.02, 0.06],
-            );
+            small_box(b, bed, place, [0.5 * (rear + front), side, z], [0.5 * (front - rear), 0.02, 0.06]);
         }
     }
     for _ in 0..3 {
         let x = b.rng.random_range(rear + 0.6..front - 0.6);
         let y = b.rng.random_range(-0.5..0.5);
         let tall = b.rng.random_range(0.3..0.7);
-        small_box(
-            b,
-            crate_paint,
-            place,
-            [x, y, 1.15 + tall],
-            [0.5, 0.45, tall],
-        );
+        small_box(b, crate_paint, place, [x, y, 1.15 + tall], [0.5, 0.45, tall]);
     }
 }
 
@@ -286,37 +205,21 @@ pub fn bus(b: &mut Builder, place: &Place) {
     let glass = b.paint_as(Class::Bus, GLASS);
     let dark = b.paint_as(Class::Bus, RUBBER);
     b.cuboid(body, place, [rear, -half, 0.32], [front, half, waist]);
-    b.cuboid(
-        glass,
-        place,
-        [rear + 0.05, -half + 0.03, waist],
-        [front - 0.05, half - 0.03, 2.4],
-    );
+    b.cuboid(glass, place, [rear + 0.05, -half + 0.03, waist], [front - 0.05, half - 0.03, 2.4]);
     b.cuboid(body, place, [rear, -half, 2.4], [front, half, top]);
-    b.cuboid(
-        body,
-        place,
-        [rear + 1.0, -0.8, top],
-        [rear + 3.5, 0.8, top + 0.25],
-    );
+    b.cuboid(body, place, [rear + 1.0, -0.8, top], [rear + 3.5, 0.8, top + 0.25]);
     let windows = (length / 1.5) as usize;
     for i in 0..=windows {
         let x = rear + 0.06 + (length - 0.12) * i as f32 / windows as f32;
-        small_box(
-            b,
-            body,
-            place,
-            [x, 0.0, 0.5 * (waist + 2.4)],
-            [0.06, half, 0.5 * (2.4 - waist)],
-        );
+        small_box(b, body, place, [x, 0.0, 0.5 * (waist + 2.4)], [0.06, half, 0.5 * (2.4 - waist)]);
     }
     lights(b, place, Class::Bus, [rear, front], half, 0.7);
     for x in [rear + 2.6, front - 2.4] {
         wheel_pair(b, dark, place, x, half, 0.48);
     }
     for side in [-1.0, 1.0] {
-        let arm = [(front - 0.1, 1.2, 2.6), (front + 0.3, 1.45, 2.3)]
-            .map(|(x, y, z)| place.at(x, side * y, z));
+        let arm =
+            [(front - 0.1, 1.2, 2.6), (front + 0.3, 1.45, 2.3)].map(|(x, y, z)| place.at(x, side * y, z));
         b.tube(dark, arm, [0.03; 2], 4);
         b.ellipsoid(dark, arm[1], Vec3::new(0.08, 0.12, 0.2));
     }
