@@ -13,7 +13,6 @@ import click
 import numpy as np
 from rich.console import Console
 from rich.status import Status
-from rich.table import Table
 
 from semcal_cli.calibration import Calibration, calibration_text, write_calibration
 from semcal_cli.documents import output_format, write_text
@@ -101,23 +100,25 @@ class Session:
     def _report(self, report: StageReport) -> None:
         self.reports.append(report)
         figures = "" if report.agreement is None else f"MI {report.agreement.mutual_information:.4f} nats   "
-        self.console.print(f"{report.name:<8} {report.seconds:6.2f} s   {figures}{report.note}")
+        self.console.print(f"{report.name:<8} {report.seconds:6.2f} s   {figures}{report.note}", markup=False)
 
     def _summarise(self, calibration: Calibration) -> None:
         T = calibration.pose
         quality = calibration.quality
-        table = Table.grid(padding=(0, 2))
-        table.add_row("T_camera_lidar", "\n".join(_row(row) for row in T.tolist()))
-        table.add_row("camera at", f"{_row(camera_center(T).tolist())} m in the LiDAR frame")
-        table.add_row("looks along", f"{_row(T[2, :3].tolist())} in the LiDAR frame")
-        table.add_row(
-            "labels",
-            f"{quality.label_agreement:.1%} of {quality.num_points:,} visible points agree; "
-            f"they cover {quality.overlap:.0%} of the picture",
-        )
-        table.add_row("status", "\n".join([calibration.status, *calibration.reasons]))
-        table.add_row("written to", str(self.output) if self.output else "standard output")
-        self.console.print(table)
+        rows = {
+            "T_camera_lidar": [_row(row) for row in T.tolist()],
+            "camera at": [f"{_row(camera_center(T).tolist())} m in the LiDAR frame"],
+            "looks along": [f"{_row(T[2, :3].tolist())} in the LiDAR frame"],
+            "labels": [
+                f"{quality.label_agreement:.1%} of the pairs of {quality.num_points:,} visible points agree",
+                f"they cover {quality.overlap:.0%} of the picture",
+            ],
+            "status": [calibration.status, *calibration.reasons],
+            "written to": [str(self.output) if self.output else "standard output"],
+        }
+        for name, lines in rows.items():
+            for label, line in zip([name, *[""] * len(lines)], lines, strict=False):
+                self.console.print(f"{label:<15}{line}", markup=False)
 
     def _log_text(self) -> str:
         stages = [{"name": r.name, "seconds": round(r.seconds, 4), "note": r.note} for r in self.reports]
