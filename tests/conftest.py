@@ -9,7 +9,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.drive import read_drive
+from semcal_cli.formats import read_transform
+from semcal_cli.observations import Observations, load_observations
 from semcal_cli.poses import Pose
+from semcal_cli.synthesis import synthesize
+from semcal_cli.synthesis_config import SynthConfig
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
 settings.load_profile("semcal")
@@ -71,3 +76,24 @@ documents = st.recursive(
     scalars, lambda x: st.lists(x, max_size=4) | st.dictionaries(keys | scalars, x, max_size=5), max_leaves=20
 )
 """Anything that YAML can hold, with a bias to our own keys."""
+
+
+STREET = SynthConfig(num_frames=4, seed=11, width=640, height=360)
+
+
+@pytest.fixture(scope="session")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small synthetic drive with a known answer; tests do not write to it."""
+    folder = tmp_path_factory.mktemp("street") / "drive"
+    synthesize(STREET, folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def street_observations(street: Path) -> Observations:
+    return load_observations(read_drive(street))
+
+
+@pytest.fixture(scope="session")
+def street_truth(street: Path) -> Pose:
+    return read_transform(street)

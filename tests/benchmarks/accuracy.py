@@ -41,7 +41,9 @@ def main() -> None:
     parser.add_argument("--label-noise", type=float, default=0.0)
     arguments = parser.parse_args()
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    print(f"{arguments.frames} frames a drive, {100 * arguments.label_noise:.0f} % wrong labels, {platform.processor()}")
+    print(
+        f"{arguments.frames} frames a drive, {100 * arguments.label_noise:.0f} % wrong labels, {platform.processor()}"
+    )
     print("| seed | initial | refined | status | seconds |\n|---|---|---|---|---|")
     rows = []
     for seed in seeds:

@@ -1,0 +1,214 @@
+"""Every exit code through the real command."""
+
+import json
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+
+from semcal_cli.calibration import read_calibration
+from semcal_cli.cli import EXIT_FAILURE, main
+from semcal_cli.cli.session import EXIT_NOT_TRUSTED
+from semcal_cli.metrics import compare_poses
+from semcal_cli.poses import Pose
+
+EXIT_USAGE = 2
+Edit = Callable[[dict[str, Any], Path], object]
+
+
+def run(capfd: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Run the command in this process: exit code, standard output, standard error."""
+    argv, sys.argv = sys.argv, ["semcal", *map(str, arguments)]
+    try:
+        main()
+        code = 0
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    finally:
+        sys.argv = argv
+    return code, *capfd.readouterr()
+
+
+@pytest.fixture
+def drive(street: Path, tmp_path: Path) -> Path:
+    """A copy of a drive, to be broken."""
+    return Path(shutil.copytree(street, tmp_path / "drive"))
+
+
+def cut(path: Path, num_bytes: int) -> None:
+    path.write_bytes(path.read_bytes()[:-num_bytes])
+
+
+def write_png(path: Path, width: int, height: int, channels: int) -> None:
+    cv2.imwrite(str(path), np.zeros((height, width, channels), np.uint8))
+
+
+HOSTILE: dict[str, tuple[Edit, str]] = {
+    "missing file": (
+        lambda d, p: (p / "points/000002.bin").unlink(),
+        "points/000002.bin: no such file",
+    ),
+    "wrong byte count": (
+        lambda d, p: cut(p / "points/000001.bin", 3),
+        r"points/000001.bin: \d+ bytes is not a multiple of 16",
+    ),
+    "labels that differ from points": (
+        lambda d, p: cut(p / "point_labels/000001.label", 4),
+        r"point_labels/000001.label: \d+ labels for the \d+ points of .*points/000001.bin",
+    ),
+    "label image of another size": (
+        lambda d, p: write_png(p / "image_labels/000003.png", 64, 48, 1),
+        "image_labels/000003.png: is 64 x 48, the camera is 640 x 360",
+    ),
+    "label image with three channels": (
+        lambda d, p: write_png(p / "image_labels/000003.png", 640, 360, 3),
+        r"image_labels/000003.png: has 3 channels, needs one channel of class ids \(or a palette: in drive.yaml\)",
+    ),
+    "K that is not 3 x 3": (
+        lambda d, p: d["camera"].update(K=[[1, 2], [3, 4]]),
+        r"drive.yaml: camera.K.*",
+    ),
+    "K with NaN": (
+        lambda d, p: d["camera"]["K"][0].__setitem__(0, float("nan")),
+        r"drive.yaml: camera.K\[0\]\[0\].*",
+    ),
+    "wrong distortion count": (
+        lambda d, p: d["camera"].update(distortion=[0.1, 0.2, 0.3]),
+        r"drive.yaml: camera.distortion: found 3 coefficients, needed 0 or 4 or 5 for plumb_bob",
+    ),
+    "no frames": (
+        lambda d, p: d.update(frames=[]),
+        r"drive.yaml: frames.*",
+    ),
+    "frame without labels": (
+        lambda d, p: d["frames"][1].pop("image_labels"),
+        r"drive.yaml: frames\[1\].image_labels: found nothing, needed a file of class ids",
+    ),
+    "unknown key": (
+        lambda d, p: d.update(camra={}),
+        r"drive.yaml: unknown key 'camra'; the nearest known key is 'camera'",
+    ),
+    "every label ignored": (
+        lambda d, p: d.update(classes=None, ignore={"points": [], "image": list(range(256))}),
+        r"drive.yaml: image: every label is ignored or not listed under classes",
+    ),
+}
+
+
+@pytest.mark.parametrize(("edit", "message"), HOSTILE.values(), ids=HOSTILE.keys())
+def test_hostile_drives(drive: Path, capfd: pytest.CaptureFixture[str], edit: Edit, message: str) -> None:
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    edit(document, drive)
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    output = drive / "earlier.yaml"
+    output.write_text("an earlier result")
+    code, out, err = run(capfd, "calibrate", drive, "-o", output, "-q")
+    assert code == EXIT_FAILURE
+    assert out == ""
+    assert re.fullmatch(f"semcal: error: {re.escape(str(drive))}/{message}\n", err), err
+    assert output.read_text() == "an earlier result"
+
+
+def test_a_start_that_looks_away_is_no_overlap(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    document = yaml.safe_load((street / "drive.yaml").read_text())
+    document["T_camera_lidar"] = np.eye(
+        4
+    ).tolist()  # The camera looks along the LiDAR's z axis, into the sky.
+    (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
+    code, _, err = run(capfd, "calibrate", street, "--init", tmp_path, "-o", tmp_path / "out.yaml", "-q")
+    assert code == EXIT_FAILURE
+    assert re.fullmatch(
+        r"semcal: error: no overlap: 0 of \d+ labelled points land on labelled pixels, needed 100\n", err
+    )
+    assert not (tmp_path / "out.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["no_drive"], "no_drive: no such file or folder"),
+        (["{street}", "-o", "{tmp}/out.txt"], "{tmp}/out.txt: .*yaml.*json.*"),
+        (
+            ["{street}", "-o", "{tmp}/none/out.yaml"],
+            "{tmp}/none/out.yaml: found no folder {tmp}/none, needed one to write to",
+        ),
+        (["{street}", "--init", "{tmp}/none.yaml"], "{tmp}/none.yaml: no such file or folder"),
+    ],
+)
+def test_what_is_wrong_is_said_before_the_work_begins(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    filled = [argument.format(street=street, tmp=tmp_path) for argument in arguments]
+    code, out, err = run(capfd, "calibrate", *filled)
+    assert (code, out) == (EXIT_FAILURE, "")
+    assert re.fullmatch("semcal: error: " + message.format(tmp=tmp_path) + "\n", err), err
+
+
+@pytest.mark.parametrize(
+    "arguments", [["calibrate"], ["calibrate", "d", "--seed", "-1"], ["refine", "d"], ["no-command"]]
+)
+def test_wrong_usage(capfd: pytest.CaptureFixture[str], arguments: list[str]) -> None:
+    assert run(capfd, *arguments)[0] == EXIT_USAGE
+
+
+def test_results_go_to_standard_output_and_all_else_to_standard_error(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    code, out, err = run(capfd, "initialize", street, "--log", tmp_path / "log.json")
+    assert code == 0
+    assert yaml.safe_load(out)["status"] == "not_assessed"
+    assert "hypotheses" in err
+    assert [stage["name"] for stage in json.loads((tmp_path / "log.json").read_text())["stages"]] == [
+        "load",
+        "initial",
+    ]
+    assert run(capfd, "initialize", street, "-o", tmp_path / "a.json", "-q") == (0, "", "")
+    as_json = json.loads((tmp_path / "a.json").read_text())
+    assert as_json["T_camera_lidar"] == yaml.safe_load(out)["T_camera_lidar"]
+
+
+def test_calibrate_then_evaluate(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "calibration.yaml"
+    assert run(capfd, "calibrate", street, "-o", result, "-q") == (0, "", "")
+    code, out, _ = run(capfd, "evaluate", result, "--reference", street, "--json")
+    error = json.loads(out)
+    assert code == 0
+    assert error["rotation_deg"] == compare_poses(read_calibration(result).pose, street_truth).rotation_deg
+    assert error["rotation_deg"] < 0.2
+    assert error["camera_center_cm"] < 5.0
+    assert "rotation" in run(capfd, "evaluate", result, "--reference", result)[1]
+
+
+def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("semcal_cli.pipeline.MIN_OVERLAP", 1.1)
+    code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
+    calibration = read_calibration(tmp_path / "out.yaml")
+    assert code == EXIT_NOT_TRUSTED
+    assert calibration.status == "not_trusted"
+    assert re.fullmatch(
+        r"visible labelled points cover \d+\.\d% of the picture, needed are 110%", calibration.reasons[0]
+    )
+
+
+def test_help_loads_nothing_heavy() -> None:
+    script = (
+        "import sys; from semcal_cli.cli import semcal; semcal(['--help'], standalone_mode=False); "
+        "print([m for m in ('torch', 'cv2', 'numpy', 'scipy', 'pydantic', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], check=True, capture_output=True, text=True)
+    assert "calibrate" in done.stdout
+    assert done.stdout.splitlines()[-1] == "[]"

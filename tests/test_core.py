@@ -1,0 +1,128 @@
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from semcal_cli import _core
+from semcal_cli.camera import core_camera
+from semcal_cli.errors import InputError
+from semcal_cli.observations import Observations
+from semcal_cli.poses import Pose
+
+EMPTY = 2**32 - 1
+SUM_ORDER = 1e-9
+
+
+def test_the_nearest_return_wins_a_pixel() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.normal(0.0, 8.0, (5000, 3)).astype(np.float32)
+    rows, columns, top, height = grid = _core.scan_grid(32, 360, np.radians(10.0), np.radians(-30.0))
+    x, y, z = points.astype(np.float64).T
+    row = np.floor((top - np.arctan2(z, np.hypot(x, y))) / height).astype(int)
+    column = np.floor((np.pi - np.arctan2(y, x)) / (2 * np.pi) * columns).astype(int)
+    expected = np.full((rows, columns), EMPTY, np.uint32)
+    for index in np.argsort(-np.linalg.norm(points.astype(np.float64), axis=1)):
+        if 0 <= row[index] < rows:
+            expected[row[index], column[index]] = index
+    np.testing.assert_array_equal(_core.spherical_image(points, grid), expected)
+
+
+def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    observations = street_observations
+    weights = np.zeros((256, 256))
+    camera = core_camera(observations.camera)
+    width, height = observations.camera.width, observations.camera.height
+    num_visible = 0
+    for points, classes, image in zip(
+        observations.points, observations.point_classes, observations.image_classes, strict=True
+    ):
+        pixels, _, hidden = _core.land(camera, points, street_truth)
+        keep = ~np.isnan(pixels[:, 0]) & ~hidden & (classes != 255)
+        num_visible += int(keep.sum())
+        u, v = np.clip(pixels[keep].T, 0.0, [[width - 1.0], [height - 1.0]])
+        left, up = u.astype(int), v.astype(int)
+        right, down = np.minimum(left + 1, width - 1), np.minimum(up + 1, height - 1)
+        for column, wu in ((left, 1 - (u - left)), (right, u - left)):
+            for row, wv in ((up, 1 - (v - up)), (down, v - up)):
+                np.add.at(weights, (classes[keep], image[row, column]), wu * wv)
+    p = weights[:255, :255] / weights[:255, :255].sum()
+    independent = p.sum(1, keepdims=True) * p.sum(0, keepdims=True)
+    pointwise = np.log(p, where=p > 0, out=np.zeros_like(p)) - np.log(
+        independent, where=independent > 0, out=np.zeros_like(p)
+    )
+    agreement = _core.agreement(observations.core, street_truth)
+    assert agreement.mutual_information == pytest.approx((p * pointwise).sum(), abs=SUM_ORDER)
+    assert agreement.label_agreement == pytest.approx(p[(p > 0) & (pointwise > 0)].sum(), abs=SUM_ORDER)
+    assert agreement.num_inside - agreement.num_hidden == num_visible
+
+
+def test_clouds_and_labels_are_read_as_numpy_reads_them(tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    cloud = rng.normal(size=(50, 4)).astype(np.float32)
+    cloud[[3, 8]] = 0.0
+    cloud[5, 1] = np.nan
+    ids = rng.integers(0, 2**32, 50, dtype=np.uint32)
+    cloud.tofile(tmp_path / "a.bin")
+    ids.tofile(tmp_path / "a.label")
+    np.save(tmp_path / "b.npy", cloud.astype(np.float64))
+    np.save(tmp_path / "c.npy", (ids & 0xFFFF).astype(np.int64))
+    kept = np.delete(np.arange(50), [3, 5, 8])
+    for names in (("a.bin", "a.label"), ("b.npy", "c.npy")):
+        paths = [(tmp_path / names[0], tmp_path / names[1])]
+        [(points, intensity, labels, num_no_returns)] = _core.read_point_clouds(paths)
+        np.testing.assert_array_equal(points, cloud[kept, :3])
+        np.testing.assert_array_equal(intensity, cloud[kept, 3])
+        np.testing.assert_array_equal(labels, (ids & 0xFFFF)[kept])
+        assert num_no_returns == 3
+
+
+def png(channels: int = 1, size: tuple[int, int] = (4, 3)) -> bytes:
+    width, height = size
+    picture = np.zeros((height, width, channels), np.uint8)
+    return cv2.imencode(".png", picture)[1].tobytes()
+
+
+HOSTILE_IMAGES = {
+    "a.png: has 3 channels, needs one channel of class ids (or a palette: in drive.yaml)": png(3),
+    "a.png: is 5 x 3, the camera is 4 x 3": png(size=(5, 3)),
+    "a.png: is no readable PNG": b"GIF89a",
+    "a.png: is no readable PNG: unexpected end": png()[:40],
+}
+
+
+@pytest.mark.parametrize(("message", "content"), HOSTILE_IMAGES.items(), ids=HOSTILE_IMAGES.keys())
+def test_hostile_label_images(tmp_path: Path, message: str, content: bytes) -> None:
+    (tmp_path / "a.png").write_bytes(content)
+    with pytest.raises(InputError) as complaint:
+        _core.read_label_images([tmp_path / "a.png"], 4, 3)
+    assert str(complaint.value).startswith(f"{tmp_path}/{message}")
+    assert "\n" not in str(complaint.value)
+
+
+def npy(array: np.ndarray, tmp_path: Path) -> bytes:
+    np.save(tmp_path / "made.npy", array)
+    return (tmp_path / "made.npy").read_bytes()
+
+
+def test_hostile_npy(tmp_path: Path) -> None:
+    whole = npy(np.ones((5, 3), np.float32), tmp_path)
+    hostile = {
+        "is no .npy array": b"\x93NUMPY",
+        "holds 56 bytes of data, its header needs shape [5, 3] of <f4": whole[:-4],
+        "has shape [5, 2], needs N x 3 or N x 4 (x y z intensity)": npy(np.ones((5, 2)), tmp_path),
+        "is Fortran-ordered, needs C order": npy(np.asfortranarray(np.ones((5, 3))), tmp_path),
+        "holds records, needs an array of numbers": npy(np.zeros(3, [("x", "f4")]), tmp_path),
+    }
+    for message, content in hostile.items():
+        (tmp_path / "a.npy").write_bytes(content)
+        with pytest.raises(InputError) as complaint:
+            _core.read_point_clouds([(tmp_path / "a.npy", None)])
+        assert str(complaint.value).startswith(f"{tmp_path}/a.npy: {message}")
+
+
+def test_class_shares_of_whole_blocks() -> None:
+    image = np.array([[0, 1, 1, 1, 0], [255, 0, 1, 1, 0]], np.uint8)
+    np.testing.assert_array_equal(_core.class_shares(image, 2, 2), [[[128, 64], [0, 255]]])

@@ -1,0 +1,69 @@
+"""The main job on a real frame, through the real command."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from semcal_cli import _core
+from semcal_cli.calibration import read_calibration
+from semcal_cli.drive import read_drive
+from semcal_cli.formats import read_transform
+from semcal_cli.observations import load_observations
+from semcal_cli.poses import rotation_error_deg
+
+PUBLISHED_IS_TRUE_TO_DEG = 1.5
+SEMCAL = [sys.executable, "-c", "from semcal_cli.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def rellis(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder for results, and in it the drive without its reference."""
+    from conftest import TEST_DATA
+
+    source = (TEST_DATA / "rellis3d_000104").resolve()
+    if not source.is_dir():
+        pytest.skip(f"no real frames: {source} does not exist; set SEMCAL_TEST_DATA")
+    folder = tmp_path_factory.mktemp("rellis")
+    document = yaml.safe_load((source / "drive.yaml").read_text())
+    del document["T_camera_lidar"]
+    frame = document["frames"][0]
+    document["frames"][0] = {key: str(source / name) for key, name in frame.items()}
+    (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+    return folder
+
+
+def calibrate(*arguments: object) -> None:
+    subprocess.run([*SEMCAL, "calibrate", *map(str, arguments)], check=True)
+
+
+def check_against_published(result: Path, rellis3d: Path) -> None:
+    T_camera_lidar, T_published = read_calibration(result).pose, read_transform(rellis3d)
+    observations = load_observations(read_drive(rellis3d)).core
+    found, published = (_core.agreement(observations, T) for T in (T_camera_lidar, T_published))
+    assert found.mutual_information > published.mutual_information
+    assert rotation_error_deg(T_camera_lidar, T_published) < PUBLISHED_IS_TRUE_TO_DEG
+
+
+def test_from_nothing_with_any_number_of_threads(rellis: Path, rellis3d: Path) -> None:
+    results = [rellis / f"threads_{n}.yaml" for n in (1, 2)]
+    for num_threads, result in enumerate(results, start=1):
+        calibrate(rellis, "-o", result, "--threads", num_threads)
+    check_against_published(results[0], rellis3d)
+    assert results[0].read_bytes() == results[1].read_bytes()
+
+
+def test_from_a_bad_older_calibration(rellis: Path, rellis3d: Path) -> None:
+    older = rellis3d / "transforms_older.yaml"
+    assert rotation_error_deg(read_transform(older), read_transform(rellis3d)) > PUBLISHED_IS_TRUE_TO_DEG
+    result = rellis / "older.json"
+    calibrate(rellis, "-o", result, "--init", older)
+    check_against_published(result, rellis3d)
+
+
+def test_the_camera_looks_backwards(rellis3d: Path) -> None:
+    axis = read_transform(rellis3d)[2, :3]
+    np.testing.assert_allclose(axis, [-1.0, 0.0, 0.0], atol=0.05)
