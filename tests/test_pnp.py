@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-
 from conftest import make_pose
+from test_projection import LENSES, K
+
 from semcal_cli.camera import core_camera
 from semcal_cli.drive import Camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.pnp import PnpConfig, solve_pnp
-from test_projection import LENSES, K
 
 ROUND_OFF = 1e-5
 POSE = make_pose((0.3, -1.1, 0.2), (0.4, -0.2, 0.5))

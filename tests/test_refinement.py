@@ -2,8 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-
 from conftest import make_pose
+
 from semcal_cli.drive import Camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.metrics import compare_poses

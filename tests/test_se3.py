@@ -1,11 +1,11 @@
 import numpy as np
 import torch
+from conftest import triples
 from hypothesis import given
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 from torch.autograd import gradcheck
 
-from conftest import triples
 from semcal_cli.se3 import exp_se3, generators
 
 ROUND_OFF = 1e-10
