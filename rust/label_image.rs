@@ -1,13 +1,14 @@
 //! Label images: one class id a pixel.
 
-use std::io::BufReader;
+use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Transformations};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::npy::{self, class_ids, describe};
+use crate::file::read_bytes;
+use crate::npy::{self, class_ids};
 
 /// A row-major image of ids: raw (`u16`) as read, dense (`u8`) in the pipeline.
 #[derive(Clone, Debug, PartialEq)]
@@ -69,8 +70,7 @@ fn read_npy(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
 
 fn read_png(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
     let invalid = |e: png::DecodingError| Error::file(path, format!("is no readable PNG: {e}"));
-    let file = std::fs::File::open(path).map_err(|e| Error::file(path, describe(&e)))?;
-    let mut decoder = png::Decoder::new(BufReader::new(file));
+    let mut decoder = png::Decoder::new(Cursor::new(read_bytes(path)?));
     decoder.set_transformations(Transformations::IDENTITY);
     let mut reader = decoder.read_info().map_err(invalid)?;
     let info = reader.info();

@@ -6,6 +6,7 @@ pub mod alignment;
 pub mod camera;
 pub mod correspondences;
 pub mod error;
+pub mod file;
 pub mod label_image;
 pub mod mutual_information;
 pub mod npy;

@@ -5,6 +5,7 @@ use std::path::Path;
 use npyz::{DType, Deserialize, NpyFile, Order, TypeChar};
 
 use crate::error::{Error, Result};
+use crate::file::read_bytes;
 
 /// A C-ordered array whose values are exact in f64 (integers up to 2^53).
 pub struct Array {
@@ -20,7 +21,7 @@ pub struct Array {
 /// The file cannot be read, is no `.npy`, holds no plain numbers, is Fortran-ordered, or its header promises another
 /// number of bytes than it has.
 pub fn read(path: &Path) -> Result<Array> {
-    let bytes = std::fs::read(path).map_err(|e| Error::file(path, describe(&e)))?;
+    let bytes = read_bytes(path)?;
     let mut rest = bytes.as_slice();
     let header = npyz::NpyHeader::from_reader(&mut rest)
         .map_err(|e| Error::file(path, format!("is no .npy array: {e}")))?;
@@ -67,15 +68,6 @@ fn convert<T: Deserialize + Into<f64>>(file: NpyFile<&[u8]>) -> std::io::Result<
 fn widen<T: Deserialize>(file: NpyFile<&[u8]>, to_f64: impl Fn(T) -> f64) -> std::io::Result<Vec<f64>> {
     let data = file.data::<T>().map_err(std::io::Error::other)?;
     data.map(|x| x.map(&to_f64)).collect()
-}
-
-/// An I/O error without the operating system's error number.
-pub fn describe(error: &std::io::Error) -> String {
-    match error.kind() {
-        std::io::ErrorKind::NotFound => "no such file".into(),
-        std::io::ErrorKind::IsADirectory => "is a folder, needs a file".into(),
-        _ => error.to_string(),
-    }
 }
 
 /// Class ids from numbers: integers from 0 to 65,535.

@@ -9,6 +9,9 @@ use crate::error::{Error, Result};
 /// No return fell into this pixel.
 pub const EMPTY: u32 = u32::MAX;
 
+/// A spherical image has at most so many pixels, ten times those of the densest sensors.
+const MAX_PIXELS: usize = 1 << 24;
+
 /// Share of the points at each end of the elevation range that is taken for stray returns when a grid is estimated.
 const STRAY_SHARE: f64 = 0.002;
 
@@ -30,12 +33,14 @@ impl SphericalGrid {
     /// The grid of a spinning LiDAR, one row a channel; `fov_up` and `fov_down` are the outer channels' elevations.
     ///
     /// # Errors
-    /// There are fewer than two channels or four columns, or the field of view is empty.
+    /// There are fewer than two channels or four columns, or far too many, or the field of view is empty.
     pub fn from_scan(channels: usize, columns: usize, fov_up: f64, fov_down: f64) -> Result<Self> {
-        if channels < 2 || columns < 4 || fov_up.partial_cmp(&fov_down) != Some(std::cmp::Ordering::Greater) {
+        let pixels = channels.checked_mul(columns).filter(|&n| n <= MAX_PIXELS);
+        let upright = fov_up.partial_cmp(&fov_down) == Some(std::cmp::Ordering::Greater);
+        if channels < 2 || columns < 4 || pixels.is_none() || !upright {
             return Err(Error::Input(format!(
-                "lidar: needs at least 2 channels, 4 columns and fov_up above fov_down, found {channels} channels, \
-                 {columns} columns, {:.3} to {:.3} degrees",
+                "lidar: found {channels} channels x {columns} columns from {:.3} to {:.3} degrees, needed at least \
+                 2 x 4, at most {MAX_PIXELS} pixels, and fov_up above fov_down",
                 fov_up.to_degrees(),
                 fov_down.to_degrees()
             )));

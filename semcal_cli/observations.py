@@ -14,7 +14,7 @@ from semcal_cli import _core
 from semcal_cli.camera import core_camera
 from semcal_cli.classes import ClassTable, class_table
 from semcal_cli.drive import Camera, Drive, Lidar
-from semcal_cli.errors import InputError
+from semcal_cli.errors import CalibrationError, InputError
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,7 @@ def load_observations(drive: Drive) -> Observations:
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
+        CalibrationError: one side carries a single class.
     """
     paths = [
         (drive.resolve(frame.points), drive.resolve(_named(drive, index, "point_labels")))
@@ -94,4 +95,7 @@ def _class_table(
         raise InputError(f"{drive.path}: classes.{side}: {error}") from None
     if not table.names:
         raise InputError(f"{drive.path}: {side}: every label is ignored or not listed under classes")
+    if len(table.names) == 1:
+        found = f"{drive.path}: {side}: found one class only, {table.names[0]!r}"
+        raise CalibrationError(f"{found}, needed at least 2 for mutual information")
     return table

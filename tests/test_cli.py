@@ -1,6 +1,7 @@
 """Every exit code through the real command."""
 
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -92,6 +93,22 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
         lambda d, p: d["frames"][1].pop("image_labels"),
         r"drive.yaml: frames\[1\].image_labels: found nothing, needed a file of class ids",
     ),
+    "one class only": (
+        lambda d, p: d.update(classes={"points": {"all": list(range(1, 256))}}),
+        "drive.yaml: points: found one class only, 'all', needed at least 2 for mutual information",
+    ),
+    "a folder for a file": (
+        lambda d, p: d["frames"][0].update(points="points/a.bin") or (p / "points/a.bin").mkdir(),
+        "points/a.bin: is a folder, needs a file",
+    ),
+    "a pipe for a file": (
+        lambda d, p: d["frames"][0].update(points="points/a.bin") or os.mkfifo(p / "points/a.bin"),
+        "points/a.bin: is no regular file, needs a file",
+    ),
+    "a line break in a name": (
+        lambda d, p: d["frames"][0].update(points="points/a\nb.bin"),
+        "points/a b.bin: no such file",
+    ),
     "unknown key": (
         lambda d, p: d.update(camra={}),
         r"drive.yaml: unknown key 'camra'; the nearest known key is 'camera'",
@@ -142,6 +159,10 @@ def test_a_start_that_looks_away_is_no_overlap(
             ["{street}", "-o", "{tmp}/none/out.yaml"],
             "{tmp}/none/out.yaml: found no folder {tmp}/none, needed one to write to",
         ),
+        (
+            ["{street}", "-o", "{street}/drive.yaml"],
+            "{street}/drive.yaml: found a file that this run reads .*",
+        ),
         (["{street}", "--init", "{tmp}/none.yaml"], "{tmp}/none.yaml: no such file or folder"),
     ],
 )
@@ -151,7 +172,7 @@ def test_what_is_wrong_is_said_before_the_work_begins(
     filled = [argument.format(street=street, tmp=tmp_path) for argument in arguments]
     code, out, err = run(capfd, "calibrate", *filled)
     assert (code, out) == (EXIT_FAILURE, "")
-    assert re.fullmatch("semcal: error: " + message.format(tmp=tmp_path) + "\n", err), err
+    assert re.fullmatch("semcal: error: " + message.format(tmp=tmp_path, street=street) + "\n", err), err
 
 
 @pytest.mark.parametrize(

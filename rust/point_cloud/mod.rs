@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::npy::describe;
+use crate::file::read_bytes;
 
 /// A sweep without its "no return" entries.
 #[derive(Clone, Debug, PartialEq)]
@@ -98,7 +98,7 @@ fn extension(path: &Path) -> String {
 
 /// A file's bytes, whose number must be a multiple of one record's.
 fn read_records(path: &Path, record_bytes: usize) -> Result<Vec<u8>> {
-    let bytes = std::fs::read(path).map_err(|e| Error::file(path, describe(&e)))?;
+    let bytes = read_bytes(path)?;
     if bytes.len().is_multiple_of(record_bytes) {
         Ok(bytes)
     } else {

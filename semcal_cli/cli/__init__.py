@@ -35,5 +35,6 @@ def main() -> None:
     try:
         semcal()
     except SemcalError as error:
-        click.echo(f"semcal: error: {error}", err=True)
+        # One line, also where a file's name holds a line break.
+        click.echo(f"semcal: error: {' '.join(str(error).splitlines())}", err=True)
         sys.exit(EXIT_FAILURE)

@@ -13,6 +13,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 PATH = click.Path(path_type=Path)
 
 MAX_SEED = 2**63 - 1
+MAX_THREADS = 1024
 
 drive_argument = click.argument("drive", type=PATH)
 
@@ -36,7 +37,7 @@ seed_option = click.option(
 )
 threads_option = click.option(
     "--threads",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, MAX_THREADS),
     metavar="N",
     help="Threads of the Rust stages; all cores if not given. The result does not depend on it.",
 )

@@ -16,7 +16,7 @@ from rich.status import Status
 
 from semcal_cli.calibration import Calibration, calibration_text, write_calibration
 from semcal_cli.documents import output_format, write_text
-from semcal_cli.drive import read_drive
+from semcal_cli.drive import Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.pipeline import Run, StageReport, set_threads
 from semcal_cli.poses import camera_center
@@ -39,16 +39,15 @@ class Session:
         Raises:
             InputError: the drive is invalid, or the result or the log cannot go where they shall.
         """
-        for path in filter(None, (output, log)):
-            if not path.absolute().parent.is_dir():
-                raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
+        spec = read_drive(drive)
+        _check_outputs(spec, [path for path in (output, log) if path is not None])
         if output is not None:
             output_format(output)
         self.console = make_console(quiet)
         self.output, self.log, self.threads = output, log, threads
         self.reports: list[StageReport] = []
         self._status: Status | None = None
-        self.run = Run(read_drive(drive), seed, report=self._report, progress=self._progress)
+        self.run = Run(spec, seed, report=self._report, progress=self._progress)
         set_threads(threads)
 
     def __enter__(self) -> Session:
@@ -128,6 +127,20 @@ class Session:
             "python": platform.python_version(),
         }
         return json.dumps({"stages": stages, "host": host, "threads": self.threads}, indent=2) + "\n"
+
+
+def _check_outputs(drive: Drive, outputs: list[Path]) -> None:
+    """Check that results have a folder to go to, and overwrite neither an input nor one another."""
+    names = [
+        name for frame in drive.frames for name in (frame.points, frame.point_labels, frame.image_labels)
+    ]
+    taken = {drive.path.resolve(), *(drive.resolve(name).resolve() for name in names if name)}
+    for path in outputs:
+        if not path.absolute().parent.is_dir():
+            raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
+        if path.resolve() in taken:
+            raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
+        taken.add(path.resolve())
 
 
 def make_console(quiet: bool) -> Console:
