@@ -53,8 +53,9 @@ pub fn agreement(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -
         pooled.joint.merge(&frame.joint);
         pooled.num_inside += frame.num_inside;
         pooled.num_hidden += frame.num_hidden;
-        pooled.overlap += frame.overlap / frames.len() as f64;
+        pooled.overlap += frame.overlap;
     }
+    pooled.overlap /= frames.len() as f64;
     pooled
 }
 

@@ -7,7 +7,7 @@ use png::{BitDepth, ColorType, Transformations};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::file::read_bytes;
+use crate::file::{extension, read_bytes};
 use crate::npy::{self, class_ids};
 
 /// A row-major image of ids: raw (`u16`) as read, dense (`u8`) in the pipeline.
@@ -43,9 +43,12 @@ pub fn read_all(paths: &[PathBuf], size: (usize, usize)) -> Result<Vec<LabelImag
 /// # Errors
 /// The file cannot be read, has more than one channel, or is not of the camera's `(width, height)`.
 pub fn read(path: &Path, size: (usize, usize)) -> Result<LabelImage<u16>> {
-    let ids = match path.extension().and_then(|e| e.to_str()) {
-        Some("npy") => read_npy(path, size),
-        _ => read_png(path, size),
+    let ids = match extension(path).as_str() {
+        "npy" => read_npy(path, size),
+        "png" => read_png(path, size),
+        other => {
+            Err(Error::file(path, format!("label image format '{other}' is not known, needs .png or .npy")))
+        }
     }?;
     let (width, height) = size;
     Ok(LabelImage { width, height, ids })
@@ -77,10 +80,7 @@ fn read_png(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
     let width = info.width as usize;
     let (color, depth) = (info.color_type, info.bit_depth);
     if !matches!(color, ColorType::Grayscale | ColorType::Indexed) {
-        let reason = format!(
-            "has {} channels, needs one channel of class ids (or a palette: in drive.yaml)",
-            color.samples()
-        );
+        let reason = format!("has {} channels, needs one channel of class ids", color.samples());
         return Err(Error::file(path, reason));
     }
     check_size(path, (width, reader.info().height as usize), size)?;
@@ -138,9 +138,7 @@ mod tests {
     fn colours_and_wrong_sizes_are_refused() {
         let rgb = write("rgb", ColorType::Rgb, BitDepth::Eight, &[0; 18]);
         let message = read(&rgb, (3, 2)).expect_err("three channels").to_string();
-        assert!(
-            message.ends_with("has 3 channels, needs one channel of class ids (or a palette: in drive.yaml)")
-        );
+        assert!(message.ends_with("has 3 channels, needs one channel of class ids"));
         let gray = write("small", ColorType::Grayscale, BitDepth::Eight, &[0; 6]);
         let message = read(&gray, (4, 2)).expect_err("wrong size").to_string();
         assert!(message.ends_with("is 3 x 2, the camera is 4 x 2"), "{message}");

@@ -434,8 +434,11 @@ mod _core {
         t_camera_lidar: PyReadonlyArray2<f64>,
     ) -> PyResult<LandingArrays<'py>> {
         let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
-        let landings = visibility::land(&camera.0, &points, &pose);
-        let hidden = visibility::hidden(&camera.0, &landings);
+        let (landings, hidden) = detached(py, || {
+            let landings = visibility::land(&camera.0, &points, &pose);
+            let hidden = visibility::hidden(&camera.0, &landings);
+            (landings, hidden)
+        });
         let pixels: Vec<[f64; 2]> =
             landings.iter().map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into())).collect();
         let ranges: Vec<f64> = landings.iter().map(|l| l.map_or(f64::NAN, |l| l.range)).collect();

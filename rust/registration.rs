@@ -50,7 +50,7 @@ pub struct RegistrationConfig {
 pub struct Hypothesis {
     /// Where the picture lies.
     pub placement: Placement,
-    /// Mutual information of the pooled histogram, nats.
+    /// Mutual information of the pooled histogram, nats, less its bias.
     pub mutual_information: f64,
     /// Labelled cells, over all frames, that fall on a labelled pixel.
     pub num_cells: f64,
@@ -113,9 +113,9 @@ fn search_grid(
 
 /// The (elevation, roll) pairs at azimuth zero whose picture can overlap the sweep.
 fn upright_placements(zoomed: &Zoomed, grid: &SphericalGrid, config: &RegistrationConfig) -> Vec<Placement> {
-    let (_, vertical) = zoomed.fov();
-    let highest = (grid.top + 0.5 * vertical).min(FRAC_PI_2);
-    let lowest = (grid.bottom() - 0.5 * vertical).max(-FRAC_PI_2);
+    let (above, below) = zoomed.above_below();
+    let highest = (grid.top + below).min(FRAC_PI_2);
+    let lowest = (grid.bottom() - above).max(-FRAC_PI_2);
     let elevations = ((highest - lowest) / grid.cell_height).floor() as i32;
     let rolls = (config.max_roll / config.roll_step).round() as i32;
     let placement = |(e, r): (i32, i32)| Placement {
@@ -154,7 +154,7 @@ impl Downsampled {
 }
 
 fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f64) -> Downsampled {
-    let pixels_per_radian = observations.camera.width as f64 / zoomed.fov().0;
+    let pixels_per_radian = observations.camera.width as f64 / zoomed.horizontal_fov();
     let factor = ((pixels_per_radian * cell).round() as usize).max(1);
     let images = observations.frames.par_iter().map(|f| majority(&f.image_classes, factor)).collect();
     Downsampled { factor, images }
@@ -292,8 +292,7 @@ impl<'a> Level<'a> {
 
     /// The returns of each frame that a picture placed within `reach` of `placement` may show.
     fn near(&self, placement: &Placement, reach: f64) -> Vec<Vec<LabelledDirection>> {
-        let (horizontal, vertical) = self.zoomed.fov();
-        let half_angle = 0.5 * horizontal.hypot(vertical) + reach;
+        let half_angle = self.zoomed.reach() + reach;
         let axis = from_angles(placement.azimuth, placement.elevation);
         let least = half_angle.min(PI).cos();
         let shown = |r: &&LabelledDirection| r.0.dot(&axis) >= least;

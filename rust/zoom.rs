@@ -49,15 +49,6 @@ impl Placement {
         let y = down * cos_r - right * sin_r;
         Matrix3::from_rows(&[x.transpose(), y.transpose(), forward.transpose()])
     }
-
-    /// The placement with this `R_camera_lidar`.
-    pub fn from_rotation(rotation: &Matrix3<f64>) -> Self {
-        let forward: Vector3<f64> = rotation.row(2).transpose();
-        let upright =
-            Self { azimuth: azimuth(&forward), elevation: elevation(&forward), roll: 0.0, scale: 1.0 };
-        let relative = rotation * upright.rotation().transpose();
-        Self { roll: relative[(0, 1)].atan2(relative[(0, 0)]), ..upright }
-    }
 }
 
 /// A camera's picture for a kind of zoom: maps LiDAR directions to raw pixels.
@@ -67,19 +58,45 @@ pub struct Zoomed<'a> {
     zoom: Zoom,
     /// Horizontal and vertical field of view, radians.
     fov: Vector2<f64>,
+    /// The same for what lies above and below the axis that a placement's elevation speaks of.
+    above_below: (f64, f64),
+    /// Angle from the same axis to the farthest border, radians.
+    reach: f64,
 }
 
 impl<'a> Zoomed<'a> {
     /// # Errors
     /// The lens does not reach the middle of a border of the picture, so that it has no field of view.
     pub fn new(camera: &'a Camera, zoom: Zoom) -> Result<Self> {
-        let fov = Vector2::new(border_angle(camera, Vector2::x())?, border_angle(camera, Vector2::y())?);
-        Ok(Self { camera, zoom, fov })
+        let center = border_ray(camera, 0.0, 0.0)?;
+        let (left, right) = (border_ray(camera, -1.0, 0.0)?, border_ray(camera, 1.0, 0.0)?);
+        let (top, bottom) = (border_ray(camera, 0.0, -1.0)?, border_ray(camera, 0.0, 1.0)?);
+        let fov = Vector2::new(
+            left.angle(&center) + right.angle(&center),
+            top.angle(&center) + bottom.angle(&center),
+        );
+        // A placement's axis is the optical axis, but the middle of the picture for the paper's zoom.
+        let axis = if zoom == Zoom::Exact { Vector3::z() } else { center };
+        let below = |ray: &Vector3<f64>| ray.y.atan2(ray.z) - axis.y.atan2(axis.z);
+        let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+        let reached = corners.iter().filter_map(|&(u, v)| border_ray(camera, u, v).ok());
+        let reach = reached.chain([left, right, top, bottom]).map(|ray| ray.angle(&axis)).fold(0.0, f64::max);
+        Ok(Self { camera, zoom, fov, above_below: (-below(&top), below(&bottom)), reach })
     }
 
-    /// Horizontal and vertical field of view, radians.
-    pub fn fov(&self) -> (f64, f64) {
-        (self.fov.x, self.fov.y)
+    /// Horizontal field of view, radians.
+    pub fn horizontal_fov(&self) -> f64 {
+        self.fov.x
+    }
+
+    /// How far the picture reaches above and below its axis, radians.
+    pub fn above_below(&self) -> (f64, f64) {
+        self.above_below
+    }
+
+    /// How far the picture reaches from its axis in any direction, radians.
+    pub fn reach(&self) -> f64 {
+        self.reach
     }
 
     /// The raw pixel that LiDAR directions fall on when the picture is placed so; `None` outside the picture.
@@ -88,7 +105,7 @@ impl<'a> Zoomed<'a> {
         let rotation = placement.rotation();
         let placement = *placement;
         let (sin, cos) = placement.roll.sin_cos();
-        let Self { camera, zoom, fov } = self.clone();
+        let Self { camera, zoom, fov, .. } = self.clone();
         let size = Vector2::new(camera.width as f64, camera.height as f64);
         move |direction| {
             let pixel = match zoom {
@@ -106,21 +123,16 @@ impl<'a> Zoomed<'a> {
     }
 }
 
-/// The angle between the rays at the middles of two opposite borders.
-fn border_angle(camera: &Camera, axis: Vector2<f64>) -> Result<f64> {
-    let last = Vector2::new(camera.width as f64 - 1.0, camera.height as f64 - 1.0);
-    let center = last * 0.5;
-    let ray = |side: f64| {
-        let pixel = Point2::from(center + axis.component_mul(&center) * side);
-        camera.unproject(&pixel).ok_or_else(|| {
-            Error::Input(format!(
-                "camera: the lens model does not reach pixel ({:.0}, {:.0}) at the picture's border",
-                pixel.x, pixel.y
-            ))
-        })
-    };
-    let middle = ray(0.0)?;
-    Ok(ray(-1.0)?.angle(&middle) + ray(1.0)?.angle(&middle))
+/// The ray through a place of the picture, given from -1 (left, top) to 1 (right, bottom).
+fn border_ray(camera: &Camera, right: f64, down: f64) -> Result<Vector3<f64>> {
+    let half = Vector2::new(camera.width as f64 - 1.0, camera.height as f64 - 1.0) * 0.5;
+    let pixel = Point2::from(half + half.component_mul(&Vector2::new(right, down)));
+    camera.unproject(&pixel).ok_or_else(|| {
+        Error::Input(format!(
+            "camera: the lens model does not reach pixel ({:.0}, {:.0}) at the picture's border",
+            pixel.x, pixel.y
+        ))
+    })
 }
 
 /// An angle in (-pi, pi].
@@ -194,11 +206,25 @@ mod tests {
 
     proptest! {
         #[test]
-        fn rotation_and_placement_are_inverse(a in -3.1..3.1f64, e in -1.5..1.5f64, r in -3.1..3.1f64) {
-            let placement = Placement { azimuth: a, elevation: e, roll: r, scale: 1.0 };
-            let back = Placement::from_rotation(&placement.rotation());
-            prop_assert!((back.rotation() - placement.rotation()).norm() < 1e-9);
-            prop_assert!((placement.rotation().determinant() - 1.0).abs() < 1e-9);
+        fn the_axis_looks_where_azimuth_and_elevation_say(a in -3.1..3.1f64, e in -1.5..1.5f64, r in -3.1..3.1f64) {
+            let rotation = Placement { azimuth: a, elevation: e, roll: r, scale: 1.0 }.rotation();
+            let forward: Vector3<f64> = rotation.row(2).transpose();
+            prop_assert!((forward - from_angles(a, e)).norm() < 1e-9);
+            prop_assert!((rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-9);
+            prop_assert!((rotation.determinant() - 1.0).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_cropped_picture_reaches_farther_on_one_side() {
+        let k = [[640.0, 0.0, 200.0], [0.0, 640.0, 100.0], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("plumb_bob", (1280, 720), k, &[]).expect("a valid camera");
+        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
+        let (above, below) = zoomed.above_below();
+        assert!(
+            (above - (100.0f64 / 640.0).atan()).abs() < 0.01
+                && (below - (619.0f64 / 640.0).atan()).abs() < 0.01
+        );
+        assert!((zoomed.reach() - (1079.0f64.hypot(619.0) / 640.0).atan()).abs() < 1e-9);
     }
 }

@@ -78,7 +78,7 @@ class Input(StrictModel):
     frames: Annotated[tuple[InputFrame, ...], length(0)]
     """Frames used."""
     sha256: dict[str, Sha256]
-    """Of each file read, by its name in the drive."""
+    """Of each file read, by its name in the drive; of the transform started at, by its relative path."""
 
 
 class Settings(StrictModel):

@@ -29,7 +29,7 @@ Id = Annotated[int, Field(ge=0, le=0xFFFF)]
 Ids = Annotated[tuple[Id, ...], length(0)]
 ColorValue = Annotated[int, Field(ge=0, le=255)]
 Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
-PositiveInt = Annotated[int, Field(gt=0)]
+PictureSide = Annotated[int, Field(gt=0, le=0xFFFF)]
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 
@@ -42,9 +42,9 @@ class Camera(StrictModel):
 
     model: Literal["plumb_bob", "rational_polynomial", "fisheye"]
     """fisheye is Kannala-Brandt; the others are OpenCV's."""
-    width: PositiveInt
+    width: PictureSide
     """Columns of the picture."""
-    height: PositiveInt
+    height: PictureSide
     """Rows of the picture."""
     K: Matrix3
     """Intrinsic matrix in pixels, zero skew; an integer pixel is a pixel centre."""
@@ -86,9 +86,9 @@ class Camera(StrictModel):
 class Lidar(StrictModel):
     """The scan pattern of a spinning LiDAR."""
 
-    channels: PositiveInt
+    channels: Annotated[int, Field(ge=2, le=4096)]
     """Beams, the rows of the spherical image."""
-    columns: PositiveInt
+    columns: Annotated[int, Field(ge=4, le=0xFFFF)]
     """Firings a turn."""
     fov_up_deg: ElevationDeg
     """Elevation of the highest beam."""

@@ -33,7 +33,7 @@ class InitializationConfig:
     max_roll_deg: float = 15.0
     """In-plane rotations from minus this to plus this are searched."""
     roll_step_deg: float = 5.0
-    min_overlap: float = 0.3
+    min_overlap: float = 0.1
     """A placement counts only with this share of the best overlapping one's cells."""
     num_hypotheses: int = 8
     separation_deg: float = 15.0
@@ -62,6 +62,9 @@ def initialize(observations: Observations, config: InitializationConfig, seed: i
 
     Registers the label images with the spherical images, solves PnP for each of the best placements, and ranks the
     poses by the exact mutual information in full resolution, so that a wrong peak among coarse cells is caught.
+
+    The registration turns the picture and moves it nowhere, so with the exact zoom its pairs hold a pure rotation, and
+    PnP returns just that; the paper's zoom is no rotation, and there PnP finds the pose that fits best.
 
     Returns:
         Hypotheses, best first.

@@ -48,19 +48,21 @@ class DonskerVaradhan(torch.nn.Module):
         self.decay = decay
         self._mean_exp: Tensor | None = None
 
-    def forward(self, statistics: Tensor, x: Tensor, p_x: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, statistics: Tensor, x: Tensor, p_x: Tensor, weights: Tensor) -> tuple[Tensor, Tensor]:
         """Estimate the bound.
 
         Args:
             statistics: (N, num_x), F(x, y_i) for all x.
             x: (N,) int64, the x that was seen with each y.
             p_x: (num_x,), the distribution of x.
+            weights: (N,), how much each pair counts.
 
         Returns:
             The bound in nats, and a scalar whose gradient is the bias-corrected gradient of the bound.
         """
-        joint = statistics.gather(1, x[:, None]).mean()
-        mean_exp = (statistics.exp() @ p_x).mean()
+        weights = weights / weights.sum()
+        joint = weights @ statistics.gather(1, x[:, None])[:, 0]
+        mean_exp = weights @ (statistics.exp() @ p_x)
         detached = mean_exp.detach()
         previous = detached if self._mean_exp is None else self._mean_exp
         self._mean_exp = self.decay * previous + (1 - self.decay) * detached

@@ -57,6 +57,9 @@ def load_observations(drive: Drive) -> Observations:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
+    for key in ("motion", "palette"):
+        if getattr(drive, key) is not None:
+            raise InputError(f"{drive.path}: {key}: is not supported yet, needed a drive without it")
     paths = [
         (drive.resolve(frame.points), drive.resolve(_named(drive, index, "point_labels")))
         for index, frame in enumerate(drive.frames)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING
 from semcal_cli import _core
 from semcal_cli.calibration import Calibration, Quality, Settings, Stage, Status
 from semcal_cli.drive import Drive
-from semcal_cli.errors import InputError
 from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize
 from semcal_cli.observations import Observations, load_observations
 from semcal_cli.poses import Pose
@@ -46,6 +44,7 @@ class Run:
     progress: Callable[[str], None] = lambda doing: None
     stages: dict[str, Stage] = field(default_factory=dict)
     options: dict[str, object] = field(default_factory=dict)
+    init: Path | None = None
 
     def calibrate(
         self,
@@ -97,14 +96,16 @@ class Run:
 
     def start_at(self, observations: Observations, T_init: Pose, source: Path) -> None:
         """Take a given pose for the initial one."""
-        self.options["init"] = source.name
+        self.init = source
         self._finish("initial", perf_counter(), observations, T_init, f"from {source}")
 
     def refine(self, observations: Observations, T_init: Pose, device: str) -> Refinement:
         """Climb the mutual information from a pose."""
         self.progress("loading torch")
         start = perf_counter()
-        from semcal_cli.refinement import RefinementConfig, refine
+        from semcal_cli.refinement import RefinementConfig, check_device, refine
+
+        check_device(device)
 
         config = RefinementConfig()
 
@@ -126,7 +127,7 @@ class Run:
     ) -> Calibration:
         """Assess a pose and put everything into a calibration."""
         agreement = _core.agreement(observations.core, T_camera_lidar)
-        reasons = [*reasons, *_overlap_reasons(agreement)]
+        reasons = [*reasons, *_overlap_reasons(agreement), *_information_reasons(agreement)]
         status: Status = "not_trusted" if reasons else "not_assessed"
         return Calibration.from_pose(
             T_camera_lidar,
@@ -140,7 +141,7 @@ class Run:
                 num_frames=observations.num_frames,
             ),
             stages=self.stages,
-            input=describe_input(self.drive, folder),
+            input=describe_input(self.drive, self.init, folder),
             settings=Settings.model_validate(
                 {"options": _plain(self.options), "seed": self.seed, "versions": versions()}
             ),
@@ -173,6 +174,14 @@ def _overlap_reasons(agreement: _core.Agreement) -> list[str]:
     ]
 
 
+def _information_reasons(agreement: _core.Agreement) -> list[str]:
+    if agreement.mutual_information > agreement.bias:
+        return []
+    return [
+        f"labels share {agreement.mutual_information:.4f} nats, no more than unrelated labels do by chance"
+    ]
+
+
 def _runner_up(hypotheses: Sequence[Hypothesis]) -> str:
     if len(hypotheses) == 1:
         return "1 hypothesis"
@@ -187,19 +196,7 @@ def _plain(value: object) -> object:
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
-def check_device(device: str) -> None:
-    """Check that torch can compute on a device.
-
-    Raises:
-        InputError: it is `cuda` and there is none.
-    """
-    if device == "cuda":
-        import torch
-
-        if not torch.cuda.is_available():
-            raise InputError("--device cuda: PyTorch finds no CUDA device here")
-
-
 def set_threads(num_threads: int | None) -> None:
-    """Run the Rust stages on so many threads; on as many as there are cores if None."""
-    _core.set_num_threads(num_threads or os.cpu_count() or 1)
+    """Run the Rust stages on so many threads; on as many as the process may use if None."""
+    if num_threads is not None:
+        _core.set_num_threads(num_threads)

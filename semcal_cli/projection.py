@@ -8,6 +8,9 @@ from torch import Tensor
 from semcal_cli.camera import core_camera
 from semcal_cli.drive import Camera
 
+TINY = 1e-24
+"""Keeps the gradient of a radius finite on the optical axis."""
+
 
 class Projection(torch.nn.Module):
     """Projects points of the camera frame to pixels (u, v); an integer pixel is a pixel centre."""
@@ -18,7 +21,6 @@ class Projection(torch.nn.Module):
 
     def __init__(self, camera: Camera) -> None:
         super().__init__()
-        self.size = (camera.width, camera.height)
         self.limit = core_camera(camera).limit
         self._project = _fisheye if camera.model == "fisheye" else _polynomial
         coefficients = torch.zeros(8, dtype=torch.float64)
@@ -32,17 +34,11 @@ class Projection(torch.nn.Module):
         """Project points (N, 3), float64, metres.
 
         Returns:
-            Pixels (N, 2), and (N,) whether the model holds there; where it does not, pixels are finite but
-            mean nothing. A pixel may lie outside the picture.
+            Pixels (N, 2), and (N,) whether the model holds there. Beyond the radius (or angle) to which it holds,
+            a point has the pixel of the last one in its direction. A pixel may lie outside the picture.
         """
         distorted, holds = self._project(points_camera, self.coefficients, self.limit)
         return self.focal * distorted + self.center, holds
-
-    def inside(self, pixels: Tensor) -> Tensor:
-        """Whether pixels (N, 2) lie inside the picture, whose pixels reach half a pixel beyond their centres."""
-        width, height = self.size
-        u, v = pixels.unbind(-1)
-        return (u >= -0.5) & (v >= -0.5) & (u < width - 0.5) & (v < height - 0.5)
 
 
 def _polynomial(points: Tensor, coefficients: Tensor, limit: float) -> tuple[Tensor, Tensor]:
@@ -51,9 +47,9 @@ def _polynomial(points: Tensor, coefficients: Tensor, limit: float) -> tuple[Ten
     in_front = points[:, 2] > 0.0
     depth = torch.where(in_front, points[:, 2], 1.0)
     xy = points[:, :2] / depth[:, None]
-    r2 = (xy * xy).sum(-1)
-    holds = in_front & (r2 <= limit * limit)
-    xy = torch.where(holds[:, None], xy, 0.0)
+    radius = torch.sqrt((xy * xy).sum(-1).clamp_min(TINY))
+    holds = in_front & (radius <= limit)
+    xy = xy * (limit / radius).clamp(max=1.0)[:, None]
     x, y, r2 = xy[:, 0], xy[:, 1], (xy * xy).sum(-1)
     radial = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
     u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
@@ -64,9 +60,9 @@ def _polynomial(points: Tensor, coefficients: Tensor, limit: float) -> tuple[Ten
 def _fisheye(points: Tensor, coefficients: Tensor, limit: float) -> tuple[Tensor, Tensor]:
     """Kannala and Brandt's model: the radius is an odd polynomial of the incidence angle."""
     k1, k2, k3, k4 = coefficients[:4]
-    # On the axis the direction of a radius of zero does not matter, but its gradient must be finite.
-    radius = torch.sqrt((points[:, :2] ** 2).sum(-1).clamp_min(1e-24))
-    angle = torch.atan2(radius, points[:, 2])
+    radius = torch.sqrt((points[:, :2] ** 2).sum(-1).clamp_min(TINY))
+    incidence = torch.atan2(radius, points[:, 2])
+    angle = incidence.clamp(max=limit)
     a2 = angle * angle
     distorted = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-    return points[:, :2] * (distorted / radius)[:, None], angle <= limit
+    return points[:, :2] * (distorted / radius)[:, None], incidence <= limit

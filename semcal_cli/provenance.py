@@ -9,18 +9,19 @@ from importlib.metadata import version
 from pathlib import Path
 
 from semcal_cli.calibration import Input, InputFrame
-from semcal_cli.drive import Drive
+from semcal_cli.drive import Drive, drive_file
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
 """Whose versions may change the answer."""
 
 
-def describe_input(drive: Drive, relative_to: Path) -> Input:
+def describe_input(drive: Drive, init: Path | None, relative_to: Path) -> Input:
     """List the drive, its camera and frames, and the SHA-256 of each file that was read.
 
     Args:
         drive: The drive.
-        relative_to: The folder that the drive's path is given relative to: where the result goes.
+        init: The file (or drive) of the transform that was started at.
+        relative_to: The folder that paths are given relative to, but for files of the drive: where the result goes.
     """
     frames = [
         InputFrame(points=f.points, point_labels=f.point_labels, image_labels=f.image_labels)
@@ -28,6 +29,9 @@ def describe_input(drive: Drive, relative_to: Path) -> Input:
     ]
     hashes = {drive.path.name: _sha256(drive.path)}
     hashes |= {name: _sha256(drive.resolve(name)) for frame in frames for name in _files(frame)}
+    if init is not None:
+        file = drive_file(init)
+        hashes[os.path.relpath(file, relative_to)] = _sha256(file)
     return Input(
         drive=os.path.relpath(drive.path, relative_to),
         camera=drive.camera,

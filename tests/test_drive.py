@@ -119,7 +119,7 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
             "camera.parameters: found 'xi', needed none for plumb_bob",
         ),
         (
-            edit("lidar", to={"channels": 1, "columns": 1, "fov_up_deg": -3, "fov_down_deg": 3}),
+            edit("lidar", to={"channels": 64, "columns": 800, "fov_up_deg": -3, "fov_down_deg": 3}),
             "lidar.fov_down_deg: found 3.0, needed less than fov_up_deg, -3.0",
         ),
         (edit("frames", to=[]), "frames: found a list of 0, needed at least 1"),

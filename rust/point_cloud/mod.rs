@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::file::read_bytes;
+use crate::file::{extension, read_bytes};
 
 /// A sweep without its "no return" entries.
 #[derive(Clone, Debug, PartialEq)]
@@ -89,11 +89,6 @@ fn drop_no_returns(raw: RawCloud, labels: Option<Vec<u16>>) -> PointCloud {
 fn select<T>(values: Vec<T>, keep: &[bool]) -> Vec<T> {
     let pairs = values.into_iter().zip(keep);
     pairs.filter_map(|(value, &k)| k.then_some(value)).collect()
-}
-
-fn extension(path: &Path) -> String {
-    let extension = path.extension().unwrap_or_default();
-    extension.to_string_lossy().to_lowercase()
 }
 
 /// A file's bytes, whose number must be a multiple of one record's.

@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import PATH, device_option, drive_argument, result_options, zoom_option
+from semcal_cli.cli.options import device_option, drive_argument, init_option, result_options, zoom_option
 
 
 @click.command()
 @drive_argument
-@click.option(
-    "--init",
-    type=PATH,
-    metavar="FILE",
-    help="Start at this transform (a calibration, a drive's reference, a RELLIS-3D transforms.yaml) "
-    "instead of searching all mounting directions.",
-)
+@init_option(required=False, help_text="Start at this transform instead of searching all mounting directions")
 @zoom_option
 @device_option
 @result_options
 def calibrate(
     drive: Path,
     init: Path | None,
-    zoom: str,
+    zoom: str | None,
     device: str,
     output: Path | None,
     log: Path | None,
@@ -40,10 +35,11 @@ def calibrate(
     from semcal_cli.cli.session import Session
     from semcal_cli.formats import read_transform
     from semcal_cli.initialization import InitializationConfig
-    from semcal_cli.pipeline import check_device
 
+    if init and zoom:
+        raise click.UsageError("--zoom is for the search that --init replaces: give one of them")
     given = (read_transform(init), init) if init else None
-    check_device(device)
+    config = InitializationConfig(zoom=zoom) if zoom else InitializationConfig()
     with Session(drive, output, log, seed, threads, quiet) as session:
-        config = InitializationConfig(zoom=zoom)
-        session.finish(session.run.calibrate(session.folder, given, config, device))
+        code = session.finish(session.run.calibrate(session.folder, given, config, device))
+    sys.exit(code)

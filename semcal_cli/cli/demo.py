@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
@@ -41,7 +42,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
     with Session(drive, result, None, seed, threads, quiet) as session:
         calibration = session.run.calibrate(session.folder)
-        session.finish(calibration)
+        code = session.finish(calibration)
     initial = np.array(calibration.stages["initial"].T_camera_lidar)
     poses = {"initial calibration, from nothing": initial, "refined": calibration.pose}
     spec = read_drive(drive)
@@ -50,3 +51,4 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     for line in error_lines(compare_poses(calibration.pose, read_transform(drive))):
         console.print(line)
     console.print(f"look at {picture}")
+    sys.exit(code)

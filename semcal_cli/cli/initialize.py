@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
@@ -15,7 +16,7 @@ from semcal_cli.cli.options import drive_argument, result_options, zoom_option
 @result_options
 def initialize(
     drive: Path,
-    zoom: str,
+    zoom: str | None,
     output: Path | None,
     log: Path | None,
     seed: int,
@@ -26,10 +27,12 @@ def initialize(
     from semcal_cli.cli.session import Session
     from semcal_cli.initialization import InitializationConfig
 
+    config = InitializationConfig(zoom=zoom) if zoom else InitializationConfig()
     with Session(drive, output, log, seed, threads, quiet) as session:
         observations = session.run.load()
-        hypotheses = session.run.initialize(observations, InitializationConfig(zoom=zoom))
+        hypotheses = session.run.initialize(observations, config)
         for hypothesis in hypotheses:
             session.show(hypothesis)
         best = hypotheses[0].T_camera_lidar
-        session.finish(session.run.result(observations, best, [], session.folder))
+        code = session.finish(session.run.result(observations, best, [], session.folder))
+    sys.exit(code)

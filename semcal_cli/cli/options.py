@@ -51,10 +51,15 @@ device_option = click.option(
 zoom_option = click.option(
     "--zoom",
     type=click.Choice(["exact", "paper"]),
-    default="exact",
-    show_default=True,
-    help="How label images are brought to the LiDAR's angular grid: through K and the lens, or as the paper does.",
+    help="How label images are brought to the LiDAR's angular grid: through K and the lens, or as the paper does.  "
+    "[default: exact]",
 )
+
+
+def init_option(*, required: bool, help_text: str) -> Callable[[Command], Command]:
+    """Make the option for a transform to start at."""
+    known = "a calibration, a drive with its reference, a RELLIS-3D transforms.yaml"
+    return click.option("--init", type=PATH, metavar="FILE", required=required, help=f"{help_text}: {known}.")
 
 
 def result_options(command: Command) -> Command:

@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import PATH, device_option, drive_argument, result_options
+from semcal_cli.cli.options import device_option, drive_argument, init_option, result_options
 
 
 @click.command()
 @drive_argument
-@click.option(
-    "--init",
-    type=PATH,
-    metavar="FILE",
-    required=True,
-    help="The transform to start at: a calibration, a drive's reference, a RELLIS-3D transforms.yaml.",
-)
+@init_option(required=True, help_text="The transform to start at")
 @device_option
 @result_options
 def refine(
@@ -31,17 +26,10 @@ def refine(
     quiet: bool,
 ) -> None:
     """Refine a transform that is known to several degrees on DRIVE."""
-    from semcal_cli.cli.calibrate import calibrate
+    from semcal_cli.cli.session import Session
+    from semcal_cli.formats import read_transform
 
-    click.get_current_context().invoke(
-        calibrate,
-        drive=drive,
-        init=init,
-        zoom="exact",
-        device=device,
-        output=output,
-        log=log,
-        seed=seed,
-        threads=threads,
-        quiet=quiet,
-    )
+    given = read_transform(init), init
+    with Session(drive, output, log, seed, threads, quiet) as session:
+        code = session.finish(session.run.calibrate(session.folder, given, device=device))
+    sys.exit(code)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import platform
-import sys
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -70,26 +69,25 @@ class Session:
         """Where the result goes."""
         return self.output.parent if self.output else Path()
 
-    def finish(self, calibration: Calibration) -> None:
-        """Write and summarise a calibration; exit with 3 if it is not trusted."""
+    def finish(self, calibration: Calibration) -> int:
+        """Write and summarise a calibration, and tell the exit code: 3 if it is not trusted."""
         if self._status is not None:
             self._status.stop()
+        if self.log is not None:
+            write_text(self._log_text(), self.log)
         if self.output is None:
             click.echo(calibration_text(calibration, "yaml"), nl=False)
         else:
             write_calibration(calibration, self.output)
-        if self.log is not None:
-            write_text(self._log_text(), self.log)
         self._summarise(calibration)
-        if calibration.status == "not_trusted":
-            sys.exit(EXIT_NOT_TRUSTED)
+        return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
 
     def show(self, hypothesis: Hypothesis) -> None:
         """Print a hypothesis of the initial calibration."""
         looks_along = _row(hypothesis.T_camera_lidar[2, :3].tolist())
         self.console.print(
             f"  MI {hypothesis.mutual_information_nats:.4f} nats   looks along {looks_along}   "
-            f"overlap {hypothesis.overlap:.0%}   {hypothesis.num_inliers} inliers"
+            f"overlap {hypothesis.overlap:.0%}"
         )
 
     def _progress(self, doing: str) -> None:
@@ -138,6 +136,8 @@ def _check_outputs(drive: Drive, outputs: list[Path]) -> None:
     for path in outputs:
         if not path.absolute().parent.is_dir():
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
+        if path.is_dir():
+            raise InputError(f"{path}: is a folder, needed a file to write to")
         if path.resolve() in taken:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
         taken.add(path.resolve())
