@@ -104,6 +104,11 @@ def output_format(path: Path) -> Format:
 
 
 def write_text(text: str, path: Path) -> None:
+    """Write a UTF-8 file as `write_bytes` does."""
+    write_bytes(text.encode("utf-8"), path)
+
+
+def write_bytes(content: bytes, path: Path) -> None:
     """Write a file as a whole or not at all: to a temporary file beside it, which is then renamed.
 
     Raises:
@@ -112,8 +117,8 @@ def write_text(text: str, path: Path) -> None:
     target = Path(os.path.realpath(path))
     temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
-        with temporary.open("x", encoding="utf-8", newline="\n") as file:
-            file.write(text)
+        with temporary.open("xb") as file:
+            file.write(content)
             file.flush()
             os.fsync(file.fileno())
         temporary.replace(target)

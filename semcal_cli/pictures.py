@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import secrets
-from contextlib import suppress
 from pathlib import Path
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.documents import write_bytes
 from semcal_cli.errors import InputError
 
 
@@ -47,13 +45,4 @@ def write_picture(picture: npt.NDArray[np.uint8], path: Path) -> None:
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .png")
     _, content = cv2.imencode(".png", picture)
-    target = Path(os.path.realpath(path))
-    temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
-    try:
-        temporary.write_bytes(content.tobytes())
-        temporary.replace(target)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {(error.strerror or str(error)).lower()}") from None
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
+    write_bytes(content.tobytes(), path)

@@ -33,7 +33,9 @@ def test_the_seed_decides_every_bit(street_observations: Observations, street_tr
     assert not np.array_equal(first.T_camera_lidar, other.T_camera_lidar)
 
 
-def test_a_pose_that_still_moves_has_not_settled(street_observations: Observations, street_truth: Pose) -> None:
+def test_a_pose_that_still_moves_has_not_settled(
+    street_observations: Observations, street_truth: Pose
+) -> None:
     hasty = RefinementConfig(steps_per_level=8, learning_rate_pose=2.0, final_rate=1.0)
     assert not refine(street_observations, BAD_START @ street_truth, hasty, seed=0).converged
 
