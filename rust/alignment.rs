@@ -1,122 +1,235 @@
-//! Exact mutual information between points and the full-resolution label images at a pose.
+//! Mutual information over SE(3): its gradient at a pose, and a climb at one level of the label pyramid.
+//!
+//! Points share their pairs among the four blocks around them (partial volume), so that the joint histogram changes
+//! smoothly with the pose. The points of a level are those on labelled pixels when the level begins, with the weights
+//! that they have then, and they keep counting when they leave the picture, with the class at the nearest border: a pose
+//! cannot raise the objective by pushing points out.
 
-use nalgebra::{Isometry3, Point2};
+use nalgebra::{Isometry3, Vector2, Vector3, Vector6};
+use rand::SeedableRng;
+use rand::seq::SliceRandom;
+use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::camera::Camera;
-use crate::label_image::LabelImage;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, NO_CLASS, Observations};
-use crate::visibility::{Landing, hidden, land};
+use crate::pyramid::{ShareMap, Shares};
+use crate::se3;
+use crate::spherical::to_f64;
 
-/// The picture is divided into so many blocks along its longer side to tell which share of it the points cover.
-const COVER_BLOCKS: usize = 40;
+/// Decay rates of Adam's two moments (Kingma and Ba, arXiv 1412.6980).
+const ADAM_DECAY: (f64, f64) = (0.9, 0.99);
+const ADAM_EPSILON: f64 = 1e-12;
+/// Pairs that a batch has not seen count as so many points: their pointwise mutual information has to be finite.
+const LEAST_WEIGHT: f64 = 0.1;
+/// A level with fewer points than this tells nothing; the pose stays as it is.
+const MIN_POINTS: usize = 50;
 
-/// How well points and pictures agree at a pose.
-#[derive(Clone, Debug)]
-pub struct Agreement {
-    /// Bilinear weights of the pairs that visible points form with the four pixels around them, over all frames.
-    pub joint: JointHistogram,
-    /// Labelled points inside the picture.
-    pub num_inside: usize,
-    /// Those of them that a nearer return hides from the camera.
-    pub num_hidden: usize,
-    /// Share of the picture's area, averaged over frames, that visible labelled points cover.
-    pub overlap: f64,
+/// How the climb goes.
+#[derive(Clone, Copy, Debug)]
+pub struct AlignmentConfig {
+    /// Side of a block of the label images, pixels.
+    pub factor: usize,
+    /// Steps to go.
+    pub steps: usize,
+    /// Points drawn for each step.
+    pub batch_size: usize,
+    /// Length of the first steps, in blocks; they fall along a cosine.
+    pub step_size: f64,
+    /// Share of the step length that is left at the end.
+    pub final_step: f64,
+    /// Of the labelled points every so manieth is used that at most this number are left, over all frames.
+    pub max_points: usize,
 }
 
-impl Agreement {
-    /// Share of the visible pairs whose pointwise mutual information is positive.
-    pub fn label_agreement(&self) -> f64 {
-        let pairs = self.joint.weights.iter().zip(self.joint.pointwise());
-        // An empty sum of floats is minus zero.
-        let agreeing = pairs.filter(|(_, pmi)| *pmi > 0.0).fold(0.0, |sum, (weight, _)| sum + weight);
-        let total = self.joint.total();
-        if total > 0.0 { agreeing / total } else { 0.0 }
-    }
+/// Where a climb ended.
+#[derive(Clone, Copy, Debug)]
+pub struct Aligned {
+    /// `T_camera_lidar`.
+    pub pose: Isometry3<f64>,
+    /// Mutual information of points and blocks there, nats, less its bias.
+    pub mutual_information: f64,
+    /// Labelled points on labelled blocks there.
+    pub num_points: usize,
 }
 
-/// Compares all frames at `T_camera_lidar`.
-pub fn agreement(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> Agreement {
-    let frames: Vec<Agreement> = observations
-        .frames
+/// A labelled point on a labelled pixel.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    /// Metres, LiDAR frame.
+    position: Vector3<f64>,
+    class: u8,
+    frame: u32,
+    /// Labelled share of the blocks around it at the level's start.
+    weight: f32,
+}
+
+/// Climbs the mutual information of all frames from each of the poses.
+pub fn align(
+    observations: &Observations,
+    starts: &[Isometry3<f64>],
+    config: &AlignmentConfig,
+    seed: u64,
+) -> Vec<Aligned> {
+    let level = Level::new(observations, config);
+    starts
         .par_iter()
-        .map(|frame| frame_agreement(observations, frame, t_camera_lidar))
-        .collect();
-    let mut pooled = Agreement {
-        joint: JointHistogram::new(observations.num_point_classes, observations.num_image_classes),
-        num_inside: 0,
-        num_hidden: 0,
-        overlap: 0.0,
-    };
-    for frame in &frames {
-        pooled.joint.merge(&frame.joint);
-        pooled.num_inside += frame.num_inside;
-        pooled.num_hidden += frame.num_hidden;
-        pooled.overlap += frame.overlap;
-    }
-    pooled.overlap /= frames.len() as f64;
-    pooled
+        .map(|start| {
+            let pose = level.climb(start, config, seed);
+            level.assess(&pose)
+        })
+        .collect()
 }
 
-fn frame_agreement(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Agreement {
-    let camera = &observations.camera;
-    let landings = land(camera, &frame.points, t_camera_lidar);
-    let hidden = hidden(camera, &landings);
-    let mut joint = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
-    let (mut num_inside, mut num_hidden) = (0, 0);
-    let mut cover = Cover::new(camera);
-    for ((landing, &class), hidden) in landings.iter().zip(&frame.point_classes).zip(hidden) {
-        let Some(Landing { pixel, .. }) = landing else {
-            continue;
+struct Level<'a> {
+    observations: &'a Observations,
+    /// Of each frame.
+    maps: Vec<ShareMap>,
+    factor: usize,
+    /// Labelled points: position (metres, LiDAR frame), class and frame.
+    points: Vec<(Vector3<f64>, u8, u32)>,
+}
+
+impl<'a> Level<'a> {
+    fn new(observations: &'a Observations, config: &AlignmentConfig) -> Self {
+        let frames = &observations.frames;
+        let map = |frame: &Frame| {
+            ShareMap::new(&frame.image_classes, observations.num_image_classes, config.factor)
         };
-        if class == NO_CLASS {
-            continue;
+        let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
+        let stride = num_points.div_ceil(config.max_points).max(1);
+        let labelled = |(index, frame): (usize, &'a Frame)| {
+            let points = frame.points.iter().zip(&frame.point_classes).step_by(stride);
+            points
+                .filter(|&(_, &class)| class != NO_CLASS)
+                .map(move |(point, &class)| (to_f64(point), class, index as u32))
+        };
+        Self {
+            observations,
+            maps: frames.par_iter().map(map).collect(),
+            factor: config.factor,
+            points: frames.iter().enumerate().flat_map(labelled).collect(),
         }
-        num_inside += 1;
-        num_hidden += usize::from(hidden);
-        if !hidden {
-            add_bilinear(&mut joint, class, &frame.image_classes, pixel);
-            cover.mark(pixel);
+    }
+
+    fn climb(&self, start: &Isometry3<f64>, config: &AlignmentConfig, seed: u64) -> Isometry3<f64> {
+        let mut samples = self.samples(start);
+        if samples.len() < MIN_POINTS {
+            return *start;
         }
-    }
-    Agreement { joint, num_inside, num_hidden, overlap: cover.share() }
-}
-
-/// Shares a pair among the four pixels around a point, so that the histogram changes smoothly with the pose.
-fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, pixel: &Point2<f64>) {
-    let (u, v) =
-        (pixel.x.clamp(0.0, image.width as f64 - 1.0), pixel.y.clamp(0.0, image.height as f64 - 1.0));
-    let (u0, v0) = (u as usize, v as usize);
-    let (u1, v1) = ((u0 + 1).min(image.width - 1), (v0 + 1).min(image.height - 1));
-    let (du, dv) = (u - u0 as f64, v - v0 as f64);
-    joint.add(class, image.at(u0, v0), (1.0 - du) * (1.0 - dv));
-    joint.add(class, image.at(u1, v0), du * (1.0 - dv));
-    joint.add(class, image.at(u0, v1), (1.0 - du) * dv);
-    joint.add(class, image.at(u1, v1), du * dv);
-}
-
-/// Blocks of the picture that points fall into.
-struct Cover {
-    block: f64,
-    columns: usize,
-    marked: Vec<bool>,
-}
-
-impl Cover {
-    fn new(camera: &Camera) -> Self {
-        let block = camera.width.max(camera.height) as f64 / COVER_BLOCKS as f64;
-        let blocks = |size: usize| (size as f64 / block).ceil() as usize;
-        let columns = blocks(camera.width);
-        Self { block, columns, marked: vec![false; columns * blocks(camera.height)] }
+        samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+        let mut batches = samples.chunks(config.batch_size.min(samples.len())).cycle();
+        let unit = self.unit(&samples, start);
+        let mut adam = Adam::default();
+        let mut pose = *start;
+        for step in 0..config.steps {
+            let Some(batch) = batches.next() else { break };
+            let gradient = self.gradient(batch, &pose);
+            let cosine = 0.5 * (1.0 + (std::f64::consts::PI * step as f64 / config.steps as f64).cos());
+            let length = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine);
+            let twist = adam.step(&gradient.component_mul(&unit)) * length;
+            pose = se3::exp(&twist.component_mul(&unit)) * pose;
+        }
+        pose
     }
 
-    fn mark(&mut self, pixel: &Point2<f64>) {
-        let at = |x: f64| ((x + 0.5) / self.block) as usize;
-        self.marked[at(pixel.y) * self.columns + at(pixel.x)] = true;
+    /// The mutual information of the points that are on the picture now.
+    fn assess(&self, pose: &Isometry3<f64>) -> Aligned {
+        let samples = self.samples(pose);
+        let mut joint = self.empty_joint();
+        for sample in &samples {
+            if let Some(pixel) = self.observations.camera.project(&apply(pose, &sample.position)) {
+                let shares = self.maps[sample.frame as usize].at(&pixel);
+                shares.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
+            }
+        }
+        let mutual_information = joint.mutual_information() - joint.bias();
+        Aligned { pose: *pose, mutual_information, num_points: samples.len() }
     }
 
-    fn share(&self) -> f64 {
-        self.marked.iter().filter(|&&m| m).count() as f64 / self.marked.len() as f64
+    fn empty_joint(&self) -> JointHistogram {
+        JointHistogram::new(self.observations.num_point_classes, self.observations.num_image_classes)
+    }
+
+    /// The points on labelled pixels.
+    fn samples(&self, pose: &Isometry3<f64>) -> Vec<Sample> {
+        let camera = &self.observations.camera;
+        let sample = |&(position, class, frame): &(Vector3<f64>, u8, u32)| {
+            let pixel = camera.project(&apply(pose, &position)).filter(|pixel| camera.contains(pixel))?;
+            let weight = self.maps[frame as usize].at(&pixel).total() as f32;
+            (weight > 0.0).then_some(Sample { position, class, frame, weight })
+        };
+        self.points.iter().filter_map(sample).collect()
+    }
+
+    /// The twist components that each move the picture of a point at median range by about one block.
+    fn unit(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Vector6<f64> {
+        let mut ranges: Vec<f64> = samples.iter().map(|s| apply(pose, &s.position).norm()).collect();
+        let middle = ranges.len() / 2;
+        let median = *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let angle = self.factor as f64 / self.observations.camera.mean_focal();
+        let (rho, phi) = (median * angle, angle);
+        Vector6::new(rho, rho, rho, phi, phi, phi)
+    }
+
+    /// Gradient of the mutual information with respect to a twist on the left of the pose.
+    ///
+    /// `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from
+    /// the marginals cancel.
+    fn gradient(&self, batch: &[Sample], pose: &Isometry3<f64>) -> Vector6<f64> {
+        let camera = &self.observations.camera;
+        let mut joint = self.empty_joint();
+        let landed: Vec<(&Sample, Vector3<f64>, Shares)> = batch
+            .iter()
+            .filter_map(|sample| {
+                let p_camera = apply(pose, &sample.position);
+                let shares = self.maps[sample.frame as usize].at(&camera.project(&p_camera)?);
+                (shares.total() > 0.0).then_some((sample, p_camera, shares))
+            })
+            .collect();
+        for (sample, _, shares) in &landed {
+            shares.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
+        }
+        let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
+        let mut gradient = Vector6::zeros();
+        let mut total = 0.0;
+        for (sample, p_camera, shares) in &landed {
+            total += f64::from(sample.weight);
+            let row = joint.index(sample.class, 0);
+            let slope: Vector2<f64> = shares.slope(&pointwise[row..]) * f64::from(sample.weight);
+            if slope == Vector2::zeros() {
+                continue;
+            }
+            let Some((_, jacobian)) = camera.project_with_jacobian(p_camera) else { continue };
+            let force: Vector3<f64> = jacobian.tr_mul(&slope);
+            let torque = p_camera.cross(&force);
+            gradient += Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+        }
+        gradient / f64::max(total, 1.0)
+    }
+}
+
+#[inline]
+fn apply(pose: &Isometry3<f64>, point: &Vector3<f64>) -> Vector3<f64> {
+    pose.rotation * point + pose.translation.vector
+}
+
+/// Steps of about unit length in the direction of a noisy gradient.
+#[derive(Default)]
+struct Adam {
+    mean: Vector6<f64>,
+    square: Vector6<f64>,
+    steps: i32,
+}
+
+impl Adam {
+    fn step(&mut self, gradient: &Vector6<f64>) -> Vector6<f64> {
+        let (mean_decay, square_decay) = ADAM_DECAY;
+        self.steps += 1;
+        self.mean = self.mean * mean_decay + gradient * (1.0 - mean_decay);
+        self.square = self.square * square_decay + gradient.component_mul(gradient) * (1.0 - square_decay);
+        let mean = self.mean / (1.0 - mean_decay.powi(self.steps));
+        let square = self.square / (1.0 - square_decay.powi(self.steps));
+        mean.zip_map(&square, |m, s| m / (s.sqrt() + ADAM_EPSILON))
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! Coefficients are in OpenCV's order. Pixels are `(u, v)`; an integer pixel is a pixel centre.
 
-use nalgebra::{Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2, Vector3};
 
 use crate::error::{Error, Result};
 
@@ -114,6 +114,20 @@ impl Camera {
         Some(Point2::from(self.focal.component_mul(&distorted) + self.center))
     }
 
+    /// The same with the Jacobian of the pixel with respect to the point, pixels a metre.
+    pub fn project_with_jacobian(&self, point: &Vector3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
+        let pixel = self.project(point)?;
+        let jacobian = match &self.lens {
+            Lens::Polynomial(c) => {
+                let (x, y, inverse) = (point.x / point.z, point.y / point.z, 1.0 / point.z);
+                let normalised = Matrix2x3::new(inverse, 0.0, -x * inverse, 0.0, inverse, -y * inverse);
+                distort_jacobian(c, Vector2::new(x, y)) * normalised
+            }
+            Lens::Fisheye(c) => fisheye_jacobian(c, point),
+        };
+        Some((pixel, Matrix2::from_diagonal(&self.focal) * jacobian))
+    }
+
     /// The unit ray (camera frame) that lands on a pixel; `None` where the lens reaches no such pixel.
     pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Vector3<f64>> {
         let distorted = (pixel.coords - self.center).component_div(&self.focal);
@@ -167,6 +181,41 @@ fn radial_factor(c: &[f64; 8], r2: f64) -> f64 {
     (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
 }
 
+/// The Jacobian of [`distort`].
+fn distort_jacobian(c: &[f64; 8], xy: Vector2<f64>) -> Matrix2<f64> {
+    let [k1, k2, p1, p2, k3, k4, k5, k6] = *c;
+    let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
+    let denominator = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+    let factor = radial_factor(c, r2);
+    // With respect to r^2.
+    let slope = (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3) - factor * (k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6)))
+        / denominator;
+    let tangential = Matrix2::new(
+        2.0 * p1 * y + 6.0 * p2 * x,
+        2.0 * p1 * x + 2.0 * p2 * y,
+        2.0 * p1 * x + 2.0 * p2 * y,
+        6.0 * p1 * y + 2.0 * p2 * x,
+    );
+    Matrix2::identity() * factor + xy * xy.transpose() * (2.0 * slope) + tangential
+}
+
+/// The Jacobian of a fisheye lens's distorted coordinates with respect to the point.
+fn fisheye_jacobian(c: &[f64; 4], point: &Vector3<f64>) -> Matrix2x3<f64> {
+    let (xy, radius, range2) = (point.xy(), point.xy().norm(), point.norm_squared());
+    if radius < f64::EPSILON {
+        return Matrix2x3::new(1.0 / point.z, 0.0, 0.0, 0.0, 1.0 / point.z, 0.0);
+    }
+    let angle = radius.atan2(point.z);
+    let a2 = angle * angle;
+    let slope = 1.0 + a2 * (3.0 * c[0] + a2 * (5.0 * c[1] + a2 * (7.0 * c[2] + a2 * 9.0 * c[3])));
+    let (unit, scale) = (xy / radius, fisheye_radius(c, angle) / radius);
+    // Along the radius the distorted radius changes with the angle, d angle = (z dr - r dz) / range^2; across it the
+    // picture only turns.
+    let along = Vector3::new(unit.x * point.z, unit.y * point.z, -radius) * (slope / range2);
+    let across = (Matrix2::identity() - unit * unit.transpose()) * scale;
+    unit * along.transpose() + across * Matrix2x3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+}
+
 #[inline]
 fn fisheye_radius(c: &[f64; 4], angle: f64) -> f64 {
     let a2 = angle * angle;
@@ -184,7 +233,7 @@ fn undistort(c: &[f64; 8], distorted: Vector2<f64>) -> Option<Vector2<f64>> {
         }
         let column =
             |axis: Vector2<f64>| (distort(c, xy + axis * STEP) - distort(c, xy - axis * STEP)) / (2.0 * STEP);
-        let jacobian = nalgebra::Matrix2::from_columns(&[column(Vector2::x()), column(Vector2::y())]);
+        let jacobian = Matrix2::from_columns(&[column(Vector2::x()), column(Vector2::y())]);
         xy -= jacobian.lu().solve(&residual)?;
     }
     None
@@ -257,6 +306,25 @@ mod tests {
                 }
             }
             assert!(seen > 400, "{camera:?} reaches only {seen} of 576 pixels");
+        }
+    }
+
+    #[test]
+    fn jacobians_are_those_of_finite_differences() {
+        const STEP: f64 = 1e-6;
+        for camera in cameras() {
+            for point in
+                [Vector3::new(0.0, 0.0, 3.0), Vector3::new(0.8, -0.3, 2.0), Vector3::new(-1.5, 0.7, 1.9)]
+            {
+                let (_, jacobian) = camera.project_with_jacobian(&point).expect("in front");
+                for axis in 0..3 {
+                    let mut step = Vector3::zeros();
+                    step[axis] = STEP;
+                    let pixel = |p: Vector3<f64>| camera.project(&p).expect("in front");
+                    let slope = (pixel(point + step) - pixel(point - step)) / (2.0 * STEP);
+                    assert!((slope - jacobian.column(axis)).norm() < 1e-5, "{camera:?} {point} {axis}");
+                }
+            }
         }
     }
 

@@ -4,9 +4,12 @@ use nalgebra::Point2;
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
+use rayon::prelude::*;
 
+use crate::camera::Camera;
 use crate::error::Result;
-use crate::observation::{NO_CLASS, Observations};
+use crate::label_image::LabelImage;
+use crate::observation::{Frame, NO_CLASS, Observations};
 use crate::registration::Hypothesis;
 use crate::spherical::{EMPTY, SphericalGrid, to_f64};
 use crate::zoom::{Zoom, Zoomed};
@@ -27,8 +30,8 @@ pub struct Correspondence {
     pub pixel: Point2<f64>,
 }
 
-/// Samples up to `count` pairs whose classes agree, that is have positive pointwise mutual information, spread over the
-/// picture and over range.
+/// Samples, for each hypothesis, up to `count` pairs whose classes agree, that is have positive pointwise mutual
+/// information, spread over the picture and over range.
 ///
 /// # Errors
 /// The camera has no field of view.
@@ -36,13 +39,52 @@ pub fn sample(
     observations: &Observations,
     grid: &SphericalGrid,
     zoom: Zoom,
-    hypothesis: &Hypothesis,
+    hypotheses: &[Hypothesis],
     count: usize,
     seed: u64,
-) -> Result<Vec<Correspondence>> {
-    let mut candidates = agreeing(observations, grid, zoom, hypothesis)?;
-    candidates.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-    let camera = &observations.camera;
+) -> Result<Vec<Vec<Correspondence>>> {
+    let zoomed = Zoomed::new(&observations.camera, zoom)?;
+    let returns: Vec<Vec<LabelledPoint>> =
+        observations.frames.par_iter().map(|frame| labelled_returns(frame, grid)).collect();
+    let sample = |hypothesis: &Hypothesis| {
+        let mut pairs = agreeing(observations, &zoomed, &returns, hypothesis);
+        pairs.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+        spread(pairs, &observations.camera, count)
+    };
+    Ok(hypotheses.par_iter().map(sample).collect())
+}
+
+/// A return (metres, LiDAR frame) and its class.
+type LabelledPoint = ([f32; 3], u8);
+
+/// The labelled returns that win a pixel of the spherical image.
+fn labelled_returns(frame: &Frame, grid: &SphericalGrid) -> Vec<LabelledPoint> {
+    let winners = grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY);
+    let labelled = winners.map(|i| (frame.points[i as usize], frame.point_classes[i as usize]));
+    labelled.filter(|&(_, class)| class != NO_CLASS).collect()
+}
+
+/// Every pair of a registration whose classes agree.
+fn agreeing(
+    observations: &Observations,
+    zoomed: &Zoomed,
+    returns: &[Vec<LabelledPoint>],
+    hypothesis: &Hypothesis,
+) -> Vec<Correspondence> {
+    let pixel_of = zoomed.pixel_map(&hypothesis.placement);
+    let pointwise = hypothesis.joint.pointwise();
+    let pair = |&(point, class): &LabelledPoint, image: &LabelImage<u8>| {
+        let pixel = pixel_of(&to_f64(&point))?;
+        let image_class = image.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
+        let agree = image_class != NO_CLASS && pointwise[hypothesis.joint.index(class, image_class)] > 0.0;
+        agree.then_some(Correspondence { point, pixel })
+    };
+    let frames = returns.iter().zip(&observations.frames);
+    frames.flat_map(|(returns, frame)| returns.iter().filter_map(|r| pair(r, &frame.image_classes))).collect()
+}
+
+/// The first pairs, up to `count`, of which no part of the picture and no band of range has more than its share.
+fn spread(mut pairs: Vec<Correspondence>, camera: &Camera, count: usize) -> Vec<Correspondence> {
     let block = |x: f64, size: usize, blocks: usize| ((x + 0.5) / size as f64 * blocks as f64) as usize;
     let bin = |c: &Correspondence| {
         let range = to_f64(&c.point).norm();
@@ -52,43 +94,14 @@ pub fn sample(
         (row * BLOCKS.0 + column) * (RANGE_BANDS.len() + 1) + band
     };
     let mut filled = vec![0usize; BLOCKS.0 * BLOCKS.1 * (RANGE_BANDS.len() + 1)];
-    let mut occupied: Vec<usize> = candidates.iter().map(bin).collect();
-    occupied.sort_unstable();
-    occupied.dedup();
-    let share = (SHARE_MARGIN * count).div_ceil(occupied.len().max(1));
-    candidates.retain(|c| {
-        filled[bin(c)] += 1;
-        filled[bin(c)] <= share
+    pairs.iter().for_each(|pair| filled[bin(pair)] += 1);
+    let occupied = filled.iter().filter(|&&n| n > 0).count();
+    let share = (SHARE_MARGIN * count).div_ceil(occupied.max(1));
+    filled.fill(0);
+    pairs.retain(|pair| {
+        filled[bin(pair)] += 1;
+        filled[bin(pair)] <= share
     });
-    candidates.truncate(count);
-    Ok(candidates)
-}
-
-/// Every pair of a registration whose classes agree.
-fn agreeing(
-    observations: &Observations,
-    grid: &SphericalGrid,
-    zoom: Zoom,
-    hypothesis: &Hypothesis,
-) -> Result<Vec<Correspondence>> {
-    let zoomed = Zoomed::new(&observations.camera, zoom)?;
-    let pixel_of = zoomed.pixel_map(&hypothesis.placement);
-    let pointwise = hypothesis.joint.pointwise();
-    let mut pairs = Vec::new();
-    for frame in &observations.frames {
-        for index in grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY) {
-            let (point, class) = (frame.points[index as usize], frame.point_classes[index as usize]);
-            let Some(pixel) = pixel_of(&to_f64(&point)) else {
-                continue;
-            };
-            let image_class = frame.image_classes.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
-            let agree = class != NO_CLASS
-                && image_class != NO_CLASS
-                && pointwise[hypothesis.joint.index(class, image_class)] > 0.0;
-            if agree {
-                pairs.push(Correspondence { point, pixel });
-            }
-        }
-    }
-    Ok(pairs)
+    pairs.truncate(count);
+    pairs
 }

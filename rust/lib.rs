@@ -2,6 +2,7 @@
 #![deny(unsafe_code)]
 #![warn(missing_docs)]
 
+pub mod agreement;
 pub mod alignment;
 pub mod camera;
 pub mod correspondences;
@@ -15,6 +16,7 @@ pub mod point_cloud;
 pub mod powell;
 pub mod pyramid;
 pub mod registration;
+pub mod se3;
 pub mod spherical;
 pub mod visibility;
 pub mod world;

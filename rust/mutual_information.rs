@@ -69,6 +69,22 @@ impl JointHistogram {
         self.weights.iter().enumerate().map(cell).collect()
     }
 
+    /// The same, with `floor` for the weight of pairs that were seen less: finite, for gradients.
+    pub fn pointwise_at_least(&self, floor: f64) -> Vec<f64> {
+        let raised = Self {
+            num_image_classes: self.num_image_classes,
+            weights: self.weights.iter().map(|w| w.max(floor)).collect(),
+        };
+        raised.pointwise()
+    }
+
+    /// The weights of a point class.
+    #[inline]
+    pub fn row_mut(&mut self, point_class: u8) -> &mut [f64] {
+        let start = self.index(point_class, 0);
+        &mut self.weights[start..start + self.num_image_classes]
+    }
+
     /// Where a pair lies in `weights` and [`JointHistogram::pointwise`].
     #[inline]
     pub fn index(&self, point_class: u8, image_class: u8) -> usize {

@@ -1,7 +1,137 @@
 //! Class shares of label images: what one-hot label maps become when they are averaged over blocks.
 
+use nalgebra::{Point2, Vector2};
+
 use crate::label_image::LabelImage;
 use crate::observation::NO_CLASS;
+
+/// The shares of one picture at one level, to be sampled: for each block, the classes that it holds.
+#[derive(Clone, Debug)]
+pub struct ShareMap {
+    factor: usize,
+    columns: usize,
+    rows: usize,
+    /// Where the entries of each block begin, row by row; one more for the end.
+    starts: Vec<u32>,
+    entries: Vec<Share>,
+}
+
+/// A class of a block, and how much of the block it has, in 1/255.
+#[derive(Clone, Copy, Debug)]
+struct Share {
+    class: u8,
+    amount: u8,
+}
+
+impl ShareMap {
+    /// Averages the classes of blocks of `factor x factor` pixels.
+    pub fn new(image: &LabelImage<u8>, num_classes: usize, factor: usize) -> Self {
+        let (columns, rows) = (image.width / factor, image.height / factor);
+        let (mut starts, mut entries) = (vec![0], Vec::new());
+        for block in class_shares(image, num_classes, factor).chunks_exact(num_classes) {
+            let shares = block.iter().enumerate().filter(|&(_, &amount)| amount > 0);
+            entries.extend(shares.map(|(class, &amount)| Share { class: class as u8, amount }));
+            starts.push(entries.len() as u32);
+        }
+        Self { factor, columns, rows, starts, entries }
+    }
+
+    /// The shares at a pixel of the full-resolution picture, bilinear between the centres of blocks, and continued
+    /// beyond the outermost ones.
+    #[inline]
+    pub fn at(&self, pixel: &Point2<f64>) -> Shares<'_> {
+        let (column, right) = Self::between(pixel.x, self.factor, self.columns);
+        let (row, down) = Self::between(pixel.y, self.factor, self.rows);
+        let (next_column, next_row) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
+        let block = |row: usize, column: usize| {
+            let index = row * self.columns + column;
+            &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize]
+        };
+        Shares {
+            corners: [
+                block(row, column),
+                block(row, next_column),
+                block(next_row, column),
+                block(next_row, next_column),
+            ],
+            right: right.unwrap_or(0.0),
+            down: down.unwrap_or(0.0),
+            moves: (right.is_some(), down.is_some()),
+            per_pixel: 1.0 / self.factor as f64,
+        }
+    }
+
+    /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
+    #[inline]
+    fn between(pixel: f64, factor: usize, count: usize) -> (usize, Option<f64>) {
+        let place = (pixel + 0.5) / factor as f64 - 0.5;
+        let last = (count - 1) as f64;
+        if place > 0.0 && place < last {
+            (place as usize, Some(place.fract()))
+        } else {
+            (if place > 0.0 { count - 1 } else { 0 }, None)
+        }
+    }
+}
+
+/// The four blocks around a pixel.
+#[derive(Clone, Copy, Debug)]
+pub struct Shares<'a> {
+    corners: [&'a [Share]; 4],
+    right: f64,
+    down: f64,
+    /// Whether the shares change along each axis.
+    moves: (bool, bool),
+    per_pixel: f64,
+}
+
+impl Shares<'_> {
+    #[inline]
+    fn weights(&self) -> [f64; 4] {
+        let (right, down) = (self.right, self.down);
+        [(1.0 - right) * (1.0 - down), right * (1.0 - down), (1.0 - right) * down, right * down]
+    }
+
+    /// The share that is labelled.
+    #[inline]
+    pub fn total(&self) -> f64 {
+        let amount = |corner: &[Share]| corner.iter().map(|share| u32::from(share.amount)).sum::<u32>();
+        let corners = self.corners.iter().zip(self.weights());
+        corners.map(|(corner, weight)| weight * f64::from(amount(corner))).sum::<f64>() / 255.0
+    }
+
+    /// Adds `weight` to the classes, in proportion to their shares.
+    #[inline]
+    pub fn add_to(&self, classes: &mut [f64], weight: f64) {
+        let scale = weight / (255.0 * self.total());
+        for (corner, weight) in self.corners.iter().zip(self.weights()) {
+            for share in *corner {
+                classes[usize::from(share.class)] += weight * scale * f64::from(share.amount);
+            }
+        }
+    }
+
+    /// The slope, per pixel, of `sum_y values[y] share_y / sum_y share_y`.
+    #[inline]
+    pub fn slope(&self, values: &[f64]) -> Vector2<f64> {
+        // The sum over classes, and the labelled share, of each corner.
+        let sums = self.corners.map(|corner| {
+            corner.iter().fold(Vector2::zeros(), |sum, share| {
+                sum + Vector2::new(values[usize::from(share.class)], 1.0) * f64::from(share.amount)
+            })
+        });
+        let [a, b, c, d] = sums;
+        let (above, below) = (a.lerp(&b, self.right), c.lerp(&d, self.right));
+        let (left, right) = (a.lerp(&c, self.down), b.lerp(&d, self.down));
+        let middle = above.lerp(&below, self.down);
+        let along =
+            |change: Vector2<f64>| (change.x - change.y * middle.x / middle.y) / middle.y * self.per_pixel;
+        Vector2::new(
+            if self.moves.0 { along(right - left) } else { 0.0 },
+            if self.moves.1 { along(below - above) } else { 0.0 },
+        )
+    }
+}
 
 /// Shares of each class in blocks of `factor x factor` pixels, `rows x columns x num_classes`, as bytes of 1/255.
 ///

@@ -9,9 +9,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 
-use crate::alignment;
+use crate::agreement::measure as measure_agreement;
+use crate::alignment::{self, AlignmentConfig};
 use crate::camera::Camera;
-use crate::correspondences;
+use crate::correspondences::{self, Correspondence};
 use crate::error::{Error, Result};
 use crate::label_image::{self, LabelImage};
 use crate::observation::{Frame, Observations};
@@ -65,6 +66,11 @@ fn isometry(matrix: &PyReadonlyArray2<f64>) -> PyResult<Isometry3<f64>> {
         Translation3::new(m[[0, 3]], m[[1, 3]], m[[2, 3]]),
         UnitQuaternion::from_rotation_matrix(&rotation),
     ))
+}
+
+fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let rows: [[f64; 4]; 4] = pose.to_homogeneous().transpose().into();
+    to_array2(py, &rows)
 }
 
 fn rows<const N: usize, T: Copy + numpy::Element>(
@@ -172,7 +178,7 @@ impl PyHypothesis {
     /// `R_camera_lidar`, (3, 3).
     #[getter]
     fn rotation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let rotation: [[f64; 3]; 3] = self.0.placement.rotation().transpose().into();
+        let rotation: [[f64; 3]; 3] = self.0.placement.rotation().matrix().transpose().into();
         to_array2(py, &rotation)
     }
 
@@ -193,6 +199,7 @@ impl PyHypothesis {
 struct PyAgreement {
     mutual_information: f64,
     bias: f64,
+    sigma: f64,
     label_agreement: f64,
     overlap: f64,
     num_inside: usize,
@@ -205,6 +212,9 @@ type CloudArrays<'py> =
 
 /// Points (N, 3) and the pixels (N, 2) they correspond to.
 type PairArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// `T_camera_lidar`, mutual information, number of points.
+type AlignedTuple<'py> = (Bound<'py, PyArray2<f64>>, f64, usize);
 
 /// Pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
 type LandingArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
@@ -328,7 +338,7 @@ mod _core {
     }
 
     #[pyfunction]
-    #[pyo3(signature = (observations, grid, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, min_overlap,
+    #[pyo3(signature = (observations, grid, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, around, min_overlap,
                         num_hypotheses, separation))]
     #[allow(clippy::too_many_arguments)]
     fn register(
@@ -340,16 +350,22 @@ mod _core {
         fine_cell: f64,
         max_roll: f64,
         roll_step: f64,
+        around: Option<(PyReadonlyArray2<f64>, f64)>,
         min_overlap: f64,
         num_hypotheses: usize,
         separation: f64,
     ) -> PyResult<Vec<PyHypothesis>> {
+        let around = match &around {
+            Some((pose, angle)) => Some((isometry(pose)?.rotation.to_rotation_matrix(), *angle)),
+            None => None,
+        };
         let config = RegistrationConfig {
             zoom: parse_zoom(zoom)?,
             coarse_cell,
             fine_cell,
             max_roll,
             roll_step,
+            around,
             min_overlap,
             num_hypotheses,
             separation,
@@ -370,13 +386,9 @@ mod _core {
     }
 
     #[pyfunction]
-    fn estimate_grid(
-        py: Python<'_>,
-        observations: &PyObservations,
-        cell: f64,
-    ) -> PyResult<(usize, usize, f64, f64)> {
-        let sweeps = || observations.0.frames.iter().map(|f| f.points.as_slice());
-        Ok(from_grid(&detached(py, || SphericalGrid::over(sweeps(), cell))?))
+    fn estimate_grid(py: Python<'_>, observations: &PyObservations) -> PyResult<(usize, usize, f64, f64)> {
+        let sweeps: Vec<&[[f32; 3]]> = observations.0.frames.iter().map(|f| f.points.as_slice()).collect();
+        Ok(from_grid(&detached(py, || SphericalGrid::estimate(&sweeps))?))
     }
 
     #[pyfunction]
@@ -395,17 +407,20 @@ mod _core {
         observations: &PyObservations,
         grid: (usize, usize, f64, f64),
         zoom: &str,
-        hypothesis: &PyHypothesis,
+        hypotheses: Vec<PyRef<'py, PyHypothesis>>,
         count: usize,
         seed: u64,
-    ) -> PyResult<PairArrays<'py>> {
+    ) -> PyResult<Vec<PairArrays<'py>>> {
         let (zoom, grid) = (parse_zoom(zoom)?, to_grid(grid));
-        let pairs = detached(py, || {
-            correspondences::sample(&observations.0, &grid, zoom, &hypothesis.0, count, seed)
-        })?;
-        let points: Vec<[f64; 3]> = pairs.iter().map(|c| c.point.map(f64::from)).collect();
-        let pixels: Vec<[f64; 2]> = pairs.iter().map(|c| [c.pixel.x, c.pixel.y]).collect();
-        Ok((to_array2(py, &points)?, to_array2(py, &pixels)?))
+        let hypotheses: Vec<Hypothesis> = hypotheses.iter().map(|h| h.0.clone()).collect();
+        let samples =
+            detached(py, || correspondences::sample(&observations.0, &grid, zoom, &hypotheses, count, seed))?;
+        let arrays = |pairs: Vec<Correspondence>| {
+            let points: Vec<[f64; 3]> = pairs.iter().map(|c| c.point.map(f64::from)).collect();
+            let pixels: Vec<[f64; 2]> = pairs.iter().map(|c| [c.pixel.x, c.pixel.y]).collect();
+            Ok((to_array2(py, &points)?, to_array2(py, &pixels)?))
+        };
+        samples.into_iter().map(arrays).collect()
     }
 
     #[pyfunction]
@@ -415,15 +430,40 @@ mod _core {
         t_camera_lidar: PyReadonlyArray2<f64>,
     ) -> PyResult<PyAgreement> {
         let pose = isometry(&t_camera_lidar)?;
-        let found = detached(py, || alignment::agreement(&observations.0, &pose));
+        let found = detached(py, || measure_agreement(&observations.0, &pose));
         Ok(PyAgreement {
             mutual_information: found.joint.mutual_information(),
             bias: found.joint.bias(),
+            sigma: found.sigma,
             label_agreement: found.label_agreement(),
             overlap: found.overlap,
             num_inside: found.num_inside,
             num_hidden: found.num_hidden,
         })
+    }
+
+    #[pyfunction]
+    #[pyo3(signature = (observations, t_camera_lidar, *, factor, steps, batch_size, step_size, final_step,
+                        max_points, seed))]
+    #[allow(clippy::too_many_arguments)]
+    fn align<'py>(
+        py: Python<'py>,
+        observations: &PyObservations,
+        t_camera_lidar: Vec<PyReadonlyArray2<f64>>,
+        factor: usize,
+        steps: usize,
+        batch_size: usize,
+        step_size: f64,
+        final_step: f64,
+        max_points: usize,
+        seed: u64,
+    ) -> PyResult<Vec<AlignedTuple<'py>>> {
+        let camera = &observations.0.camera;
+        check_factor(factor, (camera.width, camera.height))?;
+        let starts = t_camera_lidar.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
+        let config = AlignmentConfig { factor, steps, batch_size, step_size, final_step, max_points };
+        let found = detached(py, || alignment::align(&observations.0, &starts, &config, seed));
+        found.iter().map(|a| Ok((matrix(py, &a.pose)?, a.mutual_information, a.num_points))).collect()
     }
 
     #[pyfunction]
@@ -453,9 +493,7 @@ mod _core {
         factor: usize,
     ) -> PyResult<Bound<'py, PyArray3<u8>>> {
         let image = dense_image(&image_classes);
-        if factor == 0 || factor > image.width.min(image.height) {
-            return Err(value_error(format!("factor {factor} does not fit the picture")));
-        }
+        check_factor(factor, (image.width, image.height))?;
         let shape = [image.height / factor, image.width / factor, num_classes];
         pyramid::class_shares(&image, num_classes, factor).into_pyarray(py).reshape(shape)
     }
@@ -464,6 +502,13 @@ mod _core {
     fn synthetic_classes() -> Vec<(u8, &'static str)> {
         Class::ALL.iter().map(|&class| (class as u8, class.name())).collect()
     }
+}
+
+fn check_factor(factor: usize, (width, height): (usize, usize)) -> PyResult<()> {
+    if factor == 0 || factor > width.min(height) {
+        return Err(value_error(format!("factor {factor} does not fit the picture")));
+    }
+    Ok(())
 }
 
 fn parse_zoom(zoom: &str) -> PyResult<Zoom> {

@@ -1,6 +1,6 @@
 //! Spherical range images: points of a sweep on a grid of azimuth and elevation about the LiDAR's z axis.
 
-use std::f64::consts::{PI, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::Vector3;
 
@@ -14,6 +14,20 @@ const MAX_PIXELS: usize = 1 << 24;
 
 /// Share of the points at each end of the elevation range that is taken for stray returns when a grid is estimated.
 const STRAY_SHARE: f64 = 0.002;
+
+/// An estimated grid has so many points to a cell: of cells hit at random, 86 % are then filled.
+const POINTS_PER_CELL: f64 = 2.0;
+/// Limits of an estimated cell, radians.
+const MIN_ESTIMATED_CELL: f64 = 1e-3;
+const MAX_ESTIMATED_CELL: f64 = 0.035;
+/// Channels are looked for in a histogram of elevations with bins of this size, radians ...
+const CHANNEL_BIN: f64 = 2e-4;
+/// ... of which they may fill at most this share; ...
+const MAX_CHANNEL_SHARE: f64 = 0.5;
+/// ... there are at least so many ...
+const MIN_CHANNELS: usize = 4;
+/// ... and bins with less than this share of the fullest's returns are empty.
+const EMPTY_BIN_SHARE: f64 = 0.02;
 
 /// A regular angular grid over all azimuths. Row 0 is the highest; columns run with falling azimuth, that is to the
 /// right, from straight back over the left, front and right.
@@ -49,20 +63,36 @@ impl SphericalGrid {
         Ok(Self { rows: channels, columns, top: fov_up + 0.5 * cell_height, cell_height })
     }
 
-    /// A grid of square cells over the elevations that the points of all sweeps span.
+    /// The grid of a sensor that is not described, from its sweeps: that of a spinning LiDAR if the points lie in
+    /// channels, else square cells, small enough for the pattern and large enough that its points fill them.
     ///
     /// # Errors
-    /// The points span no elevation range.
-    pub fn over<'a>(sweeps: impl Iterator<Item = &'a [[f32; 3]]>, cell: f64) -> Result<Self> {
-        let mut elevations: Vec<f64> = sweeps.flatten().map(|p| elevation(&to_f64(p))).collect();
+    /// There are no points, or they span no elevation range.
+    pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<Self> {
+        let mut elevations: Vec<f64> =
+            sweeps.iter().copied().flatten().map(|p| elevation(&to_f64(p))).collect();
         let stray = (elevations.len() as f64 * STRAY_SHARE) as usize;
         elevations.sort_unstable_by(f64::total_cmp);
-        let (Some(&bottom), Some(&top)) =
-            (elevations.get(stray), elevations.get(elevations.len().saturating_sub(1 + stray)))
-        else {
+        let within = &elevations[stray..elevations.len() - stray];
+        let (Some(&bottom), Some(&top)) = (within.first(), within.last()) else {
             return Err(Error::Calibration("the point clouds are empty".into()));
         };
-        let rows = ((top - bottom) / cell).ceil().max(1.0);
+        if top - bottom < MIN_ESTIMATED_CELL {
+            return Err(Error::Calibration(format!(
+                "the points span {:.3} degrees of elevation, needed is a sensor that scans in two directions",
+                (top - bottom).to_degrees()
+            )));
+        }
+        let filled = Filled::by(sweeps);
+        let per_sweep = elevations.len() as f64 / sweeps.len() as f64;
+        if let Some(channels) = count_channels(within, bottom, top) {
+            let columns = per_sweep / channels as f64 / filled.share_of_turn();
+            let columns = (columns as usize).clamp(4, MAX_PIXELS / channels);
+            return Self::from_scan(channels, columns, top, bottom);
+        }
+        let cell = (POINTS_PER_CELL * filled.solid_angle() / per_sweep).sqrt();
+        let cell = cell.clamp(MIN_ESTIMATED_CELL, MAX_ESTIMATED_CELL);
+        let rows = ((top - bottom) / cell).ceil();
         let margin = 0.5 * (rows * cell - (top - bottom));
         Ok(Self {
             rows: rows as usize,
@@ -124,6 +154,62 @@ impl SphericalGrid {
             }
         }
         index
+    }
+}
+
+/// The number of runs of filled bins in the histogram of (sorted) elevations, if most bins are empty: one a channel.
+fn count_channels(elevations: &[f64], bottom: f64, top: f64) -> Option<usize> {
+    let num_bins = ((top - bottom) / CHANNEL_BIN) as usize + 1;
+    let mut counts = vec![0u32; num_bins];
+    for elevation in elevations {
+        counts[((elevation - bottom) / CHANNEL_BIN) as usize] += 1;
+    }
+    let fullest = counts.iter().copied().max().unwrap_or(0);
+    let is_filled = |&count: &u32| f64::from(count) > EMPTY_BIN_SHARE * f64::from(fullest);
+    let filled = counts.iter().filter(|c| is_filled(c)).count();
+    let channels =
+        counts.chunk_by(|a, b| is_filled(a) == is_filled(b)).filter(|run| is_filled(&run[0])).count();
+    let sparse = (filled as f64) < MAX_CHANNEL_SHARE * num_bins as f64;
+    (sparse && channels >= MIN_CHANNELS).then_some(channels)
+}
+
+/// The cells of about a degree that any point of any sweep falls into.
+struct Filled {
+    cells: Vec<bool>,
+}
+
+impl Filled {
+    const SIDE: f64 = PI / 180.0;
+    const ROWS: usize = 180;
+    const COLUMNS: usize = 360;
+
+    fn by(sweeps: &[&[[f32; 3]]]) -> Self {
+        let mut cells = vec![false; Self::ROWS * Self::COLUMNS];
+        for point in sweeps.iter().copied().flatten() {
+            let point = to_f64(point);
+            let row = ((FRAC_PI_2 - elevation(&point)) / Self::SIDE) as usize;
+            let column = ((PI - azimuth(&point)) / Self::SIDE) as usize;
+            cells[row.min(Self::ROWS - 1) * Self::COLUMNS + column.min(Self::COLUMNS - 1)] = true;
+        }
+        Self { cells }
+    }
+
+    /// Cells filled in each row.
+    fn rows(&self) -> impl Iterator<Item = usize> {
+        self.cells.chunks_exact(Self::COLUMNS).map(|row| row.iter().filter(|&&filled| filled).count())
+    }
+
+    /// Steradian.
+    fn solid_angle(&self) -> f64 {
+        let of_cell = |row: usize| ((row as f64 + 0.5) * Self::SIDE).sin() * Self::SIDE * Self::SIDE;
+        self.rows().enumerate().map(|(row, count)| count as f64 * of_cell(row)).sum()
+    }
+
+    /// The share of the turn that is filled, on average over the rows that are filled at all.
+    fn share_of_turn(&self) -> f64 {
+        let (rows, cells) =
+            self.rows().filter(|&count| count > 0).fold((0, 0), |(r, c), count| (r + 1, c + count));
+        cells as f64 / (rows.max(1) * Self::COLUMNS) as f64
     }
 }
 

@@ -44,9 +44,12 @@ pub fn hidden(camera: &Camera, landings: &[Option<Landing>]) -> Vec<bool> {
     let focal = camera.mean_focal();
     let buffer = NearestReturns::new(camera, landings, spacing);
     let hides = |near: &Landing, far: &Landing| {
+        if near.range >= NEARER * far.range {
+            return false;
+        }
         let seen_from_lidar = near.direction_lidar.dot(&far.direction_lidar).clamp(-1.0, 1.0).acos();
         let seen_from_camera = (near.pixel - far.pixel).norm() / focal;
-        near.range < NEARER * far.range && seen_from_lidar > seen_from_camera + spacing / focal
+        seen_from_lidar > seen_from_camera + spacing / focal
     };
     let is_hidden = |l: &Landing| buffer.around(&l.pixel).any(|near| hides(near, l));
     landings.iter().map(|l| l.as_ref().is_some_and(is_hidden)).collect()

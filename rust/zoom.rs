@@ -7,7 +7,7 @@
 
 use std::f64::consts::{PI, TAU};
 
-use nalgebra::{Matrix3, Point2, Vector2, Vector3};
+use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
@@ -38,8 +38,18 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// The placement of a camera with this `R_camera_lidar`.
+    pub fn of_rotation(rotation: &Rotation3<f64>) -> Self {
+        let forward: Vector3<f64> = rotation.matrix().row(2).transpose();
+        let level =
+            Self { azimuth: azimuth(&forward), elevation: elevation(&forward), roll: 0.0, scale: 1.0 };
+        // What is left is a turn about the optical axis.
+        let turn = rotation * level.rotation().inverse();
+        Self { roll: turn[(0, 1)].atan2(turn[(0, 0)]), ..level }
+    }
+
     /// `R_camera_lidar` of a camera placed so.
-    pub fn rotation(&self) -> Matrix3<f64> {
+    pub fn rotation(&self) -> Rotation3<f64> {
         let ((sin_a, cos_a), (sin_e, cos_e)) = (self.azimuth.sin_cos(), self.elevation.sin_cos());
         let right = Vector3::new(sin_a, -cos_a, 0.0);
         let forward = Vector3::new(cos_e * cos_a, cos_e * sin_a, sin_e);
@@ -47,7 +57,8 @@ impl Placement {
         let (sin_r, cos_r) = self.roll.sin_cos();
         let x = right * cos_r + down * sin_r;
         let y = down * cos_r - right * sin_r;
-        Matrix3::from_rows(&[x.transpose(), y.transpose(), forward.transpose()])
+        let rows = [x.transpose(), y.transpose(), forward.transpose()];
+        Rotation3::from_matrix_unchecked(Matrix3::from_rows(&rows))
     }
 }
 
@@ -58,10 +69,10 @@ pub struct Zoomed<'a> {
     zoom: Zoom,
     /// Horizontal and vertical field of view, radians.
     fov: Vector2<f64>,
-    /// The same for what lies above and below the axis that a placement's elevation speaks of.
-    above_below: (f64, f64),
-    /// Angle from the same axis to the farthest border, radians.
-    reach: f64,
+    /// Rays through the corners and the middles of the sides, camera frame, as far as the lens reaches them.
+    border: Vec<Vector3<f64>>,
+    /// What a placement's azimuth and elevation speak of, camera frame.
+    axis: Vector3<f64>,
 }
 
 impl<'a> Zoomed<'a> {
@@ -77,11 +88,10 @@ impl<'a> Zoomed<'a> {
         );
         // A placement's axis is the optical axis, but the middle of the picture for the paper's zoom.
         let axis = if zoom == Zoom::Exact { Vector3::z() } else { center };
-        let below = |ray: &Vector3<f64>| ray.y.atan2(ray.z) - axis.y.atan2(axis.z);
         let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
         let reached = corners.iter().filter_map(|&(u, v)| border_ray(camera, u, v).ok());
-        let reach = reached.chain([left, right, top, bottom]).map(|ray| ray.angle(&axis)).fold(0.0, f64::max);
-        Ok(Self { camera, zoom, fov, above_below: (-below(&top), below(&bottom)), reach })
+        let border = reached.chain([left, right, top, bottom]).collect();
+        Ok(Self { camera, zoom, fov, border, axis })
     }
 
     /// Horizontal field of view, radians.
@@ -89,14 +99,21 @@ impl<'a> Zoomed<'a> {
         self.fov.x
     }
 
-    /// How far the picture reaches above and below its axis, radians.
-    pub fn above_below(&self) -> (f64, f64) {
-        self.above_below
+    /// How far a picture whose axis is level reaches above and below it, radians.
+    pub fn above_below(&self, roll: f64) -> (f64, f64) {
+        let (sin, cos) = roll.sin_cos();
+        if self.zoom == Zoom::Paper {
+            let half = 0.5 * (self.fov.x * sin.abs() + self.fov.y * cos.abs());
+            return (half, half);
+        }
+        let down = Vector3::new(sin, cos, 0.0);
+        let below = self.border.iter().map(|ray| ray.dot(&down).clamp(-1.0, 1.0).asin());
+        below.fold((0.0, 0.0), |(above, most), angle| (f64::max(above, -angle), f64::max(most, angle)))
     }
 
     /// How far the picture reaches from its axis in any direction, radians.
     pub fn reach(&self) -> f64 {
-        self.reach
+        self.border.iter().map(|ray| ray.angle(&self.axis)).fold(0.0, f64::max)
     }
 
     /// The raw pixel that LiDAR directions fall on when the picture is placed so; `None` outside the picture.
@@ -105,7 +122,7 @@ impl<'a> Zoomed<'a> {
         let rotation = placement.rotation();
         let placement = *placement;
         let (sin, cos) = placement.roll.sin_cos();
-        let Self { camera, zoom, fov, .. } = self.clone();
+        let Self { camera, zoom, fov, .. } = *self;
         let size = Vector2::new(camera.width as f64, camera.height as f64);
         move |direction| {
             let pixel = match zoom {
@@ -180,7 +197,7 @@ mod tests {
         let placement = Placement { azimuth: 0.0, elevation: 0.0, roll: 0.0, scale: 1.0 };
         // Camera x is right (-y of the LiDAR), y is down (-z), z is forward (x).
         let expected = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
-        assert!((placement.rotation() - expected).norm() < 1e-15);
+        assert!((placement.rotation().matrix() - expected).norm() < 1e-15);
     }
 
     #[test]
@@ -208,10 +225,13 @@ mod tests {
         #[test]
         fn the_axis_looks_where_azimuth_and_elevation_say(a in -3.1..3.1f64, e in -1.5..1.5f64, r in -3.1..3.1f64) {
             let rotation = Placement { azimuth: a, elevation: e, roll: r, scale: 1.0 }.rotation();
-            let forward: Vector3<f64> = rotation.row(2).transpose();
+            let forward: Vector3<f64> = rotation.matrix().row(2).transpose();
+            let again = Placement::of_rotation(&rotation);
+            prop_assert!((again.azimuth - a).abs() < 1e-6 && (again.elevation - e).abs() < 1e-6);
+            prop_assert!((again.roll - r).abs() < 1e-6);
             prop_assert!((forward - from_angles(a, e)).norm() < 1e-9);
-            prop_assert!((rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-9);
-            prop_assert!((rotation.determinant() - 1.0).abs() < 1e-9);
+            prop_assert!((rotation.matrix() * rotation.matrix().transpose() - Matrix3::identity()).norm() < 1e-9);
+            prop_assert!((rotation.matrix().determinant() - 1.0).abs() < 1e-9);
         }
     }
 
@@ -220,7 +240,7 @@ mod tests {
         let k = [[640.0, 0.0, 200.0], [0.0, 640.0, 100.0], [0.0, 0.0, 1.0]];
         let camera = Camera::new("plumb_bob", (1280, 720), k, &[]).expect("a valid camera");
         let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
-        let (above, below) = zoomed.above_below();
+        let (above, below) = zoomed.above_below(0.0);
         assert!(
             (above - (100.0f64 / 640.0).atan()).abs() < 0.01
                 && (below - (619.0f64 / 640.0).atan()).abs() < 0.01

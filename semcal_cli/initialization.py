@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -12,10 +13,33 @@ from semcal_cli import _core
 from semcal_cli.errors import CalibrationError
 from semcal_cli.observations import Observations
 from semcal_cli.pnp import PnpConfig, solve_pnp
-from semcal_cli.poses import Pose
+from semcal_cli.poses import Pose, Vector, camera_center, rotation_error_deg
 
 Grid: TypeAlias = tuple[int, int, float, float]
 """Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
+
+MIN_POINTS_OF_MOST = 0.05
+"""While hypotheses climb, those with a smaller share of the points of the one that has most are dropped."""
+
+
+@dataclass(frozen=True)
+class AlignmentConfig:
+    """How hypotheses climb the mutual information over SE(3), on label images in blocks."""
+
+    block_deg: tuple[float, ...] = (1.5, 0.75)
+    """Each level has the largest power-of-two block, in pixels, below this angle at the middle of the picture."""
+    num_kept: tuple[int, ...] = (6, 6)
+    """The best hypotheses that go on from each level."""
+    steps: int = 60
+    batch_size: int = 2048
+    step_size: float = 0.2
+    """Length of the first steps, in blocks; they fall along a cosine ..."""
+    final_step: float = 0.05
+    """... to this share."""
+    max_points: int = 200_000
+    """Points, over all frames and in all directions, that are looked at."""
+    same_deg: float = 2.0
+    """Hypotheses that come together to within this rotation have found the same pose."""
 
 
 @dataclass(frozen=True)
@@ -24,22 +48,27 @@ class InitializationConfig:
 
     zoom: str = "exact"
     """How the label image is brought to the angular grid: `exact`, through K and the lens, or as the `paper` does."""
-    grid_cell_deg: float = 0.4
-    """Cell of the spherical image where the drive has no `lidar:` block."""
-    coarse_cell_deg: float = 2.0
-    """Cell of the exhaustive search."""
-    fine_cell_deg: float = 0.8
-    """Cell of Powell's refinement."""
+    coarse_cell_deg: float = 3.0
+    """Cell of the exhaustive search; smaller for narrow lenses."""
+    fine_cell_deg: float = 1.5
+    """Cell of Powell's refinement; likewise."""
     max_roll_deg: float = 15.0
-    """In-plane rotations from minus this to plus this are searched."""
+    """In-plane rotations from minus this to plus this are searched; 180 are all."""
     roll_step_deg: float = 5.0
+    search_deg: float | None = None
+    """Narrows the search to rotations within this angle of the given one."""
     min_overlap: float = 0.1
     """A placement counts only with this share of the best overlapping one's cells."""
-    num_hypotheses: int = 8
+    num_hypotheses: int = 16
     separation_deg: float = 15.0
-    """Smallest rotation between two hypotheses."""
+    """Smallest rotation between two hypotheses of the registration."""
     num_correspondences: int = 2000
     pnp: PnpConfig = field(default_factory=PnpConfig)
+    alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    min_share: float = 0.04
+    """A pose counts only if its points cover this share of the picture."""
+    runner_up_deg: float = 7.5
+    """The runner-up is the best hypothesis at least this far from the winner: nearer ones mean the same answer."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +77,9 @@ class Hypothesis:
 
     T_camera_lidar: Pose
     mutual_information_nats: float
-    """Of the projected points in full resolution, all frames."""
+    """Of the projected points in full resolution, all frames, less its bias."""
+    sigma_nats: float
+    """Standard error of the same, over parts of the pictures."""
     overlap: float
     """Share of the picture's area that visible points cover."""
     num_cells: int
@@ -57,14 +88,31 @@ class Hypothesis:
     """Pairs that PnP agreed on."""
 
 
-def initialize(observations: Observations, config: InitializationConfig, seed: int) -> list[Hypothesis]:
-    """Search all mounting directions.
+@dataclass(frozen=True)
+class _Candidate:
+    """A hypothesis on its way."""
 
-    Registers the label images with the spherical images, solves PnP for each of the best placements, and ranks the
-    poses by the exact mutual information in full resolution, so that a wrong peak among coarse cells is caught.
+    T_camera_lidar: Pose
+    num_cells: int
+    num_inliers: int
 
-    The registration turns the picture and moves it nowhere, so with the exact zoom its pairs hold a pure rotation, and
-    PnP returns just that; the paper's zoom is no rotation, and there PnP finds the pose that fits best.
+
+def initialize(
+    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None = None
+) -> list[Hypothesis]:
+    """Search all mounting directions, or those around a given one.
+
+    Registers the label images with the spherical images and solves PnP for each of the best placements. The registration
+    turns the picture and moves it nowhere, so the poses climb the mutual information over SE(3) on coarse label images
+    until they have found their translation, too. Then the exact mutual information in full resolution ranks them, so
+    that a wrong peak among coarse cells is caught.
+
+    Args:
+        observations: Labelled points and label images.
+        config: How to search.
+        seed: Of every random choice.
+        T_given: Middle of the search if `config.search_deg` is set; the spherical images are then taken from its camera
+            centre.
 
     Returns:
         Hypotheses, best first.
@@ -72,53 +120,128 @@ def initialize(observations: Observations, config: InitializationConfig, seed: i
     Raises:
         CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
     """
-    grid = _grid(observations, config)
-    found: list[Hypothesis] = []
+    if T_given is None:
+        candidates = _candidates(observations, config, seed, None)
+    else:
+        center = camera_center(T_given)
+        moved = replace(observations, points=[(p - center).astype(np.float32) for p in observations.points])
+        candidates = _candidates(moved, config, seed, T_given)
+        candidates = [replace(c, T_camera_lidar=_seen_from(c.T_camera_lidar, center)) for c in candidates]
+    candidates = _align(observations, candidates, config.alignment, seed)
+    hypotheses = [_assess(observations, candidate) for candidate in candidates]
+    hypotheses = [h for h in hypotheses if h.overlap >= config.min_share] or hypotheses
+    return sorted(hypotheses, key=lambda hypothesis: -hypothesis.mutual_information_nats)
+
+
+def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) -> Hypothesis | None:
+    """The best hypothesis that says something else than the first."""
+    best, *others = hypotheses
+    for other in others:
+        if rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) >= config.runner_up_deg:
+            return other
+    return None
+
+
+def _candidates(
+    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None
+) -> list[_Candidate]:
+    """Register and solve PnP (Alg. 2)."""
+    grid = _grid(observations)
+    found: list[_Candidate] = []
     complaint = "no placement of the picture"
-    for placement in _register(observations, grid, config):
-        points, pixels = _core.sample_correspondences(
-            observations.core, grid, config.zoom, placement, config.num_correspondences, seed
-        )
+    placements = _register(observations, grid, config, T_given)
+    samples = _core.sample_correspondences(
+        observations.core, grid, config.zoom, placements, config.num_correspondences, seed
+    )
+    for placement, (points, pixels) in zip(placements, samples, strict=True):
         try:
             T_camera_lidar, num_inliers = solve_pnp(points, pixels, observations.camera, config.pnp)
         except CalibrationError as error:
             complaint = str(error)
             continue
-        agreement = _core.agreement(observations.core, T_camera_lidar)
-        found.append(
-            Hypothesis(
-                T_camera_lidar=T_camera_lidar,
-                mutual_information_nats=agreement.mutual_information - agreement.bias,
-                overlap=agreement.overlap,
-                num_cells=placement.num_cells,
-                num_inliers=num_inliers,
-            )
-        )
+        found.append(_Candidate(T_camera_lidar, placement.num_cells, num_inliers))
     if not found:
         raise CalibrationError(f"no initial calibration: {complaint}")
-    return sorted(found, key=lambda hypothesis: -hypothesis.mutual_information_nats)
+    return found
 
 
-def _grid(observations: Observations, config: InitializationConfig) -> Grid:
+def _align(
+    observations: Observations, candidates: Sequence[_Candidate], config: AlignmentConfig, seed: int
+) -> list[_Candidate]:
+    """Climb over SE(3), coarse to fine, and drop after each level what is not among the best."""
+    pixels_per_degree = math.radians(observations.camera.K[0][0])
+    largest = min(observations.camera.width, observations.camera.height) / 4
+    for block_deg, num_kept in zip(config.block_deg, config.num_kept, strict=True):
+        block = min(max(block_deg * pixels_per_degree, 1.0), largest)
+        aligned = _core.align(
+            observations.core,
+            [candidate.T_camera_lidar for candidate in candidates],
+            factor=2 ** int(math.log2(block)),
+            steps=config.steps,
+            batch_size=config.batch_size,
+            step_size=config.step_size,
+            final_step=config.final_step,
+            max_points=config.max_points,
+            seed=seed,
+        )
+        most = max(num_points for _, _, num_points in aligned)
+        ranked = sorted(
+            (-information, index)
+            for index, (_, information, num_points) in enumerate(aligned)
+            if num_points >= MIN_POINTS_OF_MOST * most
+        )
+        kept: list[_Candidate] = []
+        for _, index in ranked:
+            T = aligned[index][0]
+            if all(rotation_error_deg(T, k.T_camera_lidar) > config.same_deg for k in kept):
+                kept.append(replace(candidates[index], T_camera_lidar=T))
+        candidates = kept[:num_kept]
+    return list(candidates)
+
+
+def _assess(observations: Observations, candidate: _Candidate) -> Hypothesis:
+    agreement = _core.agreement(observations.core, candidate.T_camera_lidar)
+    return Hypothesis(
+        T_camera_lidar=candidate.T_camera_lidar,
+        mutual_information_nats=agreement.mutual_information - agreement.bias,
+        sigma_nats=agreement.sigma,
+        overlap=agreement.overlap,
+        num_cells=candidate.num_cells,
+        num_inliers=candidate.num_inliers,
+    )
+
+
+def _seen_from(T_camera_moved: Pose, center: Vector) -> Pose:
+    """Express a pose in the LiDAR frame whose points had been moved by minus `center`."""
+    T_camera_lidar = T_camera_moved.copy()
+    T_camera_lidar[:3, 3] -= T_camera_moved[:3, :3] @ center
+    return T_camera_lidar
+
+
+def _grid(observations: Observations) -> Grid:
     lidar = observations.lidar
     if lidar is None:
-        return _core.estimate_grid(observations.core, float(np.radians(config.grid_cell_deg)))
+        return _core.estimate_grid(observations.core)
     fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
     return _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
 
 
 def _register(
-    observations: Observations, grid: Grid, config: InitializationConfig
+    observations: Observations, grid: Grid, config: InitializationConfig, T_given: Pose | None
 ) -> Sequence[_core.Hypothesis]:
+    around = None
+    if T_given is not None and config.search_deg is not None:
+        around = T_given, math.radians(config.search_deg)
     return _core.register(
         observations.core,
         grid,
         zoom=config.zoom,
-        coarse_cell=float(np.radians(config.coarse_cell_deg)),
-        fine_cell=float(np.radians(config.fine_cell_deg)),
-        max_roll=float(np.radians(config.max_roll_deg)),
-        roll_step=float(np.radians(config.roll_step_deg)),
+        coarse_cell=math.radians(config.coarse_cell_deg),
+        fine_cell=math.radians(config.fine_cell_deg),
+        max_roll=math.radians(config.max_roll_deg),
+        roll_step=math.radians(config.roll_step_deg),
+        around=around,
         min_overlap=config.min_overlap,
         num_hypotheses=config.num_hypotheses,
-        separation=float(np.radians(config.separation_deg)),
+        separation=math.radians(config.separation_deg),
     )

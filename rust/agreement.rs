@@ -1,0 +1,148 @@
+//! How well points and full-resolution label images agree at a pose: exact mutual information, agreement, overlap.
+
+use nalgebra::{Isometry3, Point2};
+use rayon::prelude::*;
+
+use crate::camera::Camera;
+use crate::label_image::LabelImage;
+use crate::mutual_information::JointHistogram;
+use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::visibility::{Landing, hidden, land};
+
+/// The picture is divided into so many blocks along its longer side to tell which share of it the points cover.
+const COVER_BLOCKS: f64 = 40.0;
+
+/// Over all frames together, the pairs are divided into about so many squared clusters, a cluster being a part of the
+/// picture of one frame, to tell the standard error of the mutual information.
+const CLUSTERS_ACROSS: f64 = 8.0;
+
+/// How well points and pictures agree at a pose.
+#[derive(Clone, Debug)]
+pub struct Agreement {
+    /// Bilinear weights of the pairs that visible points form with the four pixels around them, over all frames.
+    pub joint: JointHistogram,
+    /// Labelled points inside the picture.
+    pub num_inside: usize,
+    /// Those of them that a nearer return hides from the camera.
+    pub num_hidden: usize,
+    /// Share of the picture's area, averaged over frames, that visible labelled points cover.
+    pub overlap: f64,
+    /// Standard error of the mutual information over clusters, nats.
+    pub sigma: f64,
+}
+
+impl Agreement {
+    /// Share of the visible pairs whose pointwise mutual information is positive.
+    pub fn label_agreement(&self) -> f64 {
+        let pairs = self.joint.weights.iter().zip(self.joint.pointwise());
+        // An empty sum of floats is minus zero.
+        let agreeing = pairs.filter(|(_, pmi)| *pmi > 0.0).fold(0.0, |sum, (weight, _)| sum + weight);
+        let total = self.joint.total();
+        if total > 0.0 { agreeing / total } else { 0.0 }
+    }
+}
+
+/// Compares all frames at `T_camera_lidar`.
+pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> Agreement {
+    let frames: Vec<FrameAgreement> = observations
+        .frames
+        .par_iter()
+        .map(|frame| FrameAgreement::new(observations, frame, t_camera_lidar))
+        .collect();
+    let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
+    let mut joint = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
+    clusters.iter().for_each(|cluster| joint.merge(cluster));
+    Agreement {
+        num_inside: frames.iter().map(|f| f.num_inside).sum(),
+        num_hidden: frames.iter().map(|f| f.num_hidden).sum(),
+        overlap: frames.iter().map(|f| f.overlap).sum::<f64>() / frames.len() as f64,
+        sigma: standard_error(&joint, &clusters),
+        joint,
+    }
+}
+
+/// The standard error of the mutual information: pairs in a cluster depend on one another, clusters do not. A pair moves
+/// the estimate by how far its pointwise mutual information lies above the mean.
+fn standard_error(joint: &JointHistogram, clusters: &[&JointHistogram]) -> f64 {
+    let (pointwise, mean, total) = (joint.pointwise(), joint.mutual_information(), joint.total());
+    let influence = |cluster: &&JointHistogram| {
+        let pairs = cluster.weights.iter().zip(&pointwise).filter(|(weight, _)| **weight > 0.0);
+        pairs.map(|(weight, pmi)| weight * (pmi - mean)).sum::<f64>() / total
+    };
+    let occupied = clusters.iter().filter(|cluster| cluster.total() > 0.0);
+    let (count, sum) = occupied.fold((0, 0.0), |(n, sum), cluster| (n + 1, sum + influence(cluster).powi(2)));
+    if count < 2 { f64::INFINITY } else { (sum * f64::from(count) / f64::from(count - 1)).sqrt() }
+}
+
+struct FrameAgreement {
+    clusters: Vec<JointHistogram>,
+    num_inside: usize,
+    num_hidden: usize,
+    overlap: f64,
+}
+
+impl FrameAgreement {
+    fn new(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Self {
+        let camera = &observations.camera;
+        let landings = land(camera, &frame.points, t_camera_lidar);
+        let hidden = hidden(camera, &landings);
+        let across = (CLUSTERS_ACROSS / (observations.frames.len() as f64).sqrt()).ceil();
+        let areas = Blocks::new(camera, across);
+        let empty = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
+        let mut clusters = vec![empty; areas.count];
+        let (mut num_inside, mut num_hidden) = (0, 0);
+        let cover = Blocks::new(camera, COVER_BLOCKS);
+        let mut covered = vec![false; cover.count];
+        for ((landing, &class), hidden) in landings.iter().zip(&frame.point_classes).zip(hidden) {
+            let Some(Landing { pixel, .. }) = landing else {
+                continue;
+            };
+            if class == NO_CLASS {
+                continue;
+            }
+            num_inside += 1;
+            num_hidden += usize::from(hidden);
+            if !hidden {
+                add_bilinear(&mut clusters[areas.at(pixel)], class, &frame.image_classes, pixel);
+                covered[cover.at(pixel)] = true;
+            }
+        }
+        let overlap = covered.iter().filter(|&&c| c).count() as f64 / cover.count as f64;
+        Self { clusters, num_inside, num_hidden, overlap }
+    }
+}
+
+/// Shares a pair among the four pixels around a point, so that the histogram changes smoothly with the pose.
+fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, pixel: &Point2<f64>) {
+    let (u, v) =
+        (pixel.x.clamp(0.0, image.width as f64 - 1.0), pixel.y.clamp(0.0, image.height as f64 - 1.0));
+    let (u0, v0) = (u as usize, v as usize);
+    let (u1, v1) = ((u0 + 1).min(image.width - 1), (v0 + 1).min(image.height - 1));
+    let (du, dv) = (u - u0 as f64, v - v0 as f64);
+    joint.add(class, image.at(u0, v0), (1.0 - du) * (1.0 - dv));
+    joint.add(class, image.at(u1, v0), du * (1.0 - dv));
+    joint.add(class, image.at(u0, v1), (1.0 - du) * dv);
+    joint.add(class, image.at(u1, v1), du * dv);
+}
+
+/// Square blocks of the picture, so many along its longer side.
+struct Blocks {
+    side: f64,
+    columns: usize,
+    count: usize,
+}
+
+impl Blocks {
+    fn new(camera: &Camera, across: f64) -> Self {
+        let side = camera.width.max(camera.height) as f64 / across;
+        let blocks = |size: usize| (size as f64 / side).ceil() as usize;
+        let columns = blocks(camera.width);
+        Self { side, columns, count: columns * blocks(camera.height) }
+    }
+
+    /// The block of a pixel inside the picture.
+    fn at(&self, pixel: &Point2<f64>) -> usize {
+        let at = |x: f64| ((x + 0.5) / self.side) as usize;
+        at(pixel.y) * self.columns + at(pixel.x)
+    }
+}

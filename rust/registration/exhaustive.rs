@@ -1,0 +1,237 @@
+//! The exhaustive search: every azimuth, elevation and in-plane rotation, on coarse cells.
+//!
+//! For each elevation and in-plane rotation the pictures are brought to the grid once, as a template; all azimuths are
+//! then shifts of it along the spherical images, which are rings.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+use std::ops::Range;
+
+use rayon::prelude::*;
+
+use super::{Downsampled, RegistrationConfig, downsampled};
+use crate::error::{Error, Result};
+use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::spherical::{EMPTY, SphericalGrid, to_f64};
+use crate::zoom::{Placement, Zoomed};
+
+/// A placement of the exhaustive search with its score.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Candidate {
+    /// Where the picture lies.
+    pub placement: Placement,
+    /// Mutual information less its bias, nats.
+    pub mutual_information: f64,
+    /// Cells with a class on both sides.
+    num_cells: f64,
+}
+
+/// Scores every azimuth for each (elevation, roll); the turn in azimuth is a shift of columns.
+pub(super) fn search(
+    observations: &Observations,
+    zoomed: &Zoomed,
+    grid: &SphericalGrid,
+    coarse: &SphericalGrid,
+    config: &RegistrationConfig,
+) -> Result<Vec<Candidate>> {
+    let rings = rings(observations, grid, coarse);
+    let images = downsampled(observations, zoomed, coarse.cell_height);
+    let most = observations.frames.len() * coarse.rows * coarse.columns;
+    let n_log_n: Vec<f64> = (0..=most).map(|n| n as f64 * (n.max(1) as f64).ln()).collect();
+    let counts = Counts::new(observations, &n_log_n);
+    let candidates: Vec<Candidate> = upright_placements(zoomed, coarse, config)
+        .par_iter()
+        .flat_map_iter(|upright| {
+            let shifts: Vec<usize> = (0..coarse.columns)
+                .filter(|&shift| is_asked_for(&shifted(upright, shift, coarse.columns), config))
+                .collect();
+            if shifts.is_empty() {
+                return Vec::new();
+            }
+            let template = Template::new(observations, zoomed, coarse, &images, upright);
+            shifts.into_iter().map(|shift| template.score(&rings, shift, counts.clone())).collect()
+        })
+        .collect();
+    let largest = candidates.iter().map(|c| c.num_cells).fold(0.0, f64::max);
+    if largest == 0.0 {
+        return Err(Error::Calibration(
+            "no overlap: in no direction do labelled points fall on labelled pixels".into(),
+        ));
+    }
+    let enough = |c: &Candidate| c.num_cells >= config.min_overlap * largest;
+    Ok(candidates.into_iter().filter(enough).collect())
+}
+
+/// The (elevation, roll) pairs at azimuth zero whose picture can overlap the sweep.
+fn upright_placements(zoomed: &Zoomed, grid: &SphericalGrid, config: &RegistrationConfig) -> Vec<Placement> {
+    let mut placements = Vec::new();
+    for roll in rolls(config) {
+        let (above, below) = zoomed.above_below(roll);
+        let highest = (grid.top + below).min(FRAC_PI_2);
+        let lowest = (grid.bottom() - above).max(-FRAC_PI_2);
+        let num_elevations = ((highest - lowest) / grid.cell_height).floor() as usize;
+        placements.extend((0..num_elevations).map(|index| Placement {
+            azimuth: 0.0,
+            elevation: highest - (index as f64 + 0.5) * grid.cell_height,
+            roll,
+            scale: 1.0,
+        }));
+    }
+    placements
+}
+
+/// The in-plane rotations, each once: about level, or about that of the rotation which the search is narrowed to.
+fn rolls(config: &RegistrationConfig) -> Vec<f64> {
+    let (middle, reach) = match &config.around {
+        Some((rotation, angle)) => (Placement::of_rotation(rotation).roll, *angle),
+        None => (0.0, config.max_roll),
+    };
+    let steps = (reach / config.roll_step).round();
+    let num_around = (TAU / config.roll_step).round();
+    if 2.0 * steps + 1.0 >= num_around {
+        return (0..num_around as usize).map(|i| middle + i as f64 / num_around * TAU).collect();
+    }
+    let steps = steps as i32;
+    (-steps..=steps).map(|i| middle + f64::from(i) * config.roll_step).collect()
+}
+
+/// A placement turned to the right by so many of `columns` around.
+fn shifted(upright: &Placement, shift: usize, columns: usize) -> Placement {
+    Placement { azimuth: -(shift as f64) / columns as f64 * TAU, ..*upright }
+}
+
+fn is_asked_for(placement: &Placement, config: &RegistrationConfig) -> bool {
+    match &config.around {
+        Some((rotation, angle)) => {
+            placement.rotation().angle_to(rotation) <= angle + 0.5 * config.coarse_cell
+        }
+        None => true,
+    }
+}
+
+/// The class of each cell of `coarse`, as the start of a row of [`Counts`], frame after frame: the class of most of the
+/// returns that win a pixel of `grid` in it. Each row of cells comes twice in a row, so that a shift needs no modulo.
+fn rings(observations: &Observations, grid: &SphericalGrid, coarse: &SphericalGrid) -> Vec<Vec<u32>> {
+    let (num_classes, width) = (observations.num_point_classes, observations.num_image_classes as u32 + 1);
+    let ring = |frame: &Frame| {
+        let mut counts = vec![0u16; coarse.rows * coarse.columns * num_classes];
+        for index in grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY) {
+            let class = frame.point_classes[index as usize];
+            let cell = coarse.cell(&to_f64(&frame.points[index as usize]));
+            if let (Some((row, column)), true) = (cell, class != NO_CLASS) {
+                counts[(row * coarse.columns + column) * num_classes + usize::from(class)] += 1;
+            }
+        }
+        let rows: Vec<u32> = counts.chunks_exact(num_classes).map(|c| commonest(c) as u32 * width).collect();
+        rows.chunks_exact(coarse.columns).flat_map(|row| row.iter().chain(row).copied()).collect()
+    };
+    observations.frames.par_iter().map(ring).collect()
+}
+
+/// The class with the highest count, the lowest of equal ones; the number of classes if all are zero.
+fn commonest(counts: &[u16]) -> usize {
+    let best = (0..counts.len()).rev().max_by_key(|&class| counts[class]);
+    best.filter(|&class| counts[class] > 0).unwrap_or(counts.len())
+}
+
+/// The picture of every frame on the grid, for one (elevation, roll) at azimuth zero.
+struct Template {
+    upright: Placement,
+    columns: usize,
+    /// Cells of one row of the grid that lie side by side in the picture: where they begin in a ring that is not
+    /// shifted, and which of `classes` they are.
+    runs: Vec<(usize, Range<usize>)>,
+    /// The column of [`Counts`] of each cell, frame after frame.
+    classes: Vec<Vec<u8>>,
+}
+
+impl Template {
+    fn new(
+        observations: &Observations,
+        zoomed: &Zoomed,
+        grid: &SphericalGrid,
+        images: &Downsampled,
+        upright: &Placement,
+    ) -> Self {
+        let pixel_of = zoomed.pixel_map(upright);
+        let (mut runs, mut pixels) = (Vec::<(usize, Range<usize>)>::new(), Vec::new());
+        for row in 0..grid.rows {
+            let mut open = false;
+            for column in 0..grid.columns {
+                let Some(pixel) = pixel_of(&grid.direction(row, column)) else {
+                    open = false;
+                    continue;
+                };
+                match runs.last_mut().filter(|_| open) {
+                    Some((_, cells)) => cells.end += 1,
+                    None => runs.push((row * 2 * grid.columns + column, pixels.len()..pixels.len() + 1)),
+                }
+                open = true;
+                pixels.push(pixel);
+            }
+        }
+        let none = observations.num_image_classes as u8;
+        let column = |frame, pixel| images.class(frame, pixel).min(none);
+        let classes = (0..observations.frames.len())
+            .map(|frame| pixels.iter().map(|pixel| column(frame, pixel)).collect())
+            .collect();
+        Self { upright: *upright, columns: grid.columns, runs, classes }
+    }
+
+    /// The candidate that lies `shift` columns to the right of azimuth zero.
+    fn score(&self, rings: &[Vec<u32>], shift: usize, mut counts: Counts) -> Candidate {
+        for (ring, classes) in rings.iter().zip(&self.classes) {
+            for (start, cells) in &self.runs {
+                let ring = &ring[start + shift..][..cells.len()];
+                for (&row, &column) in ring.iter().zip(&classes[cells.clone()]) {
+                    counts.pairs[(row + u32::from(column)) as usize] += 1;
+                }
+            }
+        }
+        let (mutual_information, num_cells) = counts.mutual_information();
+        Candidate { placement: shifted(&self.upright, shift, self.columns), mutual_information, num_cells }
+    }
+}
+
+/// A joint histogram of whole counts, made for speed. One row and one column more than there are classes take the pairs
+/// without a class.
+#[derive(Clone)]
+struct Counts<'a> {
+    width: usize,
+    pairs: Vec<u32>,
+    /// `n log n` of every count that can occur.
+    n_log_n: &'a [f64],
+}
+
+impl<'a> Counts<'a> {
+    fn new(observations: &Observations, n_log_n: &'a [f64]) -> Self {
+        let width = observations.num_image_classes + 1;
+        Self { width, pairs: vec![0; (observations.num_point_classes + 1) * width], n_log_n }
+    }
+
+    /// Mutual information less its bias, as [`JointHistogram`] has them, and the number of pairs with two classes.
+    fn mutual_information(&self) -> (f64, f64) {
+        let (mut total, mut occupied, mut sum) = (0, 0i32, 0.0);
+        let mut columns = vec![0; self.width - 1];
+        let rows = self.pairs.chunks_exact(self.width).rev().skip(1);
+        for row in rows {
+            let mut row_total = 0;
+            for (&count, column) in row.iter().zip(&mut columns) {
+                *column += count;
+                row_total += count;
+                occupied += i32::from(count > 0);
+                sum += self.n_log_n[count as usize];
+            }
+            occupied -= i32::from(row_total > 0);
+            sum -= self.n_log_n[row_total as usize];
+            total += row_total;
+        }
+        for &column in &columns {
+            occupied -= i32::from(column > 0);
+            sum -= self.n_log_n[column as usize];
+        }
+        sum += self.n_log_n[total as usize];
+        let total = f64::from(total);
+        let bias = f64::from(occupied + 1) / 2.0;
+        (if total > 0.0 { (sum - bias) / total } else { 0.0 }, total)
+    }
+}

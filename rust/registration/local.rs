@@ -1,0 +1,105 @@
+//! Powell's method around a placement, on finer cells.
+
+use std::f64::consts::PI;
+
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
+use super::{Downsampled, Hypothesis, RegistrationConfig, downsampled};
+use crate::mutual_information::JointHistogram;
+use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::powell::{PowellConfig, minimize};
+use crate::spherical::{EMPTY, SphericalGrid, from_angles, to_f64};
+use crate::zoom::{Placement, Zoom, Zoomed};
+
+/// Half-width of Powell's first bracket for the scale of the zoomed picture.
+const SCALE_STEP: f64 = 0.1;
+/// Line searches end within this share of their bracket; finer means nothing on cells of this size.
+const TOLERANCE: f64 = 0.02;
+const MAX_ROUNDS: usize = 8;
+/// Of the returns near a placement every so manieth is used that at most this number are left, over all frames: more make
+/// the histogram no better.
+const MAX_RETURNS: usize = 20_000;
+
+/// The unit direction (LiDAR frame) and the class of a return.
+type LabelledDirection = (Vector3<f64>, u8);
+
+/// What the refinement compares: the labelled returns that win a pixel of a grid, and label images of its resolution.
+pub(super) struct Level<'a> {
+    observations: &'a Observations,
+    zoomed: &'a Zoomed<'a>,
+    images: Downsampled,
+    /// Unit direction and class of each return, frame after frame.
+    returns: Vec<Vec<LabelledDirection>>,
+}
+
+impl<'a> Level<'a> {
+    pub fn new(observations: &'a Observations, zoomed: &'a Zoomed, grid: SphericalGrid) -> Self {
+        let labelled = |frame: &Frame| {
+            let winners = grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY);
+            winners
+                .map(|i| (to_f64(&frame.points[i as usize]).normalize(), frame.point_classes[i as usize]))
+                .filter(|&(_, class)| class != NO_CLASS)
+                .collect()
+        };
+        let returns = observations.frames.par_iter().map(labelled).collect();
+        Self { observations, zoomed, images: downsampled(observations, zoomed, grid.cell_height), returns }
+    }
+
+    /// The returns of each frame that a picture placed within `reach` of `placement` may show.
+    fn near(&self, placement: &Placement, reach: f64) -> Vec<Vec<LabelledDirection>> {
+        let half_angle = self.zoomed.reach() + reach;
+        let axis = from_angles(placement.azimuth, placement.elevation);
+        let least = half_angle.min(PI).cos();
+        let shown = |r: &&LabelledDirection| r.0.dot(&axis) >= least;
+        let near: Vec<Vec<LabelledDirection>> =
+            self.returns.iter().map(|r| r.iter().filter(shown).copied().collect()).collect();
+        let stride = near.iter().map(Vec::len).sum::<usize>().div_ceil(MAX_RETURNS).max(1);
+        near.into_iter().map(|r| r.into_iter().step_by(stride).collect()).collect()
+    }
+
+    fn joint(&self, placement: &Placement, returns: &[Vec<LabelledDirection>]) -> JointHistogram {
+        let pixel_of = self.zoomed.pixel_map(placement);
+        let Observations { num_point_classes, num_image_classes, .. } = *self.observations;
+        let mut joint = JointHistogram::new(num_point_classes, num_image_classes);
+        for (frame, returns) in returns.iter().enumerate() {
+            for (direction, class) in returns {
+                if let Some(pixel) = pixel_of(direction) {
+                    joint.add(*class, self.images.class(frame, &pixel), 1.0);
+                }
+            }
+        }
+        joint
+    }
+
+    /// Powell's method from one placement: three angles, and the scale of the paper's zoomed picture.
+    pub fn refine(&self, start: &Placement, config: &RegistrationConfig) -> Hypothesis {
+        let reach = 1.5 * config.coarse_cell;
+        let returns = self.near(start, 2.0 * reach);
+        let least = config.min_overlap * self.joint(start, &returns).total();
+        let objective = |placement: &Placement| {
+            let joint = self.joint(placement, &returns);
+            if joint.total() < least { f64::INFINITY } else { joint.bias() - joint.mutual_information() }
+        };
+        let [a, e, r] = [start.azimuth, start.elevation, start.roll];
+        let place = |x: &[f64; 4]| Placement { azimuth: x[0], elevation: x[1], roll: x[2], scale: x[3] };
+        let placement = match config.zoom {
+            Zoom::Exact => {
+                let powell = powell([reach, reach, config.roll_step]);
+                let angles = |x: &[f64; 3]| place(&[x[0], x[1], x[2], 1.0]);
+                angles(&minimize(|x| objective(&angles(x)), [a, e, r], &powell).x)
+            }
+            Zoom::Paper => {
+                let powell = powell([reach, reach, config.roll_step, SCALE_STEP]);
+                place(&minimize(|x| objective(&place(x)), [a, e, r, start.scale], &powell).x)
+            }
+        };
+        let joint = self.joint(&placement, &returns);
+        let mutual_information = joint.mutual_information() - joint.bias();
+        Hypothesis { placement, mutual_information, num_cells: joint.total(), joint }
+    }
+}
+
+fn powell<const N: usize>(step: [f64; N]) -> PowellConfig<N> {
+    PowellConfig { step, tolerance: TOLERANCE, max_rounds: MAX_ROUNDS }
+}
