@@ -5,7 +5,7 @@
 //! that they have then, and they keep counting when they leave the picture, with the class at the nearest border: a pose
 //! cannot raise the objective by pushing points out.
 
-use nalgebra::{Isometry3, Vector2, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix2x6, Matrix6, Vector3, Vector6};
 use rand::SeedableRng;
 use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, NO_CLASS, Observations};
-use crate::pyramid::{ShareMap, Shares};
+use crate::pyramid::{Sampled, ShareMap};
 use crate::se3;
 use crate::spherical::to_f64;
 
@@ -22,6 +22,10 @@ const ADAM_DECAY: (f64, f64) = (0.9, 0.99);
 const ADAM_EPSILON: f64 = 1e-12;
 /// Pairs that a batch has not seen count as so many points: their pointwise mutual information has to be finite.
 const LEAST_WEIGHT: f64 = 0.1;
+/// So many points tell how a twist moves the picture.
+const MAX_MOTION_POINTS: usize = 5000;
+/// No unit motion is a longer translation than this share of the median range, however little it shows.
+const LONGEST_MOTION: f64 = 0.05;
 /// A level with fewer points than this tells nothing; the pose stays as it is.
 const MIN_POINTS: usize = 50;
 
@@ -38,6 +42,9 @@ pub struct AlignmentConfig {
     pub step_size: f64,
     /// Share of the step length that is left at the end.
     pub final_step: f64,
+    /// The camera stays within this distance of the LiDAR, metres: where labels hardly tell the translation, a climb would
+    /// otherwise leave the rig.
+    pub max_baseline: f64,
     /// Of the labelled points every so manieth is used that at most this number are left, over all frames.
     pub max_points: usize,
 }
@@ -119,7 +126,7 @@ impl<'a> Level<'a> {
         }
         samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
         let mut batches = samples.chunks(config.batch_size.min(samples.len())).cycle();
-        let unit = self.unit(&samples, start);
+        let motions = self.unit_motions(&samples, start);
         let mut adam = Adam::default();
         let mut pose = *start;
         for step in 0..config.steps {
@@ -127,8 +134,8 @@ impl<'a> Level<'a> {
             let gradient = self.gradient(batch, &pose);
             let cosine = 0.5 * (1.0 + (std::f64::consts::PI * step as f64 / config.steps as f64).cos());
             let length = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine);
-            let twist = adam.step(&gradient.component_mul(&unit)) * length;
-            pose = se3::exp(&twist.component_mul(&unit)) * pose;
+            let twist = motions * adam.step(&motions.tr_mul(&gradient)) * length;
+            pose = within_baseline(&(se3::exp(&twist) * pose), config.max_baseline);
         }
         pose
     }
@@ -139,8 +146,8 @@ impl<'a> Level<'a> {
         let mut joint = self.empty_joint();
         for sample in &samples {
             if let Some(pixel) = self.observations.camera.project(&apply(pose, &sample.position)) {
-                let shares = self.maps[sample.frame as usize].at(&pixel);
-                shares.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
+                let sampled = self.maps[sample.frame as usize].at(&pixel);
+                sampled.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
             }
         }
         let mutual_information = joint.mutual_information() - joint.bias();
@@ -162,14 +169,33 @@ impl<'a> Level<'a> {
         self.points.iter().filter_map(sample).collect()
     }
 
-    /// The twist components that each move the picture of a point at median range by about one block.
-    fn unit(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Vector6<f64> {
-        let mut ranges: Vec<f64> = samples.iter().map(|s| apply(pose, &s.position).norm()).collect();
+    /// Six twists, as columns, that each move the points by one block, root mean square, independently of one another.
+    ///
+    /// A sideways translation and the rotation that nearly undoes it in the picture become one strong and one weak motion,
+    /// and the climb goes along both at one pace instead of creeping along a valley between them.
+    fn unit_motions(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Matrix6<f64> {
+        let camera = &self.observations.camera;
+        let mut moved = Matrix6::zeros();
+        let mut ranges = Vec::new();
+        for sample in samples.iter().take(MAX_MOTION_POINTS) {
+            let p_camera = apply(pose, &sample.position);
+            if let Some((_, jacobian)) = camera.project_with_jacobian(&p_camera) {
+                let mut motion = Matrix2x6::zeros();
+                motion.fixed_columns_mut::<3>(0).copy_from(&jacobian);
+                motion.fixed_columns_mut::<3>(3).copy_from(&(-jacobian * p_camera.cross_matrix()));
+                moved += motion.tr_mul(&motion);
+                ranges.push(p_camera.norm());
+            }
+        }
+        moved /= ranges.len().max(1) as f64 * (self.factor as f64).powi(2);
         let middle = ranges.len() / 2;
-        let median = *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let angle = self.factor as f64 / self.observations.camera.mean_focal();
-        let (rho, phi) = (median * angle, angle);
-        Vector6::new(rho, rho, rho, phi, phi, phi)
+        let longest = LONGEST_MOTION * *ranges.select_nth_unstable_by(middle, f64::total_cmp).1;
+        for axis in 0..3 {
+            moved[(axis, axis)] += longest.powi(-2);
+        }
+        let eigen = moved.symmetric_eigen();
+        let scale = eigen.eigenvalues.map(|value| 1.0 / value.max(f64::MIN_POSITIVE).sqrt());
+        eigen.eigenvectors * Matrix6::from_diagonal(&scale)
     }
 
     /// Gradient of the mutual information with respect to a twist on the left of the pose.
@@ -179,39 +205,40 @@ impl<'a> Level<'a> {
     fn gradient(&self, batch: &[Sample], pose: &Isometry3<f64>) -> Vector6<f64> {
         let camera = &self.observations.camera;
         let mut joint = self.empty_joint();
-        let landed: Vec<(&Sample, Vector3<f64>, Shares)> = batch
-            .iter()
-            .filter_map(|sample| {
-                let p_camera = apply(pose, &sample.position);
-                let shares = self.maps[sample.frame as usize].at(&camera.project(&p_camera)?);
-                (shares.total() > 0.0).then_some((sample, p_camera, shares))
-            })
-            .collect();
-        for (sample, _, shares) in &landed {
-            shares.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
+        let mut at_edges = Vec::with_capacity(batch.len());
+        for sample in batch {
+            let p_camera = apply(pose, &sample.position);
+            let Some(pixel) = camera.project(&p_camera) else { continue };
+            let sampled = self.maps[sample.frame as usize].at(&pixel);
+            sampled.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
+            if let Sampled::Mixed(shares) = sampled
+                && sampled.total() > 0.0
+            {
+                at_edges.push((sample, p_camera, shares));
+            }
         }
         let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
         let mut gradient = Vector6::zeros();
-        let mut total = 0.0;
-        for (sample, p_camera, shares) in &landed {
-            total += f64::from(sample.weight);
-            let row = joint.index(sample.class, 0);
-            let slope: Vector2<f64> = shares.slope(&pointwise[row..]) * f64::from(sample.weight);
-            if slope == Vector2::zeros() {
-                continue;
-            }
+        for (sample, p_camera, shares) in &at_edges {
             let Some((_, jacobian)) = camera.project_with_jacobian(p_camera) else { continue };
-            let force: Vector3<f64> = jacobian.tr_mul(&slope);
+            let slope = shares.slope(&pointwise[joint.index(sample.class, 0)..]);
+            let force: Vector3<f64> = jacobian.tr_mul(&slope) * f64::from(sample.weight);
             let torque = p_camera.cross(&force);
             gradient += Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
         }
-        gradient / f64::max(total, 1.0)
+        gradient / f64::max(joint.total(), 1.0)
     }
 }
 
 #[inline]
 fn apply(pose: &Isometry3<f64>, point: &Vector3<f64>) -> Vector3<f64> {
     pose.rotation * point + pose.translation.vector
+}
+
+/// The pose with the camera's centre moved to the nearest place that is within `max_baseline` of the LiDAR.
+fn within_baseline(pose: &Isometry3<f64>, max_baseline: f64) -> Isometry3<f64> {
+    let scale = (max_baseline / pose.translation.vector.norm()).min(1.0);
+    Isometry3::from_parts((pose.translation.vector * scale).into(), pose.rotation)
 }
 
 /// Steps of about unit length in the direction of a noisy gradient.

@@ -9,9 +9,9 @@ use rayon::prelude::*;
 use crate::camera::Camera;
 use crate::error::Result;
 use crate::label_image::LabelImage;
-use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::observation::{NO_CLASS, Observations};
 use crate::registration::Hypothesis;
-use crate::spherical::{EMPTY, SphericalGrid, to_f64};
+use crate::spherical::{LabelledReturn, SphericalImages, to_f64};
 use crate::zoom::{Zoom, Zoomed};
 
 /// The picture is divided into so many columns and rows, and range into so many bands, over which pairs are spread.
@@ -20,6 +20,9 @@ const BLOCKS: (usize, usize) = (12, 8);
 const RANGE_BANDS: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
 /// A band of a block that holds fewer pairs than its share leaves the rest to the others.
 const SHARE_MARGIN: usize = 3;
+
+/// Every so manieth return is used that at most this number are left, over all frames and directions.
+const MAX_RETURNS: usize = 200_000;
 
 /// A LiDAR point (metres, LiDAR frame) and the raw pixel that the registration puts it on.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,50 +40,45 @@ pub struct Correspondence {
 /// The camera has no field of view.
 pub fn sample(
     observations: &Observations,
-    grid: &SphericalGrid,
+    images: &SphericalImages,
     zoom: Zoom,
     hypotheses: &[Hypothesis],
     count: usize,
     seed: u64,
 ) -> Result<Vec<Vec<Correspondence>>> {
     let zoomed = Zoomed::new(&observations.camera, zoom)?;
-    let returns: Vec<Vec<LabelledPoint>> =
-        observations.frames.par_iter().map(|frame| labelled_returns(frame, grid)).collect();
+    let num_returns: usize = images.returns.iter().map(Vec::len).sum();
+    let stride = num_returns.div_ceil(MAX_RETURNS).max(1);
     let sample = |hypothesis: &Hypothesis| {
-        let mut pairs = agreeing(observations, &zoomed, &returns, hypothesis);
+        let mut pairs = agreeing(observations, &zoomed, images, stride, hypothesis);
         pairs.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
         spread(pairs, &observations.camera, count)
     };
     Ok(hypotheses.par_iter().map(sample).collect())
 }
 
-/// A return (metres, LiDAR frame) and its class.
-type LabelledPoint = ([f32; 3], u8);
-
-/// The labelled returns that win a pixel of the spherical image.
-fn labelled_returns(frame: &Frame, grid: &SphericalGrid) -> Vec<LabelledPoint> {
-    let winners = grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY);
-    let labelled = winners.map(|i| (frame.points[i as usize], frame.point_classes[i as usize]));
-    labelled.filter(|&(_, class)| class != NO_CLASS).collect()
-}
-
-/// Every pair of a registration whose classes agree.
+/// The pairs of a registration whose classes agree, of every so manieth return.
 fn agreeing(
     observations: &Observations,
     zoomed: &Zoomed,
-    returns: &[Vec<LabelledPoint>],
+    images: &SphericalImages,
+    stride: usize,
     hypothesis: &Hypothesis,
 ) -> Vec<Correspondence> {
     let pixel_of = zoomed.pixel_map(&hypothesis.placement);
     let pointwise = hypothesis.joint.pointwise();
-    let pair = |&(point, class): &LabelledPoint, image: &LabelImage<u8>| {
+    let pair = |&(point, class): &LabelledReturn, image: &LabelImage<u8>| {
         let pixel = pixel_of(&to_f64(&point))?;
         let image_class = image.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
         let agree = image_class != NO_CLASS && pointwise[hypothesis.joint.index(class, image_class)] > 0.0;
         agree.then_some(Correspondence { point, pixel })
     };
-    let frames = returns.iter().zip(&observations.frames);
-    frames.flat_map(|(returns, frame)| returns.iter().filter_map(|r| pair(r, &frame.image_classes))).collect()
+    let frames = images.returns.iter().zip(&observations.frames);
+    frames
+        .flat_map(|(returns, frame)| {
+            returns.iter().step_by(stride).filter_map(|r| pair(r, &frame.image_classes))
+        })
+        .collect()
 }
 
 /// The first pairs, up to `count`, of which no part of the picture and no band of range has more than its share.

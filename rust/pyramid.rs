@@ -39,7 +39,7 @@ impl ShareMap {
     /// The shares at a pixel of the full-resolution picture, bilinear between the centres of blocks, and continued
     /// beyond the outermost ones.
     #[inline]
-    pub fn at(&self, pixel: &Point2<f64>) -> Shares<'_> {
+    pub fn at(&self, pixel: &Point2<f64>) -> Sampled<'_> {
         let (column, right) = Self::between(pixel.x, self.factor, self.columns);
         let (row, down) = Self::between(pixel.y, self.factor, self.rows);
         let (next_column, next_row) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
@@ -47,18 +47,31 @@ impl ShareMap {
             let index = row * self.columns + column;
             &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize]
         };
-        Shares {
-            corners: [
-                block(row, column),
-                block(row, next_column),
-                block(next_row, column),
-                block(next_row, next_column),
-            ],
-            right: right.unwrap_or(0.0),
-            down: down.unwrap_or(0.0),
+        let corners = [
+            block(row, column),
+            block(row, next_column),
+            block(next_row, column),
+            block(next_row, next_column),
+        ];
+        if let [[a], [b], [c], [d]] = corners
+            && [b, c, d].iter().all(|share| share.class == a.class)
+            && [a, b, c, d].iter().all(|share| share.amount == u8::MAX)
+        {
+            return Sampled::Uniform(a.class);
+        }
+        let (r, d) = (right.unwrap_or(0.0), down.unwrap_or(0.0));
+        let weights = [(1.0 - r) * (1.0 - d), r * (1.0 - d), (1.0 - r) * d, r * d];
+        let amount = |corner: &[Share]| corner.iter().map(|share| u32::from(share.amount)).sum::<u32>();
+        let total = (0..4).map(|i| weights[i] * f64::from(amount(corners[i]))).sum::<f64>() / 255.0;
+        Sampled::Mixed(Shares {
+            corners,
+            right: r,
+            down: d,
+            weights,
+            total,
             moves: (right.is_some(), down.is_some()),
             per_pixel: 1.0 / self.factor as f64,
-        }
+        })
     }
 
     /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
@@ -74,12 +87,44 @@ impl ShareMap {
     }
 }
 
+/// What lies around a pixel.
+#[derive(Clone, Copy, Debug)]
+pub enum Sampled<'a> {
+    /// One class, as nearly everywhere: nothing changes when the pixel moves.
+    Uniform(u8),
+    /// Several classes, or pixels without one.
+    Mixed(Shares<'a>),
+}
+
+impl Sampled<'_> {
+    /// The share that is labelled.
+    #[inline]
+    pub fn total(&self) -> f64 {
+        match self {
+            Self::Uniform(_) => 1.0,
+            Self::Mixed(shares) => shares.total,
+        }
+    }
+
+    /// Adds `weight` to the classes, in proportion to their shares; nothing if none is labelled.
+    #[inline]
+    pub fn add_to(&self, classes: &mut [f64], weight: f64) {
+        match self {
+            Self::Uniform(class) => classes[usize::from(*class)] += weight,
+            Self::Mixed(shares) if shares.total > 0.0 => shares.add_to(classes, weight),
+            Self::Mixed(_) => {}
+        }
+    }
+}
+
 /// The four blocks around a pixel.
 #[derive(Clone, Copy, Debug)]
 pub struct Shares<'a> {
     corners: [&'a [Share]; 4],
     right: f64,
     down: f64,
+    weights: [f64; 4],
+    total: f64,
     /// Whether the shares change along each axis.
     moves: (bool, bool),
     per_pixel: f64,
@@ -87,31 +132,16 @@ pub struct Shares<'a> {
 
 impl Shares<'_> {
     #[inline]
-    fn weights(&self) -> [f64; 4] {
-        let (right, down) = (self.right, self.down);
-        [(1.0 - right) * (1.0 - down), right * (1.0 - down), (1.0 - right) * down, right * down]
-    }
-
-    /// The share that is labelled.
-    #[inline]
-    pub fn total(&self) -> f64 {
-        let amount = |corner: &[Share]| corner.iter().map(|share| u32::from(share.amount)).sum::<u32>();
-        let corners = self.corners.iter().zip(self.weights());
-        corners.map(|(corner, weight)| weight * f64::from(amount(corner))).sum::<f64>() / 255.0
-    }
-
-    /// Adds `weight` to the classes, in proportion to their shares.
-    #[inline]
-    pub fn add_to(&self, classes: &mut [f64], weight: f64) {
-        let scale = weight / (255.0 * self.total());
-        for (corner, weight) in self.corners.iter().zip(self.weights()) {
+    fn add_to(&self, classes: &mut [f64], weight: f64) {
+        let scale = weight / (255.0 * self.total);
+        for (corner, weight) in self.corners.iter().zip(self.weights) {
             for share in *corner {
                 classes[usize::from(share.class)] += weight * scale * f64::from(share.amount);
             }
         }
     }
 
-    /// The slope, per pixel, of `sum_y values[y] share_y / sum_y share_y`.
+    /// The slope, per pixel, of `sum_y values[y] share_y / sum_y share_y`; some share has to be labelled.
     #[inline]
     pub fn slope(&self, values: &[f64]) -> Vector2<f64> {
         // The sum over classes, and the labelled share, of each corner.

@@ -19,7 +19,7 @@ use crate::observation::{Frame, Observations};
 use crate::point_cloud;
 use crate::pyramid;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
-use crate::spherical::SphericalGrid;
+use crate::spherical::{SphericalGrid, SphericalImages};
 use crate::visibility;
 use crate::world::{Class, Lidar, Renderer, Rig, ScanPattern, Visibility};
 use crate::zoom::Zoom;
@@ -170,6 +170,17 @@ impl PyObservations {
     }
 }
 
+#[pyclass(name = "SphericalImages", frozen)]
+struct PySphericalImages(SphericalImages);
+
+#[pymethods]
+impl PySphericalImages {
+    #[new]
+    fn new(py: Python<'_>, observations: &PyObservations, grid: (usize, usize, f64, f64)) -> Self {
+        Self(detached(py, || SphericalImages::new(&observations.0, to_grid(grid))))
+    }
+}
+
 #[pyclass(name = "Hypothesis", frozen)]
 struct PyHypothesis(Hypothesis);
 
@@ -296,7 +307,7 @@ mod _core {
     use super::*;
 
     #[pymodule_export]
-    use super::{PyAgreement, PyCamera, PyHypothesis, PyObservations, PyRenderer};
+    use super::{PyAgreement, PyCamera, PyHypothesis, PyObservations, PyRenderer, PySphericalImages};
 
     #[pyfunction]
     fn set_num_threads(num_threads: usize) -> PyResult<()> {
@@ -338,13 +349,13 @@ mod _core {
     }
 
     #[pyfunction]
-    #[pyo3(signature = (observations, grid, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, around, min_overlap,
+    #[pyo3(signature = (observations, images, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, around, min_overlap,
                         num_hypotheses, separation))]
     #[allow(clippy::too_many_arguments)]
     fn register(
         py: Python<'_>,
         observations: &PyObservations,
-        grid: (usize, usize, f64, f64),
+        images: &PySphericalImages,
         zoom: &str,
         coarse_cell: f64,
         fine_cell: f64,
@@ -370,8 +381,7 @@ mod _core {
             num_hypotheses,
             separation,
         };
-        let grid = to_grid(grid);
-        let found = detached(py, || registration::register(&observations.0, &grid, &config))?;
+        let found = detached(py, || registration::register(&observations.0, &images.0, &config))?;
         Ok(found.into_iter().map(PyHypothesis).collect())
     }
 
@@ -405,16 +415,17 @@ mod _core {
     fn sample_correspondences<'py>(
         py: Python<'py>,
         observations: &PyObservations,
-        grid: (usize, usize, f64, f64),
+        images: &PySphericalImages,
         zoom: &str,
         hypotheses: Vec<PyRef<'py, PyHypothesis>>,
         count: usize,
         seed: u64,
     ) -> PyResult<Vec<PairArrays<'py>>> {
-        let (zoom, grid) = (parse_zoom(zoom)?, to_grid(grid));
+        let zoom = parse_zoom(zoom)?;
         let hypotheses: Vec<Hypothesis> = hypotheses.iter().map(|h| h.0.clone()).collect();
-        let samples =
-            detached(py, || correspondences::sample(&observations.0, &grid, zoom, &hypotheses, count, seed))?;
+        let samples = detached(py, || {
+            correspondences::sample(&observations.0, &images.0, zoom, &hypotheses, count, seed)
+        })?;
         let arrays = |pairs: Vec<Correspondence>| {
             let points: Vec<[f64; 3]> = pairs.iter().map(|c| c.point.map(f64::from)).collect();
             let pixels: Vec<[f64; 2]> = pairs.iter().map(|c| [c.pixel.x, c.pixel.y]).collect();
@@ -444,7 +455,7 @@ mod _core {
 
     #[pyfunction]
     #[pyo3(signature = (observations, t_camera_lidar, *, factor, steps, batch_size, step_size, final_step,
-                        max_points, seed))]
+                        max_baseline, max_points, seed))]
     #[allow(clippy::too_many_arguments)]
     fn align<'py>(
         py: Python<'py>,
@@ -455,13 +466,15 @@ mod _core {
         batch_size: usize,
         step_size: f64,
         final_step: f64,
+        max_baseline: f64,
         max_points: usize,
         seed: u64,
     ) -> PyResult<Vec<AlignedTuple<'py>>> {
         let camera = &observations.0.camera;
         check_factor(factor, (camera.width, camera.height))?;
         let starts = t_camera_lidar.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
-        let config = AlignmentConfig { factor, steps, batch_size, step_size, final_step, max_points };
+        let config =
+            AlignmentConfig { factor, steps, batch_size, step_size, final_step, max_baseline, max_points };
         let found = detached(py, || alignment::align(&observations.0, &starts, &config, seed));
         found.iter().map(|a| Ok((matrix(py, &a.pose)?, a.mutual_information, a.num_points))).collect()
     }

@@ -3,8 +3,10 @@
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::Vector3;
+use rayon::prelude::*;
 
 use crate::error::{Error, Result};
+use crate::observation::{Frame, NO_CLASS, Observations};
 
 /// No return fell into this pixel.
 pub const EMPTY: u32 = u32::MAX;
@@ -171,6 +173,30 @@ fn count_channels(elevations: &[f64], bottom: f64, top: f64) -> Option<usize> {
         counts.chunk_by(|a, b| is_filled(a) == is_filled(b)).filter(|run| is_filled(&run[0])).count();
     let sparse = (filled as f64) < MAX_CHANNEL_SHARE * num_bins as f64;
     (sparse && channels >= MIN_CHANNELS).then_some(channels)
+}
+
+/// The spherical images of all frames (Alg. 2, line 1), as the labelled returns that win a pixel of the grid.
+#[derive(Clone, Debug)]
+pub struct SphericalImages {
+    /// What their pixels are.
+    pub grid: SphericalGrid,
+    /// Position (metres, LiDAR frame) and class of each, frame after frame.
+    pub returns: Vec<Vec<LabelledReturn>>,
+}
+
+/// A return (metres, LiDAR frame) and its class.
+pub type LabelledReturn = ([f32; 3], u8);
+
+impl SphericalImages {
+    /// Projects all frames.
+    pub fn new(observations: &Observations, grid: SphericalGrid) -> Self {
+        let labelled = |frame: &Frame| {
+            let winners = grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY);
+            let returns = winners.map(|i| (frame.points[i as usize], frame.point_classes[i as usize]));
+            returns.filter(|&(_, class)| class != NO_CLASS).collect()
+        };
+        Self { grid, returns: observations.frames.par_iter().map(labelled).collect() }
+    }
 }
 
 /// The cells of about a degree that any point of any sweep falls into.

@@ -18,7 +18,9 @@ __all__ = [
     "Hypothesis",
     "Observations",
     "Renderer",
+    "SphericalImages",
     "agreement",
+    "align",
     "class_shares",
     "estimate_grid",
     "land",
@@ -62,6 +64,12 @@ class Observations:
     ) -> Observations: ...
 
 @final
+class SphericalImages:
+    """The spherical images of all frames on a grid: the labelled returns that are the nearest of a pixel."""
+
+    def __new__(cls, observations: Observations, grid: _Grid) -> SphericalImages: ...
+
+@final
 class Hypothesis:
     """A placement of the picture on the sphere of LiDAR directions."""
 
@@ -85,6 +93,9 @@ class Agreement:
     @property
     def bias(self) -> float:
         """Miller and Madow's estimate of how far the plug-in estimate is too high, nats."""
+    @property
+    def sigma(self) -> float:
+        """Standard error of the estimate over parts of the pictures, nats; infinite if there is one part only."""
     @property
     def label_agreement(self) -> float:
         """Share of the visible pairs with positive pointwise mutual information."""
@@ -155,35 +166,72 @@ def read_label_images(
 def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> _Grid:
     """The grid of a spinning LiDAR, one row a channel."""
 
-def estimate_grid(observations: Observations, cell: float) -> _Grid:
-    """A grid of square cells over the elevations that all points span."""
+def estimate_grid(observations: Observations) -> _Grid:
+    """The grid of a sensor that is not described.
+
+    Channels are found in the histogram of elevations; a pattern without channels gets square cells that its points
+    fill.
+
+    Raises:
+        CalibrationError: there are no points, or they span no elevations.
+    """
 
 def spherical_image(points: _Float32, grid: _Grid) -> NDArray[np.uint32]:
     """The index of the nearest return in each pixel; 2^32 - 1 where there is none."""
 
 def register(
     observations: Observations,
-    grid: _Grid,
+    images: SphericalImages,
     *,
     zoom: str,
     coarse_cell: float,
     fine_cell: float,
     max_roll: float,
     roll_step: float,
+    around: tuple[_Float64, float] | None,
     min_overlap: float,
     num_hypotheses: int,
     separation: float,
 ) -> list[Hypothesis]:
     """Find the best well-separated placements of the pictures on the sphere, best first.
 
+    `around` narrows the search to rotations within an angle of that of a `T_camera_lidar`.
+
     Raises:
         CalibrationError: no placement overlaps labelled points with labelled pixels.
     """
 
 def sample_correspondences(
-    observations: Observations, grid: _Grid, zoom: str, hypothesis: Hypothesis, count: int, seed: int
-) -> tuple[_Float64, _Float64]:
-    """Sample points (N, 3) in the LiDAR frame and their pixels (N, 2), spread over the picture and over range."""
+    observations: Observations,
+    images: SphericalImages,
+    zoom: str,
+    hypotheses: Sequence[Hypothesis],
+    count: int,
+    seed: int,
+) -> list[tuple[_Float64, _Float64]]:
+    """Sample, for each hypothesis, points (N, 3) in the LiDAR frame and their pixels (N, 2).
+
+    They are spread over the picture and over range.
+    """
+
+def align(
+    observations: Observations,
+    t_camera_lidar: Sequence[_Float64],
+    *,
+    factor: int,
+    steps: int,
+    batch_size: int,
+    step_size: float,
+    final_step: float,
+    max_baseline: float,
+    max_points: int,
+    seed: int,
+) -> list[tuple[_Float64, float, int]]:
+    """Let poses climb the mutual information of points and blocks of `factor x factor` pixels, over SE(3).
+
+    Returns:
+        For each, the pose (4, 4), the mutual information there less its bias, in nats, and the number of points.
+    """
 
 def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:
     """Compare points and label images at a pose."""

@@ -46,6 +46,9 @@ class Quality(StrictModel):
     """Visible points."""
     num_frames: Count
     """Frames used."""
+    runner_up_margin: float | None = None
+    """How far the runner-up's mutual information lies below that of the initial calibration, in standard errors of the
+    difference; null where no other mounting direction was compared."""
 
 
 class Stage(StrictModel):
@@ -55,6 +58,25 @@ class Stage(StrictModel):
     """p_camera = T_camera_lidar * p_lidar."""
     mutual_information_nats: float
     """Mutual information there."""
+
+
+class HypothesisRecord(StrictModel):
+    """A pose that the search over all mounting directions found."""
+
+    T_camera_lidar: Transform
+    """p_camera = T_camera_lidar * p_lidar."""
+    mutual_information_nats: float
+    """In full resolution, less its bias."""
+    sigma_nats: Annotated[float, Field(ge=0.0)] | None
+    """Its standard error, over parts of the pictures; null if all points lie in one part."""
+    overlap: Share
+    """Share of the picture's area that visible points cover."""
+    num_cells: Count
+    """Cells of the spherical images that the registration put on labelled pixels."""
+    num_inliers: Count
+    """Pairs of a point and a pixel that PnP agreed on."""
+    rotation_from_best_deg: Annotated[float, Field(ge=0.0)]
+    """Rotation between this hypothesis and the first."""
 
 
 class InputFrame(StrictModel):
@@ -115,6 +137,8 @@ class Calibration(StrictModel):
     """How well the labels agree."""
     stages: dict[str, Stage]
     """Stages by name, in order."""
+    hypotheses: Annotated[tuple[HypothesisRecord, ...], length(0)] = ()
+    """Of the initial calibration, best first; the first is that of its stage."""
     input: Input
     """What was read."""
     settings: Settings
@@ -143,6 +167,7 @@ class Calibration(StrictModel):
         reasons: tuple[str, ...],
         quality: Quality,
         stages: Mapping[str, Stage],
+        hypotheses: tuple[HypothesisRecord, ...],
         input: Input,
         settings: Settings,
     ) -> "Calibration":
@@ -154,6 +179,7 @@ class Calibration(StrictModel):
             reasons: sentences, each with its figure.
             quality: how well the labels agree.
             stages: stages by name, in order.
+            hypotheses: of the initial calibration, best first.
             input: what was read.
             settings: what was asked.
 
@@ -171,6 +197,7 @@ class Calibration(StrictModel):
             quaternion_xyzw=quaternion_xyzw(T).tolist(),
             quality=quality,
             stages=dict(stages),
+            hypotheses=hypotheses,
             input=input,
             settings=settings,
         )

@@ -13,12 +13,12 @@ from semcal_cli import _core
 from semcal_cli.errors import CalibrationError
 from semcal_cli.observations import Observations
 from semcal_cli.pnp import PnpConfig, solve_pnp
-from semcal_cli.poses import Pose, Vector, camera_center, rotation_error_deg
+from semcal_cli.poses import Pose, camera_center, rotation_error_deg
 
 Grid: TypeAlias = tuple[int, int, float, float]
 """Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
 
-MIN_POINTS_OF_MOST = 0.05
+MIN_POINTS_OF_MOST = 0.02
 """While hypotheses climb, those with a smaller share of the points of the one that has most are dropped."""
 
 
@@ -26,16 +26,18 @@ MIN_POINTS_OF_MOST = 0.05
 class AlignmentConfig:
     """How hypotheses climb the mutual information over SE(3), on label images in blocks."""
 
-    block_deg: tuple[float, ...] = (1.5, 0.75)
+    block_deg: tuple[float, ...] = (0.75, 1.5, 0.75, 0.375)
     """Each level has the largest power-of-two block, in pixels, below this angle at the middle of the picture."""
-    num_kept: tuple[int, ...] = (6, 6)
+    num_kept: tuple[int, ...] = (8, 8, 6, 6)
     """The best hypotheses that go on from each level."""
-    steps: int = 60
+    steps: int = 30
     batch_size: int = 2048
     step_size: float = 0.2
     """Length of the first steps, in blocks; they fall along a cosine ..."""
     final_step: float = 0.05
     """... to this share."""
+    max_baseline_m: float = 3.0
+    """The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
     max_points: int = 200_000
     """Points, over all frames and in all directions, that are looked at."""
     same_deg: float = 2.0
@@ -59,7 +61,7 @@ class InitializationConfig:
     """Narrows the search to rotations within this angle of the given one."""
     min_overlap: float = 0.1
     """A placement counts only with this share of the best overlapping one's cells."""
-    num_hypotheses: int = 16
+    num_hypotheses: int = 24
     separation_deg: float = 15.0
     """Smallest rotation between two hypotheses of the registration."""
     num_correspondences: int = 2000
@@ -111,8 +113,9 @@ def initialize(
         observations: Labelled points and label images.
         config: How to search.
         seed: Of every random choice.
-        T_given: Middle of the search if `config.search_deg` is set; the spherical images are then taken from its camera
-            centre.
+        T_given: A pose that is known about: the search is narrowed to rotations within `config.search_deg` of it and the
+            spherical images are taken from its camera centre; without `config.search_deg` there is no search, and only
+            this pose climbs.
 
     Returns:
         Hypotheses, best first.
@@ -121,12 +124,12 @@ def initialize(
         CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
     """
     if T_given is None:
-        candidates = _candidates(observations, config, seed, None)
+        candidates = _candidates(observations, config, seed, around=None)
+    elif config.search_deg is None:
+        candidates = [_Candidate(T_given, num_cells=0, num_inliers=0)]
     else:
-        center = camera_center(T_given)
-        moved = replace(observations, points=[(p - center).astype(np.float32) for p in observations.points])
-        candidates = _candidates(moved, config, seed, T_given)
-        candidates = [replace(c, T_camera_lidar=_seen_from(c.T_camera_lidar, center)) for c in candidates]
+        around = T_given, math.radians(config.search_deg)
+        candidates = _candidates(observations, config, seed, around)
     candidates = _align(observations, candidates, config.alignment, seed)
     hypotheses = [_assess(observations, candidate) for candidate in candidates]
     hypotheses = [h for h in hypotheses if h.overlap >= config.min_share] or hypotheses
@@ -134,7 +137,7 @@ def initialize(
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) -> Hypothesis | None:
-    """The best hypothesis that says something else than the first."""
+    """Find the best hypothesis that says something else than the first."""
     best, *others = hypotheses
     for other in others:
         if rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) >= config.runner_up_deg:
@@ -142,23 +145,37 @@ def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) ->
     return None
 
 
+def margin(best: Hypothesis, other: Hypothesis) -> float:
+    """Tell how far a hypothesis is behind the best, in standard errors of the difference of mutual information.
+
+    The two see different points, so their errors are taken for independent.
+    """
+    difference = best.mutual_information_nats - other.mutual_information_nats
+    return difference / math.hypot(best.sigma_nats, other.sigma_nats)
+
+
 def _candidates(
-    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None
+    observations: Observations, config: InitializationConfig, seed: int, around: tuple[Pose, float] | None
 ) -> list[_Candidate]:
-    """Register and solve PnP (Alg. 2)."""
-    grid = _grid(observations)
+    """Register and solve PnP (Alg. 2); seen from the camera centre of a pose if the search is around one."""
+    center = np.zeros(3) if around is None else camera_center(around[0])
+    if center.any():
+        moved = [(points - center).astype(np.float32) for points in observations.points]
+        observations = replace(observations, points=moved, lidar=None)
+    images = _core.SphericalImages(observations.core, _grid(observations))
+    placements = _register(observations, images, config, around)
+    samples = _core.sample_correspondences(
+        observations.core, images, config.zoom, placements, config.num_correspondences, seed
+    )
     found: list[_Candidate] = []
     complaint = "no placement of the picture"
-    placements = _register(observations, grid, config, T_given)
-    samples = _core.sample_correspondences(
-        observations.core, grid, config.zoom, placements, config.num_correspondences, seed
-    )
     for placement, (points, pixels) in zip(placements, samples, strict=True):
         try:
             T_camera_lidar, num_inliers = solve_pnp(points, pixels, observations.camera, config.pnp)
         except CalibrationError as error:
             complaint = str(error)
             continue
+        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
         found.append(_Candidate(T_camera_lidar, placement.num_cells, num_inliers))
     if not found:
         raise CalibrationError(f"no initial calibration: {complaint}")
@@ -181,6 +198,7 @@ def _align(
             batch_size=config.batch_size,
             step_size=config.step_size,
             final_step=config.final_step,
+            max_baseline=config.max_baseline_m,
             max_points=config.max_points,
             seed=seed,
         )
@@ -211,13 +229,6 @@ def _assess(observations: Observations, candidate: _Candidate) -> Hypothesis:
     )
 
 
-def _seen_from(T_camera_moved: Pose, center: Vector) -> Pose:
-    """Express a pose in the LiDAR frame whose points had been moved by minus `center`."""
-    T_camera_lidar = T_camera_moved.copy()
-    T_camera_lidar[:3, 3] -= T_camera_moved[:3, :3] @ center
-    return T_camera_lidar
-
-
 def _grid(observations: Observations) -> Grid:
     lidar = observations.lidar
     if lidar is None:
@@ -227,14 +238,14 @@ def _grid(observations: Observations) -> Grid:
 
 
 def _register(
-    observations: Observations, grid: Grid, config: InitializationConfig, T_given: Pose | None
+    observations: Observations,
+    images: _core.SphericalImages,
+    config: InitializationConfig,
+    around: tuple[Pose, float] | None,
 ) -> Sequence[_core.Hypothesis]:
-    around = None
-    if T_given is not None and config.search_deg is not None:
-        around = T_given, math.radians(config.search_deg)
     return _core.register(
         observations.core,
-        grid,
+        images,
         zoom=config.zoom,
         coarse_cell=math.radians(config.coarse_cell_deg),
         fine_cell=math.radians(config.fine_cell_deg),

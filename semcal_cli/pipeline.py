@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 from semcal_cli import _core
-from semcal_cli.calibration import Calibration, Quality, Settings, Stage, Status
+from semcal_cli.calibration import Calibration, HypothesisRecord, Quality, Settings, Stage, Status
 from semcal_cli.drive import Drive
-from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize
+from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize, margin, runner_up
 from semcal_cli.observations import Observations, load_observations
-from semcal_cli.poses import Pose
+from semcal_cli.poses import Pose, rotation_error_deg
 from semcal_cli.provenance import describe_input, versions
 
 if TYPE_CHECKING:
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 MIN_OVERLAP = 0.03
 """An answer whose points cover less of the picture than this is not trusted."""
+
+MIN_RUNNER_UP_MARGIN = 2.0
+"""An answer is not trusted unless another mounting direction is so many standard errors of mutual information behind."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +38,17 @@ class StageReport:
     note: str = ""
 
 
+@dataclass(frozen=True)
+class Given:
+    """A transform that the user knows something about."""
+
+    T_camera_lidar: Pose
+    name: str
+    """What to call it."""
+    source: Path | None = None
+    """The file it is from; None if it was typed."""
+
+
 @dataclass
 class Run:
     """One calibration under way."""
@@ -43,33 +58,31 @@ class Run:
     report: Callable[[StageReport], None] = lambda report: None
     progress: Callable[[str], None] = lambda doing: None
     stages: dict[str, Stage] = field(default_factory=dict)
+    hypotheses: tuple[HypothesisRecord, ...] = ()
+    runner_up_margin: float | None = None
+    reasons: list[str] = field(default_factory=list)
     options: dict[str, object] = field(default_factory=dict)
-    init: Path | None = None
+    given: Given | None = None
 
     def calibrate(
         self,
         folder: Path,
-        given: tuple[Pose, Path] | None = None,
         initialization: InitializationConfig | None = None,
+        given: Given | None = None,
         device: str = "cpu",
     ) -> Calibration:
         """Run every stage.
 
         Args:
             folder: Where the result will lie: the drive's path is given relative to it.
-            given: T_camera_lidar to start at and the file it is from; None searches all mounting directions.
             initialization: How to search.
+            given: Where to search, or the only pose to start at: see `initialize`.
             device: Where the refinement computes, `cpu` or `cuda`.
         """
         observations = self.load()
-        if given:
-            T_init, source = given
-            self.start_at(observations, T_init, source)
-        else:
-            config = initialization or InitializationConfig()
-            T_init = self.initialize(observations, config)[0].T_camera_lidar
-        refinement = self.refine(observations, T_init, device)
-        return self.result(observations, refinement.T_camera_lidar, _convergence_reasons(refinement), folder)
+        hypotheses = self.initialize(observations, initialization or InitializationConfig(), given)
+        T_camera_lidar = self.refine(observations, hypotheses[0].T_camera_lidar, device)
+        return self.result(observations, T_camera_lidar, folder)
 
     def load(self) -> Observations:
         """Read every file of the drive."""
@@ -85,21 +98,35 @@ class Run:
         self.report(StageReport("load", perf_counter() - start, note=note))
         return observations
 
-    def initialize(self, observations: Observations, config: InitializationConfig) -> list[Hypothesis]:
-        """Search all mounting directions."""
-        self.progress("searching all mounting directions")
+    def initialize(
+        self, observations: Observations, config: InitializationConfig, given: Given | None = None
+    ) -> list[Hypothesis]:
+        """Search all mounting directions, or where the user says."""
         start = perf_counter()
-        hypotheses = initialize(observations, config, self.seed)
+        self._take(given)
+        if given is None:
+            self.progress("searching all mounting directions")
+        else:
+            self.progress(f"searching around {given.name}")
+        T_given = None if given is None else given.T_camera_lidar
+        hypotheses = initialize(observations, config, self.seed, T_given)
         self.options["initialization"] = asdict(config)
-        self._finish("initial", start, observations, hypotheses[0].T_camera_lidar, _runner_up(hypotheses))
+        best, other = hypotheses[0], runner_up(hypotheses, config)
+        self.hypotheses = tuple(_record(hypothesis, best) for hypothesis in hypotheses)
+        note = f"{len(hypotheses)} hypotheses" if len(hypotheses) > 1 else "1 hypothesis"
+        if other is not None:
+            self.runner_up_margin = margin(best, other)
+            self.reasons += _runner_up_reasons(best, other, self.runner_up_margin)
+            note += f", runner-up {other.mutual_information_nats:.4f} nats"
+        self._finish("initial", start, observations, best.T_camera_lidar, note)
         return hypotheses
 
-    def start_at(self, observations: Observations, T_init: Pose, source: Path) -> None:
-        """Take a given pose for the initial one."""
-        self.init = source
-        self._finish("initial", perf_counter(), observations, T_init, f"from {source}")
+    def start_at(self, observations: Observations, given: Given) -> None:
+        """Take a given pose for the initial one, as it is."""
+        self._take(given)
+        self._finish("initial", perf_counter(), observations, given.T_camera_lidar, f"from {given.name}")
 
-    def refine(self, observations: Observations, T_init: Pose, device: str) -> Refinement:
+    def refine(self, observations: Observations, T_init: Pose, device: str) -> Pose:
         """Climb the mutual information from a pose."""
         self.progress("loading torch")
         start = perf_counter()
@@ -116,18 +143,13 @@ class Run:
         self.options["refinement"] = asdict(config) | {"device": device}
         note = f"{len(refinement.levels)} levels, {'settled' if refinement.converged else 'not settled'}"
         self._finish("refined", start, observations, refinement.T_camera_lidar, note)
-        return refinement
+        self.reasons += _convergence_reasons(refinement)
+        return refinement.T_camera_lidar
 
-    def result(
-        self,
-        observations: Observations,
-        T_camera_lidar: Pose,
-        reasons: Sequence[str],
-        folder: Path,
-    ) -> Calibration:
+    def result(self, observations: Observations, T_camera_lidar: Pose, folder: Path) -> Calibration:
         """Assess a pose and put everything into a calibration."""
         agreement = _core.agreement(observations.core, T_camera_lidar)
-        reasons = [*reasons, *_overlap_reasons(agreement), *_information_reasons(agreement)]
+        reasons = [*self.reasons, *_overlap_reasons(agreement), *_information_reasons(agreement)]
         status: Status = "not_trusted" if reasons else "not_assessed"
         return Calibration.from_pose(
             T_camera_lidar,
@@ -139,20 +161,28 @@ class Run:
                 overlap=agreement.overlap,
                 num_points=agreement.num_inside - agreement.num_hidden,
                 num_frames=observations.num_frames,
+                runner_up_margin=self.runner_up_margin,
             ),
             stages=self.stages,
-            input=describe_input(self.drive, self.init, folder),
+            hypotheses=self.hypotheses,
+            input=describe_input(self.drive, self.given.source if self.given else None, folder),
             settings=Settings.model_validate(
                 {"options": _plain(self.options), "seed": self.seed, "versions": versions()}
             ),
         )
 
+    def _take(self, given: Given | None) -> None:
+        self.given = given
+        if given is not None and given.source is None:
+            self.options["given"] = given.name
+
     def _finish(
         self, name: str, start: float, observations: Observations, T_camera_lidar: Pose, note: str
     ) -> None:
         agreement = _core.agreement(observations.core, T_camera_lidar)
-        rows = tuple(tuple(row) for row in T_camera_lidar.tolist())
-        self.stages[name] = Stage(T_camera_lidar=rows, mutual_information_nats=agreement.mutual_information)
+        self.stages[name] = Stage(
+            T_camera_lidar=_rows(T_camera_lidar), mutual_information_nats=agreement.mutual_information
+        )
         self.report(StageReport(name, perf_counter() - start, T_camera_lidar, agreement, note))
 
 
@@ -182,11 +212,31 @@ def _information_reasons(agreement: _core.Agreement) -> list[str]:
     ]
 
 
-def _runner_up(hypotheses: Sequence[Hypothesis]) -> str:
-    if len(hypotheses) == 1:
-        return "1 hypothesis"
-    second = hypotheses[1].mutual_information_nats
-    return f"{len(hypotheses)} hypotheses, runner-up {second:.4f} nats"
+def _runner_up_reasons(best: Hypothesis, other: Hypothesis, margin: float) -> list[str]:
+    if margin >= MIN_RUNNER_UP_MARGIN:
+        return []
+    angle_deg = rotation_error_deg(best.T_camera_lidar, other.T_camera_lidar)
+    return [
+        f"a mounting {angle_deg:.0f} degrees away explains the labels almost as well: "
+        f"{other.mutual_information_nats:.4f} against {best.mutual_information_nats:.4f} nats, "
+        f"{margin:.1f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.1f}; add frames"
+    ]
+
+
+def _record(hypothesis: Hypothesis, best: Hypothesis) -> HypothesisRecord:
+    return HypothesisRecord(
+        T_camera_lidar=_rows(hypothesis.T_camera_lidar),
+        mutual_information_nats=hypothesis.mutual_information_nats,
+        sigma_nats=hypothesis.sigma_nats if math.isfinite(hypothesis.sigma_nats) else None,
+        overlap=hypothesis.overlap,
+        num_cells=hypothesis.num_cells,
+        num_inliers=hypothesis.num_inliers,
+        rotation_from_best_deg=rotation_error_deg(hypothesis.T_camera_lidar, best.T_camera_lidar),
+    )
+
+
+def _rows(T: Pose) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in T.tolist())
 
 
 def _plain(value: object) -> object:

@@ -16,6 +16,9 @@ Vector: TypeAlias = NDArray[np.float64]
 RIGID_TOLERANCE = 1e-3
 """How far a hand-written rotation may be off: three or four decimals pass, a wrong matrix does not."""
 
+OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Maps right-down-forward of a camera's optical frame to forward-left-up of its body frame."""
+
 
 def check_rigid(T: Pose) -> None:
     """Check that a matrix is a rigid transform, to `RIGID_TOLERANCE`.
@@ -60,6 +63,20 @@ def pose_from_quaternion(quaternion_xyzw: Sequence[float], translation: Sequence
     T[:3, :3] = Rotation.from_quat(quaternion_xyzw).as_matrix()
     T[:3, 3] = translation
     return T
+
+
+def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> Pose:
+    """Build T_camera_lidar from how a camera is mounted, as one measures it by hand.
+
+    Args:
+        rpy_deg: Roll, pitch and yaw of the camera's body frame (x forward, y left, z up) in the LiDAR frame, as in URDF:
+            R = Rz(yaw) Ry(pitch) Rx(roll). Yaw turns to the left, pitch looks down, roll leans to the right.
+        center_m: The camera's centre, LiDAR frame.
+    """
+    T_lidar_camera = np.eye(4)
+    T_lidar_camera[:3, :3] = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix() @ OPTICAL_AXES
+    T_lidar_camera[:3, 3] = center_m
+    return inverse(T_lidar_camera)
 
 
 def quaternion_xyzw(T: Pose) -> Vector:

@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
@@ -20,7 +19,7 @@ from semcal_cli.documents import document_text, write_text
 from semcal_cli.drive import DRIVE_FILE, Camera
 from semcal_cli.errors import InputError
 from semcal_cli.pictures import write_picture
-from semcal_cli.poses import Pose, Vector, inverse
+from semcal_cli.poses import Pose, Vector, pose_from_mounting
 from semcal_cli.synthesis_config import MIN_BASELINE_M, Lens, SynthConfig
 
 Labels = npt.NDArray[np.uint8]
@@ -31,8 +30,6 @@ SKY = "sky"
 FIRST_DISJOINT_ID = 100
 """Above every id of the synthetic classes."""
 
-OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Maps right-down-forward of a camera to forward-left-up."""
 PITCH_DEG, ROLL_DEG = 8.0, 4.0
 CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
 """A mounting at random stays within plus and minus this."""
@@ -112,12 +109,7 @@ def mounting(config: SynthConfig) -> Pose:
     azimuth = azimuth if config.camera_azimuth_deg is None else config.camera_azimuth_deg
     pitch = pitch if config.camera_pitch_deg is None else config.camera_pitch_deg
     roll = roll if config.camera_roll_deg is None else config.camera_roll_deg
-    T_lidar_camera = np.eye(4)
-    # Turned to the left about z up, then up about y left, then to the right about x forward.
-    turns = Rotation.from_euler("ZYX", [azimuth, -pitch, roll], degrees=True)
-    T_lidar_camera[:3, :3] = turns.as_matrix() @ OPTICAL_AXES
-    T_lidar_camera[:3, 3] = _camera_center(config, rng)
-    return inverse(T_lidar_camera)
+    return pose_from_mounting((roll, -pitch, azimuth), _camera_center(config, rng).tolist())
 
 
 def make_camera(config: SynthConfig) -> Camera:

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use super::{Downsampled, RegistrationConfig, downsampled};
 use crate::error::{Error, Result};
-use crate::observation::{Frame, NO_CLASS, Observations};
-use crate::spherical::{EMPTY, SphericalGrid, to_f64};
+use crate::observation::Observations;
+use crate::spherical::{LabelledReturn, SphericalGrid, SphericalImages, to_f64};
 use crate::zoom::{Placement, Zoomed};
 
 /// A placement of the exhaustive search with its score.
@@ -29,11 +29,11 @@ pub(super) struct Candidate {
 pub(super) fn search(
     observations: &Observations,
     zoomed: &Zoomed,
-    grid: &SphericalGrid,
+    spherical: &SphericalImages,
     coarse: &SphericalGrid,
     config: &RegistrationConfig,
 ) -> Result<Vec<Candidate>> {
-    let rings = rings(observations, grid, coarse);
+    let rings = rings(observations, spherical, coarse);
     let images = downsampled(observations, zoomed, coarse.cell_height);
     let most = observations.frames.len() * coarse.rows * coarse.columns;
     let n_log_n: Vec<f64> = (0..=most).map(|n| n as f64 * (n.max(1) as f64).ln()).collect();
@@ -109,22 +109,20 @@ fn is_asked_for(placement: &Placement, config: &RegistrationConfig) -> bool {
 }
 
 /// The class of each cell of `coarse`, as the start of a row of [`Counts`], frame after frame: the class of most of the
-/// returns that win a pixel of `grid` in it. Each row of cells comes twice in a row, so that a shift needs no modulo.
-fn rings(observations: &Observations, grid: &SphericalGrid, coarse: &SphericalGrid) -> Vec<Vec<u32>> {
+/// returns of the spherical image in it. Each row of cells comes twice in a row, so that a shift needs no modulo.
+fn rings(observations: &Observations, images: &SphericalImages, coarse: &SphericalGrid) -> Vec<Vec<u32>> {
     let (num_classes, width) = (observations.num_point_classes, observations.num_image_classes as u32 + 1);
-    let ring = |frame: &Frame| {
+    let ring = |returns: &Vec<LabelledReturn>| {
         let mut counts = vec![0u16; coarse.rows * coarse.columns * num_classes];
-        for index in grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY) {
-            let class = frame.point_classes[index as usize];
-            let cell = coarse.cell(&to_f64(&frame.points[index as usize]));
-            if let (Some((row, column)), true) = (cell, class != NO_CLASS) {
-                counts[(row * coarse.columns + column) * num_classes + usize::from(class)] += 1;
+        for (point, class) in returns {
+            if let Some((row, column)) = coarse.cell(&to_f64(point)) {
+                counts[(row * coarse.columns + column) * num_classes + usize::from(*class)] += 1;
             }
         }
         let rows: Vec<u32> = counts.chunks_exact(num_classes).map(|c| commonest(c) as u32 * width).collect();
         rows.chunks_exact(coarse.columns).flat_map(|row| row.iter().chain(row).copied()).collect()
     };
-    observations.frames.par_iter().map(ring).collect()
+    images.returns.par_iter().map(ring).collect()
 }
 
 /// The class with the highest count, the lowest of equal ones; the number of classes if all are zero.

@@ -1,4 +1,4 @@
-//! Powell's method around a placement, on finer cells.
+//! Powell's method around a placement, with the returns themselves on finer cells of the pictures.
 
 use std::f64::consts::PI;
 
@@ -7,9 +7,9 @@ use rayon::prelude::*;
 
 use super::{Downsampled, Hypothesis, RegistrationConfig, downsampled};
 use crate::mutual_information::JointHistogram;
-use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::observation::Observations;
 use crate::powell::{PowellConfig, minimize};
-use crate::spherical::{EMPTY, SphericalGrid, from_angles, to_f64};
+use crate::spherical::{LabelledReturn, SphericalImages, from_angles, to_f64};
 use crate::zoom::{Placement, Zoom, Zoomed};
 
 /// Half-width of Powell's first bracket for the scale of the zoomed picture.
@@ -19,12 +19,12 @@ const TOLERANCE: f64 = 0.02;
 const MAX_ROUNDS: usize = 8;
 /// Of the returns near a placement every so manieth is used that at most this number are left, over all frames: more make
 /// the histogram no better.
-const MAX_RETURNS: usize = 20_000;
+const MAX_RETURNS: usize = 10_000;
 
 /// The unit direction (LiDAR frame) and the class of a return.
 type LabelledDirection = (Vector3<f64>, u8);
 
-/// What the refinement compares: the labelled returns that win a pixel of a grid, and label images of its resolution.
+/// What is compared: the labelled returns of the spherical images, and label images in cells.
 pub(super) struct Level<'a> {
     observations: &'a Observations,
     zoomed: &'a Zoomed<'a>,
@@ -34,16 +34,15 @@ pub(super) struct Level<'a> {
 }
 
 impl<'a> Level<'a> {
-    pub fn new(observations: &'a Observations, zoomed: &'a Zoomed, grid: SphericalGrid) -> Self {
-        let labelled = |frame: &Frame| {
-            let winners = grid.project(&frame.points).into_iter().filter(|&i| i != EMPTY);
-            winners
-                .map(|i| (to_f64(&frame.points[i as usize]).normalize(), frame.point_classes[i as usize]))
-                .filter(|&(_, class)| class != NO_CLASS)
-                .collect()
-        };
-        let returns = observations.frames.par_iter().map(labelled).collect();
-        Self { observations, zoomed, images: downsampled(observations, zoomed, grid.cell_height), returns }
+    pub fn new(
+        observations: &'a Observations,
+        zoomed: &'a Zoomed,
+        images: &SphericalImages,
+        cell: f64,
+    ) -> Self {
+        let directed = |&(point, class): &LabelledReturn| (to_f64(&point).normalize(), class);
+        let returns = images.returns.par_iter().map(|r| r.iter().map(directed).collect()).collect();
+        Self { observations, zoomed, images: downsampled(observations, zoomed, cell), returns }
     }
 
     /// The returns of each frame that a picture placed within `reach` of `placement` may show.

@@ -15,13 +15,15 @@ use crate::error::Result;
 use crate::label_image::LabelImage;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
-use crate::spherical::SphericalGrid;
+use crate::spherical::SphericalImages;
 use crate::zoom::{Placement, Zoom, Zoomed, majority};
 use exhaustive::Candidate;
 use local::Level;
 
 /// Cells are small enough for so many across the picture: in the exhaustive search, and in Powell's.
 const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
+/// Hypotheses may lie close enough for so many across the picture.
+const SEPARATIONS_ACROSS: f64 = 4.0;
 
 /// How the registration searches. Angles in radians.
 #[derive(Clone, Copy, Debug)]
@@ -65,20 +67,21 @@ pub struct Hypothesis {
 /// No placement overlaps labelled points with labelled pixels.
 pub fn register(
     observations: &Observations,
-    grid: &SphericalGrid,
+    images: &SphericalImages,
     config: &RegistrationConfig,
 ) -> Result<Vec<Hypothesis>> {
     let zoomed = Zoomed::new(&observations.camera, config.zoom)?;
     let cell = config.coarse_cell.min(zoomed.horizontal_fov() / CELLS_ACROSS.0);
-    let candidates = exhaustive::search(observations, &zoomed, grid, &grid.coarsened(cell), config)?;
+    let candidates = exhaustive::search(observations, &zoomed, images, &images.grid.coarsened(cell), config)?;
     let of = |c: &Candidate| (c.placement, c.mutual_information);
-    let starts = separate(candidates, config.separation, config.num_hypotheses, of);
+    let separation = config.separation.min(zoomed.horizontal_fov() / SEPARATIONS_ACROSS);
+    let starts = separate(candidates, separation, config.num_hypotheses, of);
     let cell = config.fine_cell.min(zoomed.horizontal_fov() / CELLS_ACROSS.1);
-    let level = Level::new(observations, &zoomed, grid.coarsened(cell));
+    let level = Level::new(observations, &zoomed, images, cell);
     let refined: Vec<Hypothesis> =
         starts.par_iter().map(|start| level.refine(&start.placement, config)).collect();
     let of = |h: &Hypothesis| (h.placement, h.mutual_information);
-    Ok(separate(refined, 0.5 * config.separation, config.num_hypotheses, of))
+    Ok(separate(refined, 0.5 * separation, config.num_hypotheses, of))
 }
 
 /// The best, best first, up to `limit`, each at least `separation` away from all better ones; equals keep their order.

@@ -4,28 +4,27 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
-from semcal_cli.cli.options import device_option, drive_argument, init_option, result_options, zoom_option
+from semcal_cli.cli.options import device_option, drive_argument, make_search, result_options, search_options
 
 
 @click.command()
 @drive_argument
-@init_option(required=False, help_text="Start at this transform instead of searching all mounting directions")
-@zoom_option
+@search_options
 @device_option
 @result_options
 def calibrate(
     drive: Path,
-    init: Path | None,
-    zoom: str | None,
     device: str,
     output: Path | None,
     log: Path | None,
     seed: int,
     threads: int | None,
     quiet: bool,
+    **search: Any,
 ) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
 
@@ -33,13 +32,8 @@ def calibrate(
     an answer was written but is not trusted.
     """
     from semcal_cli.cli.session import Session
-    from semcal_cli.formats import read_transform
-    from semcal_cli.initialization import InitializationConfig
 
-    if init and zoom:
-        raise click.UsageError("--zoom is for the search that --init replaces: give one of them")
-    given = (read_transform(init), init) if init else None
-    config = InitializationConfig(zoom=zoom) if zoom else InitializationConfig()
+    config, given = make_search(**search)
     with Session(drive, output, log, seed, threads, quiet) as session:
-        code = session.finish(session.run.calibrate(session.folder, given, config, device))
+        code = session.finish(session.run.calibrate(session.folder, config, given, device))
     sys.exit(code)

@@ -4,35 +4,37 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
-from semcal_cli.cli.options import drive_argument, result_options, zoom_option
+from semcal_cli.cli.options import drive_argument, make_search, result_options, search_options
 
 
 @click.command()
 @drive_argument
-@zoom_option
+@search_options
 @result_options
 def initialize(
     drive: Path,
-    zoom: str | None,
     output: Path | None,
     log: Path | None,
     seed: int,
     threads: int | None,
     quiet: bool,
+    **search: Any,
 ) -> None:
-    """Find the initial calibration of DRIVE from nothing, without refining it."""
-    from semcal_cli.cli.session import Session
-    from semcal_cli.initialization import InitializationConfig
+    """Find the initial calibration of DRIVE from nothing, without refining it.
 
-    config = InitializationConfig(zoom=zoom) if zoom else InitializationConfig()
+    Lists the hypotheses, best first. Exit code 3 means that an answer was written but is not trusted.
+    """
+    from semcal_cli.cli.session import Session
+
+    config, given = make_search(**search)
     with Session(drive, output, log, seed, threads, quiet) as session:
         observations = session.run.load()
-        hypotheses = session.run.initialize(observations, config)
-        for hypothesis in hypotheses:
-            session.show(hypothesis)
+        hypotheses = session.run.initialize(observations, config, given)
+        session.show(hypotheses)
         best = hypotheses[0].T_camera_lidar
-        code = session.finish(session.run.result(observations, best, [], session.folder))
+        code = session.finish(session.run.result(observations, best, session.folder))
     sys.exit(code)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -82,13 +83,18 @@ class Session:
         self._summarise(calibration)
         return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
 
-    def show(self, hypothesis: Hypothesis) -> None:
-        """Print a hypothesis of the initial calibration."""
-        looks_along = _row(hypothesis.T_camera_lidar[2, :3].tolist())
+    def show(self, hypotheses: Sequence[Hypothesis]) -> None:
+        """Print the hypotheses of the initial calibration."""
         self.console.print(
-            f"  MI {hypothesis.mutual_information_nats:.4f} nats   looks along {looks_along}   "
-            f"overlap {hypothesis.overlap:.0%}"
+            "            MI, nats          looks along (LiDAR frame)           overlap    cells  inliers"
         )
+        for number, h in enumerate(hypotheses, start=1):
+            looks_along = " ".join(f"{x:8.4f}" for x in h.T_camera_lidar[2, :3])
+            self.console.print(
+                f"  {number:>2}.  {h.mutual_information_nats:8.4f} +- {h.sigma_nats:6.4f}   {looks_along}   "
+                f"{h.overlap:7.0%}  {h.num_cells:7,}  {h.num_inliers:7,}",
+                markup=False,
+            )
 
     def _progress(self, doing: str) -> None:
         if self._status is not None:

@@ -1,31 +1,37 @@
-"""Prints a Markdown table: the initial calibration against the truth, over mountings, sensors, lenses and label noise.
+"""Prints Markdown tables: the initial calibration against the truth, over mountings, sensors, lenses and label noise.
 
 python tests/benchmarks/initialization.py --pool DIR --first-seed 2000 --seeds 20
 
-Drives are synthesised once and kept in DIR; each is used with its four frames, and with each frame alone.
+Each drive is used with its four frames, and with each frame alone. Drives and results are kept in DIR, so that a run
+that was stopped goes on where it was.
 """
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
+from semcal_cli import _core
 from semcal_cli.drive import read_drive
 from semcal_cli.formats import read_transform
-from semcal_cli.initialization import InitializationConfig, initialize
+from semcal_cli.initialization import AlignmentConfig, InitializationConfig, initialize, margin, runner_up
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations, load_observations
+from semcal_cli.pipeline import MIN_RUNNER_UP_MARGIN
 from semcal_cli.synthesis import synthesize
 from semcal_cli.synthesis_config import SynthConfig
 
 NUM_FRAMES = 4
-ANY_ROLL = 180.0
+RIGHT_DEG = 5.0
+"""The refinement holds from here."""
 
 CONDITIONS: dict[str, dict[str, object]] = {
     "64 channels, 90-degree lens, any azimuth": {},
@@ -53,21 +59,179 @@ CONDITIONS: dict[str, dict[str, object]] = {
 }
 
 
+ANY_ROLL = [name for name in CONDITIONS if "--roll any" in name]
+
+REGISTERED = InitializationConfig(alignment=AlignmentConfig(block_deg=(), num_kept=()))
+"""Stops at PnP."""
+VARIANTS = {
+    "exact": InitializationConfig(),
+    "paper": InitializationConfig(zoom="paper"),
+    "exact, as registered": REGISTERED,
+    "paper, as registered": replace(REGISTERED, zoom="paper"),
+}
+COMPARED = [
+    "64 channels, 90-degree lens, any azimuth",
+    "35-degree lens",
+    "100-degree lens",
+    "50 % wrong labels on both sides",
+    "camera pitched 35 degrees down",
+]
+"""Conditions on which the variants are compared."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """One initial calibration."""
+
+    condition: str
+    seed: int
+    variant: str
+    frames: tuple[int, ...]
+    rotation_deg: float
+    camera_center_cm: float
+    margin: float | None
+    seconds: float
+
+    @property
+    def is_right(self) -> bool:
+        return self.rotation_deg <= RIGHT_DEG
+
+    @property
+    def is_trusted(self) -> bool:
+        return self.margin is None or self.margin >= MIN_RUNNER_UP_MARGIN
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--pool", type=Path, required=True)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=2000)
-    parser.add_argument("--only-synthesise", action="store_true")
+    parser.add_argument("--jobs", type=int, default=2)
     arguments = parser.parse_args()
-    for name, changes in CONDITIONS.items():
-        for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds):
-            config = SynthConfig(**{"num_frames": NUM_FRAMES, "seed": seed, **changes})
-            path = arguments.pool / f"{name.replace(' ', '_')}_{seed}"
-            if not (path / "drive.yaml").exists():
-                synthesize(config, path, force=True)
-                for picture in (path / "images").iterdir():
-                    picture.unlink()
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    for condition in CONDITIONS:
+        for seed in seeds:
+            make_drive(arguments.pool, condition, seed)
+    file = arguments.pool / "results.jsonl"
+    done = read_results(file) if file.exists() else []
+    missing = [case for case in cases(seeds) if case not in {(r.condition, r.seed, r.variant) for r in done}]
+    with ProcessPoolExecutor(arguments.jobs, initializer=_core.set_num_threads, initargs=(1,)) as processes:
+        for results in processes.map(partial(run_case, arguments.pool), missing):
+            done += results
+            with file.open("a") as out:
+                out.writelines(json.dumps(asdict(result)) + "\n" for result in results)
+    done = [result for result in done if result.seed in seeds]
+    print_conditions(done)
+    print_variants(done)
+
+
+def cases(seeds: range) -> Iterator[tuple[str, int, str]]:
+    for variant in VARIANTS:
+        for condition in CONDITIONS if variant == "exact" else COMPARED:
+            for seed in seeds:
+                yield condition, seed, variant
+
+
+def drive_path(pool: Path, condition: str, seed: int) -> Path:
+    return pool / f"{condition.replace(' ', '_')}_{seed}"
+
+
+def make_drive(pool: Path, condition: str, seed: int) -> None:
+    path = drive_path(pool, condition, seed)
+    if not (path / "drive.yaml").exists():
+        synthesize(
+            SynthConfig(**{"num_frames": NUM_FRAMES, "seed": seed, **CONDITIONS[condition]}), path, force=True
+        )
+        for picture in (path / "images").iterdir():
+            picture.unlink()
+
+
+def read_results(file: Path) -> list[Result]:
+    results = [Result(**json.loads(line)) for line in file.read_text().splitlines()]
+    return [replace(result, frames=tuple(result.frames)) for result in results]
+
+
+def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
+    """Use all frames together, then each alone."""
+    condition, seed, variant = case
+    path = drive_path(pool, condition, seed)
+    observations, truth = load_observations(read_drive(path)), read_transform(path)
+    config = VARIANTS[variant]
+    if condition in ANY_ROLL:
+        config = replace(config, max_roll_deg=180.0)
+    results = []
+    for frames in (tuple(range(NUM_FRAMES)), *((frame,) for frame in range(NUM_FRAMES))):
+        chosen = only(observations, frames)
+        start = perf_counter()
+        hypotheses = initialize(chosen, config, seed=0)
+        seconds = perf_counter() - start
+        other = runner_up(hypotheses, config)
+        error = compare_poses(hypotheses[0].T_camera_lidar, truth)
+        results.append(
+            Result(
+                condition,
+                seed,
+                variant,
+                frames,
+                rotation_deg=error.rotation_deg,
+                camera_center_cm=error.camera_center_cm,
+                margin=None if other is None else margin(hypotheses[0], other),
+                seconds=seconds,
+            )
+        )
+    return results
+
+
+def only(observations: Observations, frames: tuple[int, ...]) -> Observations:
+    return replace(
+        observations,
+        points=[observations.points[i] for i in frames],
+        point_classes=[observations.point_classes[i] for i in frames],
+        image_classes=[observations.image_classes[i] for i in frames],
+    )
+
+
+def print_conditions(results: list[Result]) -> None:
+    print(
+        "\n| | 4 frames: right | not trusted | median error | 1 frame: right | wrong and trusted | "
+        "right and not trusted |\n|---|---|---|---|---|---|---|"
+    )
+    for condition in CONDITIONS:
+        pooled, single = (split(results, condition, "exact", n) for n in (NUM_FRAMES, 1))
+        print(
+            f"| {condition} | {share(r.is_right for r in pooled)} | {share(not r.is_trusted for r in pooled)} | "
+            f"{median_error(pooled)} | {share(r.is_right for r in single)} | "
+            f"{share(r.is_trusted and not r.is_right for r in single)} | "
+            f"{share(r.is_right and not r.is_trusted for r in single)} |"
+        )
+
+
+def print_variants(results: list[Result]) -> None:
+    print("\n| | frames | " + " | ".join(VARIANTS) + " |\n|---|---|" + "---|" * len(VARIANTS))
+    for condition in COMPARED:
+        for num_frames in (NUM_FRAMES, 1):
+            found = [split(results, condition, variant, num_frames) for variant in VARIANTS]
+            cells = [f"{share(r.is_right for r in part)}, {median_error(part)}" for part in found]
+            print(f"| {condition} | {num_frames} | " + " | ".join(cells) + " |")
+
+
+def split(results: list[Result], condition: str, variant: str, num_frames: int) -> list[Result]:
+    chosen = [r for r in results if r.condition == condition and r.variant == variant]
+    return [r for r in chosen if len(r.frames) == num_frames]
+
+
+def share(flags: Iterator[bool]) -> str:
+    values = list(flags)
+    return f"{sum(values)} of {len(values)}"
+
+
+def median_error(results: list[Result]) -> str:
+    """Median rotation and camera-centre errors."""
+    if not results:
+        return "none"
+    rotation = np.median([r.rotation_deg for r in results])
+    center = np.median([r.camera_center_cm for r in results])
+    return f"{rotation:.2f} deg, {center:.1f} cm"
 
 
 if __name__ == "__main__":
