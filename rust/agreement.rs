@@ -146,3 +146,28 @@ impl Blocks {
         at(pixel.y) * self.columns + at(pixel.x)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn diagonal(first: f64, second: f64) -> JointHistogram {
+        let mut joint = JointHistogram::new(2, 2);
+        joint.add(0, 0, first);
+        joint.add(1, 1, second);
+        joint
+    }
+
+    #[test]
+    fn the_standard_error_comes_from_the_differences_between_clusters() {
+        // Pairs of the classes have -log 3/4 and -log 1/4; their mean is the entropy.
+        let clusters = [diagonal(6.0, 0.0), diagonal(0.0, 2.0)];
+        let joint = diagonal(6.0, 2.0);
+        let gap = 6.0 * (-(0.75f64.ln()) - joint.mutual_information()) / 8.0;
+        let expected = (2.0 * (gap * gap + gap * gap)).sqrt();
+        assert!((standard_error(&joint, &[&clusters[0], &clusters[1]]) - expected).abs() < 1e-12);
+        let alike = [diagonal(3.0, 1.0), diagonal(3.0, 1.0)];
+        assert!(standard_error(&joint, &[&alike[0], &alike[1]]) < 1e-12);
+        assert_eq!(standard_error(&joint, &[&joint]), f64::INFINITY);
+    }
+}

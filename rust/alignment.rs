@@ -143,9 +143,10 @@ impl<'a> Level<'a> {
     /// The mutual information of the points that are on the picture now.
     fn assess(&self, pose: &Isometry3<f64>) -> Aligned {
         let samples = self.samples(pose);
+        let to_camera = to_camera(pose);
         let mut joint = self.empty_joint();
         for sample in &samples {
-            if let Some(pixel) = self.observations.camera.project(&apply(pose, &sample.position)) {
+            if let Some(pixel) = self.observations.camera.project(&to_camera(&sample.position)) {
                 let sampled = self.maps[sample.frame as usize].at(&pixel);
                 sampled.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
             }
@@ -160,9 +161,10 @@ impl<'a> Level<'a> {
 
     /// The points on labelled pixels.
     fn samples(&self, pose: &Isometry3<f64>) -> Vec<Sample> {
+        let to_camera = to_camera(pose);
         let camera = &self.observations.camera;
         let sample = |&(position, class, frame): &(Vector3<f64>, u8, u32)| {
-            let pixel = camera.project(&apply(pose, &position)).filter(|pixel| camera.contains(pixel))?;
+            let pixel = camera.project(&to_camera(&position)).filter(|pixel| camera.contains(pixel))?;
             let weight = self.maps[frame as usize].at(&pixel).total() as f32;
             (weight > 0.0).then_some(Sample { position, class, frame, weight })
         };
@@ -174,11 +176,12 @@ impl<'a> Level<'a> {
     /// A sideways translation and the rotation that nearly undoes it in the picture become one strong and one weak motion,
     /// and the climb goes along both at one pace instead of creeping along a valley between them.
     fn unit_motions(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Matrix6<f64> {
+        let to_camera = to_camera(pose);
         let camera = &self.observations.camera;
         let mut moved = Matrix6::zeros();
         let mut ranges = Vec::new();
         for sample in samples.iter().take(MAX_MOTION_POINTS) {
-            let p_camera = apply(pose, &sample.position);
+            let p_camera = to_camera(&sample.position);
             if let Some((_, jacobian)) = camera.project_with_jacobian(&p_camera) {
                 let mut motion = Matrix2x6::zeros();
                 motion.fixed_columns_mut::<3>(0).copy_from(&jacobian);
@@ -203,11 +206,12 @@ impl<'a> Level<'a> {
     /// `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from
     /// the marginals cancel.
     fn gradient(&self, batch: &[Sample], pose: &Isometry3<f64>) -> Vector6<f64> {
+        let to_camera = to_camera(pose);
         let camera = &self.observations.camera;
         let mut joint = self.empty_joint();
         let mut at_edges = Vec::with_capacity(batch.len());
         for sample in batch {
-            let p_camera = apply(pose, &sample.position);
+            let p_camera = to_camera(&sample.position);
             let Some(pixel) = camera.project(&p_camera) else { continue };
             let sampled = self.maps[sample.frame as usize].at(&pixel);
             sampled.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
@@ -230,9 +234,10 @@ impl<'a> Level<'a> {
     }
 }
 
-#[inline]
-fn apply(pose: &Isometry3<f64>, point: &Vector3<f64>) -> Vector3<f64> {
-    pose.rotation * point + pose.translation.vector
+/// Maps points from the LiDAR frame to the camera frame.
+fn to_camera(pose: &Isometry3<f64>) -> impl Fn(&Vector3<f64>) -> Vector3<f64> {
+    let (rotation, translation) = (*pose.rotation.to_rotation_matrix().matrix(), pose.translation.vector);
+    move |point| rotation * point + translation
 }
 
 /// The pose with the camera's centre moved to the nearest place that is within `max_baseline` of the LiDAR.
@@ -258,5 +263,121 @@ impl Adam {
         let mean = self.mean / (1.0 - mean_decay.powi(self.steps));
         let square = self.square / (1.0 - square_decay.powi(self.steps));
         mean.zip_map(&square, |m, s| m / (s.sqrt() + ADAM_EPSILON))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Camera;
+    use crate::label_image::LabelImage;
+    use proptest::prelude::*;
+
+    const WIDTH: usize = 64;
+    const HEIGHT: usize = 48;
+
+    /// A picture of blobs, and points before it that carry the classes of their pixels at the identity.
+    fn scene(shift: f64) -> Observations {
+        let k = [[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("plumb_bob", (WIDTH, HEIGHT), k, &[0.05, -0.01, 0.001, 0.002])
+            .expect("a valid camera");
+        let class = |u: f64, v: f64| {
+            u8::from((u / 9.0 + shift).sin() + (v / 7.0).cos() > 0.2) + u8::from((u * v / 300.0).sin() > 0.6)
+        };
+        let pixels = (0..HEIGHT).flat_map(|v| (0..WIDTH).map(move |u| (u as f64, v as f64)));
+        let ids = pixels.map(|(u, v)| class(u, v)).collect();
+        let (mut points, mut point_classes) = (Vec::new(), Vec::new());
+        for i in 0..900 {
+            let pixel = nalgebra::Point2::new(f64::from(i % 30) * 2.1 + 0.3, f64::from(i / 30) * 1.55 + 0.4);
+            if let Some(ray) = camera.unproject(&pixel) {
+                let point = ray * (4.0 + f64::from(i % 7));
+                points.push([point.x as f32, point.y as f32, point.z as f32]);
+                point_classes.push(class(pixel.x, pixel.y));
+            }
+        }
+        let image_classes = LabelImage { width: WIDTH, height: HEIGHT, ids };
+        let frame = Frame { points, point_classes, image_classes };
+        Observations::new(camera, vec![frame], 3, 3).expect("valid observations")
+    }
+
+    fn config() -> AlignmentConfig {
+        AlignmentConfig {
+            factor: 4,
+            steps: 60,
+            batch_size: 500,
+            step_size: 0.2,
+            final_step: 0.05,
+            max_baseline: 1.0,
+            max_points: 10_000,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_gradient_is_that_of_finite_differences(twist in prop::array::uniform6(-0.02..0.02f64)) {
+            const STEP: f64 = 1e-7;
+            // One point in 900 may cross the middle of a block within the step, where the slope jumps.
+            const ONE_POINT: f64 = 0.01;
+            let observations = scene(0.3);
+            let level = Level::new(&observations, &config());
+            let pose = se3::exp(&Vector6::from(twist));
+            let samples = level.samples(&pose);
+            let value = |pose: &Isometry3<f64>| {
+                let to_camera = to_camera(pose);
+                let mut joint = level.empty_joint();
+                for sample in &samples {
+                    let pixel = observations.camera.project(&to_camera(&sample.position)).expect("in front");
+                    level.maps[0].at(&pixel).add_to(joint.row_mut(sample.class), f64::from(sample.weight));
+                }
+                joint.mutual_information()
+            };
+            let gradient = level.gradient(&samples, &pose);
+            for axis in 0..6 {
+                let mut step = Vector6::zeros();
+                step[axis] = STEP;
+                let slope = (value(&(se3::exp(&step) * pose)) - value(&(se3::exp(&-step) * pose))) / (2.0 * STEP);
+                prop_assert!((slope - gradient[axis]).abs() < ONE_POINT * gradient.norm(), "{axis}: {slope} {gradient}");
+            }
+        }
+    }
+
+    #[test]
+    fn unit_motions_move_the_points_by_one_block_each() {
+        let observations = scene(0.0);
+        let level = Level::new(&observations, &config());
+        let pose = Isometry3::identity();
+        let samples = level.samples(&pose);
+        let motions = level.unit_motions(&samples, &pose);
+        const STEP: f64 = 1e-4;
+        for motion in motions.column_iter() {
+            let moved_pose = se3::exp(&(motion * STEP));
+            let moved = to_camera(&moved_pose);
+            let pixel = |p: &Vector3<f64>| observations.camera.project(p).expect("in front");
+            let square = |s: &Sample| (pixel(&moved(&s.position)) - pixel(&s.position)).norm_squared();
+            let mean = samples.iter().map(square).sum::<f64>() / samples.len() as f64;
+            let blocks = mean.sqrt() / (STEP * level.factor as f64);
+            // Less than one only where the longest translation limits it.
+            assert!(blocks < 1.01 && blocks > 0.1, "{blocks}");
+        }
+    }
+
+    #[test]
+    fn a_climb_finds_the_way_back() {
+        let observations = scene(0.0);
+        let config = AlignmentConfig { factor: 2, steps: 150, ..config() };
+        let start = se3::exp(&Vector6::new(0.15, -0.1, 0.1, 0.03, -0.04, 0.05));
+        let aligned = &align(&observations, &[start], &config, 0)[0];
+        let error = |pose: &Isometry3<f64>| (pose.rotation.angle(), pose.translation.vector.norm());
+        let ((angle, distance), (start_angle, start_distance)) = (error(&aligned.pose), error(&start));
+        assert!(angle < 0.25 * start_angle && distance < 0.5 * start_distance, "{angle} {distance}");
+    }
+
+    #[test]
+    fn the_camera_stays_within_the_baseline() {
+        let observations = scene(0.0);
+        let start = Isometry3::translation(0.3, 0.0, 0.0);
+        let near = AlignmentConfig { max_baseline: 0.1, ..config() };
+        let pose = align(&observations, &[start], &near, 0)[0].pose;
+        assert!(pose.translation.vector.norm() <= 0.1 + 1e-12);
     }
 }

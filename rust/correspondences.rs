@@ -47,8 +47,7 @@ pub fn sample(
     seed: u64,
 ) -> Result<Vec<Vec<Correspondence>>> {
     let zoomed = Zoomed::new(&observations.camera, zoom)?;
-    let num_returns: usize = images.returns.iter().map(Vec::len).sum();
-    let stride = num_returns.div_ceil(MAX_RETURNS).max(1);
+    let stride = images.num_returns().div_ceil(MAX_RETURNS).max(1);
     let sample = |hypothesis: &Hypothesis| {
         let mut pairs = agreeing(observations, &zoomed, images, stride, hypothesis);
         pairs.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));

@@ -59,23 +59,20 @@ impl JointHistogram {
 
     /// `log p(x,y) / (p(x) p(y))` of each pair; minus infinity where a pair was never seen.
     pub fn pointwise(&self) -> Vec<f64> {
+        self.pointwise_at_least(0.0)
+    }
+
+    /// The same, with `floor` for the weight of pairs and of classes that were seen less: finite, for gradients.
+    pub fn pointwise_at_least(&self, floor: f64) -> Vec<f64> {
         let (rows, columns) = self.marginals();
         let total = self.total();
         let cell = |(index, &weight): (usize, &f64)| {
-            let row = rows[index / self.num_image_classes];
-            let column = columns[index % self.num_image_classes];
+            let row = rows[index / self.num_image_classes].max(floor);
+            let column = columns[index % self.num_image_classes].max(floor);
+            let weight = weight.max(floor);
             if weight > 0.0 { (weight * total / (row * column)).ln() } else { f64::NEG_INFINITY }
         };
         self.weights.iter().enumerate().map(cell).collect()
-    }
-
-    /// The same, with `floor` for the weight of pairs that were seen less: finite, for gradients.
-    pub fn pointwise_at_least(&self, floor: f64) -> Vec<f64> {
-        let raised = Self {
-            num_image_classes: self.num_image_classes,
-            weights: self.weights.iter().map(|w| w.max(floor)).collect(),
-        };
-        raised.pointwise()
     }
 
     /// The weights of a point class.

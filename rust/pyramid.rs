@@ -197,4 +197,24 @@ mod tests {
         let image = LabelImage { width: 5, height: 2, ids };
         assert_eq!(class_shares(&image, 2, 2), [128, 64, 0, 255]);
     }
+
+    #[test]
+    fn shares_are_bilinear_between_the_centres_of_blocks() {
+        let ids = vec![0, 0, 1, 1, 0, 0, 1, 1, 0, 0, NO_CLASS, 2, 0, 0, 2, 2];
+        let map = ShareMap::new(&LabelImage { width: 4, height: 4, ids }, 3, 2);
+        let shares = |u: f64, v: f64| {
+            let mut classes = [0.0; 3];
+            let sampled = map.at(&Point2::new(u, v));
+            sampled.add_to(&mut classes, 1.0);
+            (classes, sampled.total())
+        };
+        assert_eq!(shares(0.5, 0.5), ([1.0, 0.0, 0.0], 1.0));
+        assert_eq!(shares(-3.0, 9.0), ([1.0, 0.0, 0.0], 1.0));
+        let (classes, total) = shares(1.5, 1.5);
+        // A quarter of one of the four blocks has no class.
+        let three_quarters = 191.0 / 255.0;
+        assert!((total - (3.0 + three_quarters) / 4.0).abs() < 1e-12);
+        assert!((classes[0] - 2.0 / (3.0 + three_quarters)).abs() < 1e-12);
+        assert!((classes.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
 }

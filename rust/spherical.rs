@@ -197,6 +197,11 @@ impl SphericalImages {
         };
         Self { grid, returns: observations.frames.par_iter().map(labelled).collect() }
     }
+
+    /// Returns of all frames.
+    pub fn num_returns(&self) -> usize {
+        self.returns.iter().map(Vec::len).sum()
+    }
 }
 
 /// The cells of about a degree that any point of any sweep falls into.
@@ -231,11 +236,9 @@ impl Filled {
         self.rows().enumerate().map(|(row, count)| count as f64 * of_cell(row)).sum()
     }
 
-    /// The share of the turn that is filled, on average over the rows that are filled at all.
+    /// The share of the turn that is filled, in the row where it is largest.
     fn share_of_turn(&self) -> f64 {
-        let (rows, cells) =
-            self.rows().filter(|&count| count > 0).fold((0, 0), |(r, c), count| (r + 1, c + count));
-        cells as f64 / (rows.max(1) * Self::COLUMNS) as f64
+        self.rows().max().unwrap_or(0) as f64 / Self::COLUMNS as f64
     }
 }
 
@@ -266,6 +269,7 @@ pub fn from_angles(azimuth: f64, elevation: f64) -> Vector3<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::world::ScanPattern;
     use proptest::prelude::*;
 
     fn grid() -> SphericalGrid {
@@ -284,6 +288,42 @@ mod tests {
         let index = grid().project(&[point(9.0), point(3.0), point(3.0), point(5.0)]);
         let filled: Vec<u32> = index.into_iter().filter(|&i| i != EMPTY).collect();
         assert_eq!(filled, [1]);
+    }
+
+    fn sweep(pattern: ScanPattern) -> Vec<[f32; 3]> {
+        let ranged =
+            |(i, direction): (usize, Vector3<f64>)| (direction * (5.0 + (i % 17) as f64)).map(|x| x as f32);
+        pattern.directions(0).into_iter().enumerate().map(ranged).map(Into::into).collect()
+    }
+
+    #[test]
+    fn channels_and_columns_are_found_in_the_points() {
+        for (channels, columns) in [(16, 1800), (32, 1024), (64, 512), (128, 1024)] {
+            let sweep =
+                sweep(ScanPattern::Spinning { channels, columns, fov_up_deg: 15.0, fov_down_deg: -25.0 });
+            let grid = SphericalGrid::estimate(&[&sweep]).expect("a grid");
+            assert_eq!((grid.rows, grid.columns), (channels, columns));
+            assert!((grid.top - 0.5 * grid.cell_height - 15f64.to_radians()).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn a_rosette_fills_its_cells() {
+        let points = 40_000;
+        let sweep = sweep(ScanPattern::Rosette { points, fov_up_deg: 52.0, fov_down_deg: -7.0 });
+        let grid = SphericalGrid::estimate(&[&sweep]).expect("a grid");
+        let filled = grid.project(&sweep).iter().filter(|&&i| i != EMPTY).count();
+        let cells = grid.rows * grid.columns;
+        assert!(filled as f64 > 0.6 * cells as f64, "{filled} of {cells} cells");
+        assert!(cells > points / 5, "{cells} cells are few for {points} points");
+    }
+
+    #[test]
+    fn a_flat_or_an_empty_sweep_has_no_grid() {
+        let flat: Vec<[f32; 3]> = (0..100).map(|i| [i as f32 - 50.0, 3.0, 0.0]).collect();
+        for sweep in [flat, Vec::new()] {
+            assert!(SphericalGrid::estimate(&[&sweep]).is_err());
+        }
     }
 
     proptest! {

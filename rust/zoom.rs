@@ -107,7 +107,7 @@ impl<'a> Zoomed<'a> {
             return (half, half);
         }
         let down = Vector3::new(sin, cos, 0.0);
-        let below = self.border.iter().map(|ray| ray.dot(&down).clamp(-1.0, 1.0).asin());
+        let below = self.border.iter().map(|ray| ray.dot(&down).atan2(ray.z));
         below.fold((0.0, 0.0), |(above, most), angle| (f64::max(above, -angle), f64::max(most, angle)))
     }
 

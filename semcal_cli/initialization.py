@@ -26,11 +26,11 @@ MIN_POINTS_OF_MOST = 0.02
 class AlignmentConfig:
     """How hypotheses climb the mutual information over SE(3), on label images in blocks."""
 
-    block_deg: tuple[float, ...] = (0.75, 1.5, 0.75, 0.375)
-    """Each level has the largest power-of-two block, in pixels, below this angle at the middle of the picture."""
-    num_kept: tuple[int, ...] = (8, 8, 6, 6)
+    blocks_across: tuple[int, ...] = (120, 60, 120, 240)
+    """Each level has the largest power-of-two block, in pixels, of which at least so many fit across the picture."""
+    num_kept: tuple[int, ...] = (12, 8, 6, 6)
     """The best hypotheses that go on from each level."""
-    steps: int = 30
+    steps: int = 60
     batch_size: int = 2048
     step_size: float = 0.2
     """Length of the first steps, in blocks; they fall along a cosine ..."""
@@ -38,7 +38,7 @@ class AlignmentConfig:
     """... to this share."""
     max_baseline_m: float = 3.0
     """The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
-    max_points: int = 200_000
+    max_points: int = 100_000
     """Points, over all frames and in all directions, that are looked at."""
     same_deg: float = 2.0
     """Hypotheses that come together to within this rotation have found the same pose."""
@@ -185,15 +185,17 @@ def _candidates(
 def _align(
     observations: Observations, candidates: Sequence[_Candidate], config: AlignmentConfig, seed: int
 ) -> list[_Candidate]:
-    """Climb over SE(3), coarse to fine, and drop after each level what is not among the best."""
-    pixels_per_degree = math.radians(observations.camera.K[0][0])
-    largest = min(observations.camera.width, observations.camera.height) / 4
-    for block_deg, num_kept in zip(config.block_deg, config.num_kept, strict=True):
-        block = min(max(block_deg * pixels_per_degree, 1.0), largest)
+    """Climb over SE(3), level by level, and drop after each what is not among the best.
+
+    The first level is a fine one: where sweep and picture overlap in a narrow band, coarse blocks would lose the truth
+    among the others. The coarse one after it gets poses off a ledge.
+    """
+    width = observations.camera.width
+    for blocks_across, num_kept in zip(config.blocks_across, config.num_kept, strict=True):
         aligned = _core.align(
             observations.core,
             [candidate.T_camera_lidar for candidate in candidates],
-            factor=2 ** int(math.log2(block)),
+            factor=2 ** int(math.log2(max(width / blocks_across, 1.0))),
             steps=config.steps,
             batch_size=config.batch_size,
             step_size=config.step_size,

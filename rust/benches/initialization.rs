@@ -86,7 +86,7 @@ fn alignment_config() -> AlignmentConfig {
         step_size: 0.2,
         final_step: 0.05,
         max_baseline: 3.0,
-        max_points: 200_000,
+        max_points: 100_000,
     }
 }
 

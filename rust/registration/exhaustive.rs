@@ -233,3 +233,62 @@ impl<'a> Counts<'a> {
         (if total > 0.0 { (sum - bias) / total } else { 0.0 }, total)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mutual_information::JointHistogram;
+    use crate::zoom::Zoom;
+    use nalgebra::Rotation3;
+    use proptest::prelude::*;
+
+    const CONFIG: RegistrationConfig = RegistrationConfig {
+        zoom: Zoom::Exact,
+        coarse_cell: 0.05,
+        fine_cell: 0.03,
+        max_roll: 0.26,
+        roll_step: 0.087,
+        around: None,
+        min_overlap: 0.1,
+        num_hypotheses: 8,
+        separation: 0.26,
+    };
+
+    proptest! {
+        #[test]
+        fn counts_have_the_information_of_the_joint_histogram(pairs in prop::collection::vec((0usize..5, 0usize..4), 1..300)) {
+            let n_log_n: Vec<f64> = (0..=300).map(|n| f64::from(n) * f64::from(n.max(1)).ln()).collect();
+            // The last row and the last column are those without a class.
+            let mut counts = Counts { width: 4, pairs: vec![0; 5 * 4], n_log_n: &n_log_n };
+            let mut joint = JointHistogram::new(4, 3);
+            for (row, column) in pairs {
+                counts.pairs[row * 4 + column] += 1;
+                if row < 4 && column < 3 {
+                    joint.add(row as u8, column as u8, 1.0);
+                }
+            }
+            let (information, total) = counts.mutual_information();
+            prop_assert_eq!(total, joint.total());
+            if total > 0.0 {
+                prop_assert!((information - (joint.mutual_information() - joint.bias())).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn every_roll_is_tried_once() {
+        let all = RegistrationConfig { max_roll: std::f64::consts::PI, ..CONFIG };
+        assert_eq!(rolls(&CONFIG).len(), 7);
+        assert_eq!(rolls(&all).len(), 72);
+    }
+
+    #[test]
+    fn a_narrowed_search_asks_for_nothing_else() {
+        let portrait = Placement { azimuth: 1.0, elevation: 0.2, roll: 1.5, scale: 1.0 };
+        let around: (Rotation3<f64>, f64) = (portrait.rotation(), 0.3);
+        let config = RegistrationConfig { around: Some(around), ..CONFIG };
+        let away = |roll: f64| Placement { roll: portrait.roll + roll, ..portrait };
+        assert!(is_asked_for(&away(0.29), &config) && !is_asked_for(&away(0.4), &config));
+        assert!(rolls(&config).iter().all(|roll| (roll - portrait.roll).abs() < 0.35));
+    }
+}

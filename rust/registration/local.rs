@@ -17,9 +17,9 @@ const SCALE_STEP: f64 = 0.1;
 /// Line searches end within this share of their bracket; finer means nothing on cells of this size.
 const TOLERANCE: f64 = 0.02;
 const MAX_ROUNDS: usize = 8;
-/// Of the returns near a placement every so manieth is used that at most this number are left, over all frames: more make
-/// the histogram no better.
-const MAX_RETURNS: usize = 10_000;
+/// Every so manieth return is used that at most this number are left, over all frames and directions: more make the
+/// histogram no better.
+const MAX_RETURNS: usize = 20_000;
 
 /// The unit direction (LiDAR frame) and the class of a return.
 type LabelledDirection = (Vector3<f64>, u8);
@@ -40,8 +40,10 @@ impl<'a> Level<'a> {
         images: &SphericalImages,
         cell: f64,
     ) -> Self {
+        let stride = images.num_returns().div_ceil(MAX_RETURNS).max(1);
         let directed = |&(point, class): &LabelledReturn| (to_f64(&point).normalize(), class);
-        let returns = images.returns.par_iter().map(|r| r.iter().map(directed).collect()).collect();
+        let returns =
+            images.returns.par_iter().map(|r| r.iter().step_by(stride).map(directed).collect()).collect();
         Self { observations, zoomed, images: downsampled(observations, zoomed, cell), returns }
     }
 
@@ -51,10 +53,7 @@ impl<'a> Level<'a> {
         let axis = from_angles(placement.azimuth, placement.elevation);
         let least = half_angle.min(PI).cos();
         let shown = |r: &&LabelledDirection| r.0.dot(&axis) >= least;
-        let near: Vec<Vec<LabelledDirection>> =
-            self.returns.iter().map(|r| r.iter().filter(shown).copied().collect()).collect();
-        let stride = near.iter().map(Vec::len).sum::<usize>().div_ceil(MAX_RETURNS).max(1);
-        near.into_iter().map(|r| r.into_iter().step_by(stride).collect()).collect()
+        self.returns.iter().map(|r| r.iter().filter(shown).copied().collect()).collect()
     }
 
     fn joint(&self, placement: &Placement, returns: &[Vec<LabelledDirection>]) -> JointHistogram {

@@ -61,7 +61,7 @@ CONDITIONS: dict[str, dict[str, object]] = {
 
 ANY_ROLL = [name for name in CONDITIONS if "--roll any" in name]
 
-REGISTERED = InitializationConfig(alignment=AlignmentConfig(block_deg=(), num_kept=()))
+REGISTERED = InitializationConfig(alignment=AlignmentConfig(blocks_across=(), num_kept=()))
 """Stops at PnP."""
 VARIANTS = {
     "exact": InitializationConfig(),
