@@ -104,18 +104,18 @@ def initialize(
 ) -> list[Hypothesis]:
     """Search all mounting directions, or those around a given one.
 
-    Registers the label images with the spherical images and solves PnP for each of the best placements. The registration
-    turns the picture and moves it nowhere, so the poses climb the mutual information over SE(3) on coarse label images
-    until they have found their translation, too. Then the exact mutual information in full resolution ranks them, so
-    that a wrong peak among coarse cells is caught.
+    Registers the label images with the spherical images and solves PnP for each of the best placements. The
+    registration turns the picture and moves it nowhere, so the poses climb the mutual information over SE(3) on coarse
+    label images until they have found their translation, too. Then the exact mutual information in full resolution
+    ranks them, so that a wrong peak among coarse cells is caught.
 
     Args:
         observations: Labelled points and label images.
         config: How to search.
         seed: Of every random choice.
-        T_given: A pose that is known about: the search is narrowed to rotations within `config.search_deg` of it and the
-            spherical images are taken from its camera centre; without `config.search_deg` there is no search, and only
-            this pose climbs.
+        T_given: A pose that is known about: the search is narrowed to rotations within `config.search_deg` of it and
+            the spherical images are taken from its camera centre; without `config.search_deg` there is no search, and
+            only this pose climbs.
 
     Returns:
         Hypotheses, best first.

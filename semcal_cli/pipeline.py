@@ -24,7 +24,7 @@ MIN_OVERLAP = 0.03
 """An answer whose points cover less of the picture than this is not trusted."""
 
 MIN_RUNNER_UP_MARGIN = 2.0
-"""An answer is not trusted unless another mounting direction is so many standard errors of mutual information behind."""
+"""An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
 
 
 @dataclass(frozen=True)

@@ -69,8 +69,8 @@ def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> P
     """Build T_camera_lidar from how a camera is mounted, as one measures it by hand.
 
     Args:
-        rpy_deg: Roll, pitch and yaw of the camera's body frame (x forward, y left, z up) in the LiDAR frame, as in URDF:
-            R = Rz(yaw) Ry(pitch) Rx(roll). Yaw turns to the left, pitch looks down, roll leans to the right.
+        rpy_deg: Roll, pitch and yaw of the camera's body frame (x forward, y left, z up) in the LiDAR frame, as in
+            URDF: R = Rz(yaw) Ry(pitch) Rx(roll). Yaw turns to the left, pitch looks down, roll leans to the right.
         center_m: The camera's centre, LiDAR frame.
     """
     T_lidar_camera = np.eye(4)

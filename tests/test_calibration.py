@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from semcal_cli.calibration import (
     Calibration,
+    HypothesisRecord,
     Input,
     InputFrame,
     Quality,
@@ -40,6 +41,18 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
             overlap=0.25,
             num_points=9,
             num_frames=1,
+            runner_up_margin=3.5,
+        ),
+        hypotheses=(
+            HypothesisRecord(
+                T_camera_lidar=np.eye(4).tolist(),
+                mutual_information_nats=1.0,
+                sigma_nats=None,
+                overlap=0.5,
+                num_cells=10,
+                num_inliers=20,
+                rotation_from_best_deg=0.0,
+            ),
         ),
         stages={"initial": Stage(T_camera_lidar=np.eye(4).tolist(), mutual_information_nats=1e-5)},
         input=Input(

@@ -14,12 +14,13 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from scipy.spatial.transform import Rotation
 
 from semcal_cli.calibration import read_calibration
 from semcal_cli.cli import EXIT_FAILURE, main
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.metrics import compare_poses
-from semcal_cli.poses import Pose
+from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
 
 EXIT_USAGE = 2
 Edit = Callable[[dict[str, Any], Path], object]
@@ -180,6 +181,12 @@ def test_what_is_wrong_is_said_before_the_work_begins(
     [
         ["calibrate"],
         ["calibrate", "d", "--init", "t", "--zoom", "paper"],
+        ["calibrate", "d", "--init", "t", "--init-rpy-xyz", "0", "0", "0", "0", "0", "0"],
+        ["calibrate", "d", "--init-rpy-xyz", "0", "0", "nan", "0", "0", "0"],
+        ["calibrate", "d", "--search-deg", "10"],
+        ["calibrate", "d", "--init", "t", "--roll", "any"],
+        ["initialize", "d", "--roll", "some"],
+        ["initialize", "d", "--max-baseline-m", "0"],
         ["calibrate", "d", "--seed", "-1"],
         ["refine", "d"],
         ["no-command"],
@@ -203,6 +210,30 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
     assert run(capfd, "initialize", street, "-o", tmp_path / "a.json", "-q") == (0, "", "")
     as_json = json.loads((tmp_path / "a.json").read_text())
     assert as_json["T_camera_lidar"] == yaml.safe_load(out)["T_camera_lidar"]
+    best, *others = as_json["hypotheses"]
+    assert best["T_camera_lidar"] == as_json["stages"]["initial"]["T_camera_lidar"]
+    assert best["num_inliers"] > 0
+    assert best["num_cells"] > 0
+    assert all(other["mutual_information_nats"] <= best["mutual_information_nats"] for other in others)
+    assert as_json["quality"]["runner_up_margin"] > 2.0
+
+
+def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    T_lidar_camera = inverse(street_truth)
+    body = T_lidar_camera[:3, :3] @ OPTICAL_AXES.T
+    rpy = Rotation.from_matrix(body).as_euler("xyz", degrees=True) + 5.0
+    numbers = [f"{x:.1f}" for x in (*rpy, *T_lidar_camera[:3, 3])]
+    for extra in ([], ["--search-deg", "15"]):
+        output = tmp_path / "out.yaml"
+        code, _, _ = run(capfd, "initialize", street, "--init-rpy-xyz", *numbers, *extra, "-o", output, "-q")
+        assert code == 0
+        calibration = read_calibration(output)
+        assert compare_poses(calibration.pose, street_truth).rotation_deg < 1.0
+        assert calibration.settings.options["given"] == "--init-rpy-xyz " + " ".join(
+            f"{float(x):g}" for x in numbers
+        )
 
 
 def test_calibrate_then_evaluate(
@@ -229,6 +260,20 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert calibration.status == "not_trusted"
     assert re.fullmatch(
         r"visible labelled points cover \d+\.\d% of the picture, needed are 110%", calibration.reasons[0]
+    )
+
+
+def test_a_runner_up_that_is_close_is_not_trusted(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("semcal_cli.pipeline.MIN_RUNNER_UP_MARGIN", 1000.0)
+    code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
+    assert code == EXIT_NOT_TRUSTED
+    (reason,) = read_calibration(tmp_path / "out.yaml").reasons
+    assert re.fullmatch(
+        r"a mounting \d+ degrees away explains the labels almost as well: \d\.\d{4} against \d\.\d{4} nats, "
+        r"\d+\.\d standard errors apart, needed 1000\.0; add frames",
+        reason,
     )
 
 

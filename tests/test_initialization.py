@@ -1,4 +1,5 @@
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -6,35 +7,64 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.errors import CalibrationError
-from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize
+from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize, margin, runner_up
+from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose, rotation_error_deg
+from semcal_cli.pipeline import MIN_RUNNER_UP_MARGIN
+from semcal_cli.poses import Pose, camera_center, inverse, rotation_error_deg
 
-IN_THE_BASIN_DEG = 8.0  # parallax of near objects is not modelled yet; the refinement holds from here
-SAME_PEAK_DEG = 2.0  # cells of the registration
+RIGHT_DEG = 1.0  # pictures of 640 x 360 climb on blocks of 2 pixels, a quarter of a degree
+RIGHT_CM = 15.0
 
 
-def from_nothing(observations: Observations, zoom: str = "exact") -> list[Hypothesis]:
-    return initialize(observations, InitializationConfig(zoom=zoom), seed=0)
+def from_nothing(
+    observations: Observations, T_given: Pose | None = None, **changes: object
+) -> list[Hypothesis]:
+    return initialize(observations, dataclasses.replace(InitializationConfig(), **changes), 0, T_given)
+
+
+def check(hypothesis: Hypothesis, T_true: Pose) -> None:
+    error = compare_poses(hypothesis.T_camera_lidar, T_true)
+    assert error.rotation_deg < RIGHT_DEG
+    assert error.camera_center_cm < RIGHT_CM
+
+
+def turned_about_z(T: Pose, angle_deg: float) -> Pose:
+    """The camera turned about the LiDAR's z axis."""
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_euler("z", angle_deg, degrees=True).as_matrix()
+    return T @ inverse(turn)
 
 
 @pytest.mark.parametrize("zoom", ["exact", "paper"])
-def test_the_mounting_direction_is_found(
-    street_observations: Observations, street_truth: Pose, zoom: str
-) -> None:
-    best, *others = from_nothing(street_observations, zoom)
-    assert rotation_error_deg(best.T_camera_lidar, street_truth) < IN_THE_BASIN_DEG
+def test_the_mounting_is_found(street_observations: Observations, street_truth: Pose, zoom: str) -> None:
+    best, *others = from_nothing(street_observations, zoom=zoom)
+    check(best, street_truth)
     assert all(other.mutual_information_nats <= best.mutual_information_nats for other in others)
 
 
-def test_a_turned_lidar_turns_the_answer(street_observations: Observations) -> None:
-    S = Rotation.from_rotvec([0.0, 0.0, 130.0], degrees=True).as_matrix()
-    turned = [(points @ S.T).astype(np.float32) for points in street_observations.points]
-    best = from_nothing(street_observations)[0].T_camera_lidar
-    best_turned = from_nothing(dataclasses.replace(street_observations, points=turned))[0].T_camera_lidar
-    expected = best.copy()
-    expected[:3, :3] = best[:3, :3] @ S.T
-    assert rotation_error_deg(best_turned, expected) < SAME_PEAK_DEG
+def test_a_turned_lidar_turns_the_answer(street_observations: Observations, street_truth: Pose) -> None:
+    S = np.eye(4)
+    S[:3, :3] = Rotation.from_rotvec([0.0, 0.0, 130.0], degrees=True).as_matrix()
+    turned = [(points @ S[:3, :3].T).astype(np.float32) for points in street_observations.points]
+    check(from_nothing(dataclasses.replace(street_observations, points=turned))[0], street_truth @ inverse(S))
+
+
+def test_a_portrait_camera_needs_all_rolls(street_observations: Observations, street_truth: Pose) -> None:
+    """A quarter turn of the pictures is a roll of the camera by 90 degrees."""
+    camera = street_observations.camera
+    (fx, _, cx), (_, fy, cy), _ = camera.K
+    # A pixel (u, v) goes to (v, width - 1 - u), so x becomes y and y becomes -x.
+    K = ((fy, 0.0, cy), (0.0, fx, camera.width - 1.0 - cx), (0.0, 0.0, 1.0))
+    portrait = dataclasses.replace(
+        street_observations,
+        camera=camera.model_copy(update={"width": camera.height, "height": camera.width, "K": K}),
+        image_classes=[np.ascontiguousarray(np.rot90(image)) for image in street_observations.image_classes],
+    )
+    quarter = np.array(
+        [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+    )
+    check(from_nothing(portrait, max_roll_deg=180.0)[0], quarter @ street_truth)
 
 
 def test_threads_do_not_change_a_bit(street_observations: Observations) -> None:
@@ -48,8 +78,57 @@ def test_threads_do_not_change_a_bit(street_observations: Observations) -> None:
 def test_without_a_lidar_block_the_grid_comes_from_the_points(
     street_observations: Observations, street_truth: Pose
 ) -> None:
-    best = from_nothing(dataclasses.replace(street_observations, lidar=None))[0]
-    assert rotation_error_deg(best.T_camera_lidar, street_truth) < IN_THE_BASIN_DEG
+    check(from_nothing(dataclasses.replace(street_observations, lidar=None))[0], street_truth)
+
+
+def test_a_given_pose_narrows_the_search(street_observations: Observations, street_truth: Pose) -> None:
+    check(
+        from_nothing(street_observations, turned_about_z(street_truth, 20.0), search_deg=25.0)[0],
+        street_truth,
+    )
+    # Where it looks elsewhere, the truth is not found: the climbs end within their own reach of where they began.
+    elsewhere = turned_about_z(street_truth, 120.0)
+    for hypothesis in from_nothing(street_observations, elsewhere, search_deg=20.0):
+        assert rotation_error_deg(hypothesis.T_camera_lidar, street_truth) > 45.0
+
+
+def test_a_given_pose_replaces_the_search(street_observations: Observations, street_truth: Pose) -> None:
+    (only,) = from_nothing(street_observations, turned_about_z(street_truth, 8.0))
+    check(only, street_truth)
+
+
+def test_the_camera_stays_within_the_baseline(street_observations: Observations) -> None:
+    config = InitializationConfig()
+    near = dataclasses.replace(config, alignment=dataclasses.replace(config.alignment, max_baseline_m=0.05))
+    for hypothesis in initialize(street_observations, near, seed=0):
+        assert np.linalg.norm(camera_center(hypothesis.T_camera_lidar)) < 0.051
+
+
+def test_a_runner_up_says_something_else(street_observations: Observations) -> None:
+    config = InitializationConfig()
+    hypotheses = initialize(street_observations, config, seed=0)
+    other = runner_up(hypotheses, config)
+    assert other is not None
+    assert rotation_error_deg(other.T_camera_lidar, hypotheses[0].T_camera_lidar) >= config.runner_up_deg
+    assert margin(hypotheses[0], other) > MIN_RUNNER_UP_MARGIN
+    for a, b in itertools.pairwise(hypotheses):
+        assert a.mutual_information_nats >= b.mutual_information_nats
+
+
+def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations: Observations) -> None:
+    """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
+    half_turn = np.float32([-1.0, -1.0, 1.0])
+    doubled = dataclasses.replace(
+        street_observations,
+        points=[np.concatenate([p, p * half_turn]) for p in street_observations.points],
+        point_classes=[np.concatenate([c, c]) for c in street_observations.point_classes],
+    )
+    config = InitializationConfig()
+    hypotheses = initialize(doubled, config, seed=0)
+    other = runner_up(hypotheses, config)
+    assert other is not None
+    assert rotation_error_deg(other.T_camera_lidar, hypotheses[0].T_camera_lidar) > 170.0
+    assert margin(hypotheses[0], other) < MIN_RUNNER_UP_MARGIN
 
 
 def test_pictures_without_labels_overlap_nothing(street_observations: Observations) -> None:

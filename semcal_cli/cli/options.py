@@ -83,8 +83,8 @@ SEARCH_OPTIONS = (
         type=float,
         nargs=6,
         metavar="R P Y X Y Z",
-        help="Likewise, as one measures it by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the left, pitch "
-        "looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR frame.",
+        help="Likewise, as one measures it by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the left, "
+        "pitch looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR frame.",
     ),
     click.option(
         "--search-deg",
