@@ -16,6 +16,7 @@ use crate::observation::{Frame, NO_CLASS, Observations};
 use crate::pyramid::{Sampled, ShareMap};
 use crate::se3;
 use crate::spherical::to_f64;
+use crate::thinning::{stride, thinned};
 
 /// Decay rates of Adam's two moments (Kingma and Ba, arXiv 1412.6980).
 const ADAM_DECAY: (f64, f64) = (0.9, 0.99);
@@ -45,7 +46,7 @@ pub struct AlignmentConfig {
     /// The camera stays within this distance of the LiDAR, metres: where labels hardly tell the translation, a climb would
     /// otherwise leave the rig.
     pub max_baseline: f64,
-    /// Of the labelled points every so manieth is used that at most this number are left, over all frames.
+    /// The points are thinned to at most this number, over all frames and directions.
     pub max_points: usize,
 }
 
@@ -104,12 +105,10 @@ impl<'a> Level<'a> {
             ShareMap::new(&frame.image_classes, observations.num_image_classes, config.factor)
         };
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
-        let stride = num_points.div_ceil(config.max_points).max(1);
+        let stride = stride(num_points, config.max_points);
         let labelled = |(index, frame): (usize, &'a Frame)| {
-            let points = frame.points.iter().zip(&frame.point_classes).step_by(stride);
-            points
-                .filter(|&(_, &class)| class != NO_CLASS)
-                .map(move |(point, &class)| (to_f64(point), class, index as u32))
+            let point = move |i: usize| (to_f64(&frame.points[i]), frame.point_classes[i], index as u32);
+            thinned(frame.points.len(), stride).map(point).filter(|&(_, class, _)| class != NO_CLASS)
         };
         Self {
             observations,

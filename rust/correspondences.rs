@@ -12,6 +12,7 @@ use crate::label_image::LabelImage;
 use crate::observation::{NO_CLASS, Observations};
 use crate::registration::Hypothesis;
 use crate::spherical::{LabelledReturn, SphericalImages, to_f64};
+use crate::thinning::{stride, thinned};
 use crate::zoom::{Zoom, Zoomed};
 
 /// The picture is divided into so many columns and rows, and range into so many bands, over which pairs are spread.
@@ -21,7 +22,7 @@ const RANGE_BANDS: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
 /// A band of a block that holds fewer pairs than its share leaves the rest to the others.
 const SHARE_MARGIN: usize = 3;
 
-/// Every so manieth return is used that at most this number are left, over all frames and directions.
+/// Returns are thinned to at most this number, over all frames and directions.
 const MAX_RETURNS: usize = 200_000;
 
 /// A LiDAR point (metres, LiDAR frame) and the raw pixel that the registration puts it on.
@@ -47,7 +48,7 @@ pub fn sample(
     seed: u64,
 ) -> Result<Vec<Vec<Correspondence>>> {
     let zoomed = Zoomed::new(&observations.camera, zoom)?;
-    let stride = images.num_returns().div_ceil(MAX_RETURNS).max(1);
+    let stride = stride(images.num_returns(), MAX_RETURNS);
     let sample = |hypothesis: &Hypothesis| {
         let mut pairs = agreeing(observations, &zoomed, images, stride, hypothesis);
         pairs.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
@@ -56,7 +57,7 @@ pub fn sample(
     Ok(hypotheses.par_iter().map(sample).collect())
 }
 
-/// The pairs of a registration whose classes agree, of every so manieth return.
+/// The pairs of a registration whose classes agree, one of every `stride` returns.
 fn agreeing(
     observations: &Observations,
     zoomed: &Zoomed,
@@ -75,7 +76,7 @@ fn agreeing(
     let frames = images.returns.iter().zip(&observations.frames);
     frames
         .flat_map(|(returns, frame)| {
-            returns.iter().step_by(stride).filter_map(|r| pair(r, &frame.image_classes))
+            thinned(returns.len(), stride).filter_map(|i| pair(&returns[i], &frame.image_classes))
         })
         .collect()
 }

@@ -18,6 +18,7 @@ pub mod pyramid;
 pub mod registration;
 pub mod se3;
 pub mod spherical;
+pub mod thinning;
 pub mod visibility;
 pub mod world;
 pub mod zoom;

@@ -39,7 +39,7 @@ class AlignmentConfig:
     max_baseline_m: float = 3.0
     """The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
     max_points: int = 100_000
-    """Points, over all frames and in all directions, that are looked at."""
+    """Points, over all frames and directions, that are looked at."""
     same_deg: float = 2.0
     """Hypotheses that come together to within this rotation have found the same pose."""
 
@@ -151,7 +151,9 @@ def margin(best: Hypothesis, other: Hypothesis) -> float:
     The two see different points, so their errors are taken for independent.
     """
     difference = best.mutual_information_nats - other.mutual_information_nats
-    return difference / math.hypot(best.sigma_nats, other.sigma_nats)
+    sigma = math.hypot(best.sigma_nats, other.sigma_nats)
+    # Without any scatter nothing is known of the error: that is no margin.
+    return difference / sigma if sigma > 0.0 else 0.0
 
 
 def _candidates(

@@ -10,6 +10,7 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::powell::{PowellConfig, minimize};
 use crate::spherical::{LabelledReturn, SphericalImages, from_angles, to_f64};
+use crate::thinning::{stride, thinned};
 use crate::zoom::{Placement, Zoom, Zoomed};
 
 /// Half-width of Powell's first bracket for the scale of the zoomed picture.
@@ -17,8 +18,7 @@ const SCALE_STEP: f64 = 0.1;
 /// Line searches end within this share of their bracket; finer means nothing on cells of this size.
 const TOLERANCE: f64 = 0.02;
 const MAX_ROUNDS: usize = 8;
-/// Every so manieth return is used that at most this number are left, over all frames and directions: more make the
-/// histogram no better.
+/// Returns are thinned to at most this number, over all frames and directions: more make the histogram no better.
 const MAX_RETURNS: usize = 20_000;
 
 /// The unit direction (LiDAR frame) and the class of a return.
@@ -40,10 +40,12 @@ impl<'a> Level<'a> {
         images: &SphericalImages,
         cell: f64,
     ) -> Self {
-        let stride = images.num_returns().div_ceil(MAX_RETURNS).max(1);
-        let directed = |&(point, class): &LabelledReturn| (to_f64(&point).normalize(), class);
-        let returns =
-            images.returns.par_iter().map(|r| r.iter().step_by(stride).map(directed).collect()).collect();
+        let stride = stride(images.num_returns(), MAX_RETURNS);
+        let directed = |(point, class): LabelledReturn| (to_f64(&point).normalize(), class);
+        let thin = |returns: &Vec<LabelledReturn>| {
+            thinned(returns.len(), stride).map(|i| directed(returns[i])).collect()
+        };
+        let returns = images.returns.par_iter().map(thin).collect();
         Self { observations, zoomed, images: downsampled(observations, zoomed, cell), returns }
     }
 

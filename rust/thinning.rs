@@ -1,0 +1,42 @@
+//! Fewer of many, where more would cost time and tell nothing.
+
+/// The stride that leaves at most `most` of `count`.
+pub fn stride(count: usize, most: usize) -> usize {
+    count.div_ceil(most).max(1)
+}
+
+/// One index of every `stride`, each anywhere within its own: a fixed step would fall in with the channels of a sweep.
+pub fn thinned(count: usize, stride: usize) -> impl Iterator<Item = usize> {
+    (0..count.div_ceil(stride))
+        .map(move |k| k * stride + scattered(k as u64, stride))
+        .filter(move |&i| i < count)
+}
+
+/// A number below `limit` that looks random (splitmix64, by Steele, Lea and Flood, 2014).
+fn scattered(k: u64, limit: usize) -> usize {
+    let mut z = (k + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) % limit as u64) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn all_are_left_where_there_are_few() {
+        assert_eq!(stride(10, 10), 1);
+        assert_eq!(thinned(10, 1).collect::<Vec<_>>(), (0..10).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn every_channel_is_left_whatever_the_step() {
+        for step in [2, 16, 64] {
+            let mut channels = [0; 64];
+            thinned(64 * 2000, step).for_each(|i| channels[i % 64] += 1);
+            let expected = 2000.0 / step as f64;
+            assert!(channels.iter().all(|&n| (f64::from(n) - expected).abs() < 6.0 * expected.sqrt()));
+        }
+    }
+}
