@@ -125,7 +125,9 @@ impl<'a> Level<'a> {
         }
         samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
         let mut batches = samples.chunks(config.batch_size.min(samples.len())).cycle();
-        let motions = self.unit_motions(&samples, start);
+        let Some(motions) = self.unit_motions(&samples, start) else {
+            return *start;
+        };
         let mut adam = Adam::default();
         let mut pose = *start;
         for step in 0..config.steps {
@@ -173,8 +175,9 @@ impl<'a> Level<'a> {
     /// Six twists, as columns, that each move the points by one block, root mean square, independently of one another.
     ///
     /// A sideways translation and the rotation that nearly undoes it in the picture become one strong and one weak motion,
-    /// and the climb goes along both at one pace instead of creeping along a valley between them.
-    fn unit_motions(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Matrix6<f64> {
+    /// and the climb goes along both at one pace instead of creeping along a valley between them. `None` where numbers
+    /// overflow: nothing is a million kilometres away.
+    fn unit_motions(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Option<Matrix6<f64>> {
         let to_camera = to_camera(pose);
         let camera = &self.observations.camera;
         let mut moved = Matrix6::zeros();
@@ -195,9 +198,13 @@ impl<'a> Level<'a> {
         for axis in 0..3 {
             moved[(axis, axis)] += longest.powi(-2);
         }
+        if !moved.iter().all(|x| x.is_finite()) {
+            return None;
+        }
         let eigen = moved.symmetric_eigen();
-        let scale = eigen.eigenvalues.map(|value| 1.0 / value.max(f64::MIN_POSITIVE).sqrt());
-        eigen.eigenvectors * Matrix6::from_diagonal(&scale)
+        let scale =
+            eigen.eigenvalues.map(|value| 1.0 / value.max(f64::EPSILON * eigen.eigenvalues.max()).sqrt());
+        Some(eigen.eigenvectors * Matrix6::from_diagonal(&scale))
     }
 
     /// Gradient of the mutual information with respect to a twist on the left of the pose.
@@ -346,7 +353,7 @@ mod tests {
         let level = Level::new(&observations, &config());
         let pose = Isometry3::identity();
         let samples = level.samples(&pose);
-        let motions = level.unit_motions(&samples, &pose);
+        let motions = level.unit_motions(&samples, &pose).expect("finite");
         const STEP: f64 = 1e-4;
         for motion in motions.column_iter() {
             let moved_pose = se3::exp(&(motion * STEP));

@@ -192,12 +192,12 @@ def _align(
     The first level is a fine one: where sweep and picture overlap in a narrow band, coarse blocks would lose the truth
     among the others. The coarse one after it gets poses off a ledge.
     """
-    width = observations.camera.width
+    width, height = observations.camera.width, observations.camera.height
     for blocks_across, num_kept in zip(config.blocks_across, config.num_kept, strict=True):
         aligned = _core.align(
             observations.core,
             [candidate.T_camera_lidar for candidate in candidates],
-            factor=2 ** int(math.log2(max(width / blocks_across, 1.0))),
+            factor=min(2 ** int(math.log2(max(width / blocks_across, 1.0))), height),
             steps=config.steps,
             batch_size=config.batch_size,
             step_size=config.step_size,

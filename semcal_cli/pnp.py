@@ -48,7 +48,7 @@ def solve_pnp(
         T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, and the number of inliers.
 
     Raises:
-        CalibrationError: fewer pairs or inliers than `config.min_inliers`.
+        CalibrationError: fewer pairs or inliers than `config.min_inliers`, or points that determine no pose.
     """
     rays = core_camera(camera).unproject(pixels)
     in_front = rays[:, 2] > MIN_DEPTH
@@ -57,16 +57,19 @@ def solve_pnp(
         raise CalibrationError(f"PnP: found {len(points)} pairs, needed {config.min_inliers}")
     image = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
     identity, no_distortion = np.eye(3), np.zeros(4)
-    found, rotation, translation, inliers = cv2.solvePnPRansac(
-        points,
-        image,
-        identity,
-        no_distortion,
-        flags=cv2.SOLVEPNP_SQPNP,
-        reprojectionError=float(np.radians(config.max_error_deg)),
-        confidence=config.confidence,
-        iterationsCount=config.max_iterations,
-    )
+    try:
+        found, rotation, translation, inliers = cv2.solvePnPRansac(
+            points,
+            image,
+            identity,
+            no_distortion,
+            flags=cv2.SOLVEPNP_SQPNP,
+            reprojectionError=float(np.radians(config.max_error_deg)),
+            confidence=config.confidence,
+            iterationsCount=config.max_iterations,
+        )
+    except cv2.error:
+        raise CalibrationError("PnP: the points do not determine a pose") from None
     num_inliers = 0 if inliers is None else len(inliers)
     if not found or num_inliers < config.min_inliers:
         raise CalibrationError(f"PnP: found {num_inliers} inliers, needed {config.min_inliers}")
@@ -77,4 +80,6 @@ def solve_pnp(
     T_camera_lidar = np.eye(4)
     T_camera_lidar[:3, :3] = cv2.Rodrigues(rotation)[0]
     T_camera_lidar[:3, 3] = translation[:, 0]
+    if not np.isfinite(T_camera_lidar).all():
+        raise CalibrationError("PnP: the points do not determine a pose")
     return T_camera_lidar, num_inliers

@@ -165,6 +165,11 @@ def test_a_start_that_looks_away_is_no_overlap(
             "{street}/drive.yaml: found a file that this run reads .*",
         ),
         (["{street}", "--init", "{tmp}/none.yaml"], "{tmp}/none.yaml: no such file or folder"),
+        (
+            ["{street}", "--init-rpy-xyz", "0", "0", "180", "3", "4", "0"],
+            "--init-rpy-xyz 0 0 180 3 4 0: found the camera 5 m from the LiDAR, needed at most 3 m; "
+            "--max-baseline-m sets the limit",
+        ),
     ],
 )
 def test_what_is_wrong_is_said_before_the_work_begins(
@@ -186,7 +191,9 @@ def test_what_is_wrong_is_said_before_the_work_begins(
         ["calibrate", "d", "--search-deg", "10"],
         ["calibrate", "d", "--init", "t", "--roll", "any"],
         ["initialize", "d", "--roll", "some"],
+        ["initialize", "d", "--roll", "nan"],
         ["initialize", "d", "--max-baseline-m", "0"],
+        ["initialize", "d", "--max-baseline-m", "inf"],
         ["calibrate", "d", "--seed", "-1"],
         ["refine", "d"],
         ["no-command"],

@@ -41,3 +41,10 @@ def test_pairs_without_a_pose() -> None:
     pixels = np.random.default_rng(5).uniform([0.0, 0.0], [1279.0, 719.0], (200, 2))
     with pytest.raises(CalibrationError, match=r"PnP: found \d+ inliers, needed 50"):
         solve_pnp(points, pixels, camera, PnpConfig(max_error_deg=0.1, min_inliers=50))
+
+
+def test_points_that_determine_no_pose() -> None:
+    camera = Camera(model="plumb_bob", width=1280, height=720, K=K)
+    points, pixels = pairs(camera, 100)
+    with pytest.raises(CalibrationError, match="PnP: "):
+        solve_pnp(1e-20 * points, pixels, camera, PnpConfig())

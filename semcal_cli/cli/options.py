@@ -57,16 +57,23 @@ device_option = click.option(
 )
 
 
-class RollType(click.ParamType[float]):
-    """Degrees, or the word `any` for all in-plane rotations."""
+class FiniteRange(click.FloatRange):
+    """A range of numbers; not a number and infinity are none."""
 
-    name = "DEG|any"
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Give the number."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+class Roll(FiniteRange):
+    """Degrees, or the word `any` for all in-plane rotations."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Give the largest in-plane rotation in degrees."""
-        if value == "any":
-            return ALL_ROLLS_DEG
-        return click.FloatRange(0.0, ALL_ROLLS_DEG).convert(value, param, ctx)
+        return ALL_ROLLS_DEG if value == "any" else super().convert(value, param, ctx)
 
 
 KNOWN_TRANSFORMS = "a calibration, a drive with its reference, a RELLIS-3D transforms.yaml"
@@ -80,7 +87,7 @@ SEARCH_OPTIONS = (
     ),
     click.option(
         "--init-rpy-xyz",
-        type=float,
+        type=FiniteRange(),
         nargs=6,
         metavar="R P Y X Y Z",
         help="Likewise, as one measures it by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the left, "
@@ -88,21 +95,22 @@ SEARCH_OPTIONS = (
     ),
     click.option(
         "--search-deg",
-        type=click.FloatRange(0.0, 180.0, min_open=True),
+        type=FiniteRange(0.0, 180.0, min_open=True),
         metavar="DEG",
         help="With --init or --init-rpy-xyz: search all rotations within this angle of it.",
     ),
     click.option(
         "--roll",
-        type=RollType(),
+        type=Roll(0.0, ALL_ROLLS_DEG),
+        metavar="DEG|any",
         help="Search in-plane rotations up to this angle from upright, in degrees; `any` for portrait and upside-down "
         "cameras.  [default: 15]",
     ),
     click.option(
         "--max-baseline-m",
-        type=click.FloatRange(0.0, min_open=True),
+        type=FiniteRange(0.0, min_open=True),
         metavar="M",
-        help="The camera is no farther than this from the LiDAR.  [default: 3]",
+        help="The camera is at most so far from the LiDAR.  [default: 3]",
     ),
     click.option(
         "--zoom",
@@ -132,12 +140,13 @@ def make_search(
 
     Raises:
         click.UsageError: options that exclude one another.
-        InputError: the file of `--init` is no transform.
+        InputError: the file of `--init` is no transform, or the camera is too far from the LiDAR.
     """
+    from semcal_cli.errors import InputError
     from semcal_cli.formats import read_transform
     from semcal_cli.initialization import AlignmentConfig, InitializationConfig
     from semcal_cli.pipeline import Given
-    from semcal_cli.poses import pose_from_mounting
+    from semcal_cli.poses import camera_center, pose_from_mounting
 
     if init is not None and init_rpy_xyz is not None:
         raise click.UsageError("--init and --init-rpy-xyz: give one of them")
@@ -152,8 +161,6 @@ def make_search(
     if init is not None:
         given = Given(read_transform(init), name=str(init), source=init)
     elif init_rpy_xyz is not None:
-        if not all(map(math.isfinite, init_rpy_xyz)):
-            raise click.UsageError(f"--init-rpy-xyz: found {init_rpy_xyz}, needed finite numbers")
         name = " ".join(f"{number:g}" for number in init_rpy_xyz)
         given = Given(pose_from_mounting(init_rpy_xyz[:3], init_rpy_xyz[3:]), name=f"--init-rpy-xyz {name}")
     config = InitializationConfig(search_deg=search_deg)
@@ -163,6 +170,13 @@ def make_search(
         config = replace(config, max_roll_deg=roll)
     if max_baseline_m is not None:
         config = replace(config, alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
+    if given is not None:
+        distance = math.hypot(*camera_center(given.T_camera_lidar))
+        if distance > config.alignment.max_baseline_m:
+            raise InputError(
+                f"{given.name}: found the camera {distance:g} m from the LiDAR, needed at most "
+                f"{config.alignment.max_baseline_m:g} m; --max-baseline-m sets the limit"
+            )
     return config, given
 
 
