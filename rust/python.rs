@@ -19,7 +19,7 @@ use crate::observation::{Frame, Observations};
 use crate::point_cloud;
 use crate::pyramid;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
-use crate::spherical::{SphericalGrid, SphericalImages};
+use crate::spherical::{self, SphericalGrid, SphericalImages};
 use crate::visibility;
 use crate::world::{Class, Lidar, Renderer, Rig, ScanPattern, Visibility};
 use crate::zoom::Zoom;
@@ -398,7 +398,7 @@ mod _core {
     #[pyfunction]
     fn estimate_grid(py: Python<'_>, observations: &PyObservations) -> PyResult<(usize, usize, f64, f64)> {
         let sweeps: Vec<&[[f32; 3]]> = observations.0.frames.iter().map(|f| f.points.as_slice()).collect();
-        Ok(from_grid(&detached(py, || SphericalGrid::estimate(&sweeps))?))
+        Ok(from_grid(&detached(py, || spherical::estimate(&sweeps))?))
     }
 
     #[pyfunction]

@@ -8,7 +8,8 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import device_option, drive_argument, make_search, result_options, search_options
+from semcal_cli.cli.options import device_option, drive_argument, result_options
+from semcal_cli.cli.search import make_search, search_options
 
 
 @click.command()

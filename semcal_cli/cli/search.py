@@ -1,0 +1,161 @@
+"""The options that say where and how the initial calibration is searched for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, Command
+
+if TYPE_CHECKING:
+    from semcal_cli.initialization import InitializationConfig
+    from semcal_cli.pipeline import Given
+
+ALL_ROLLS_DEG = 180.0
+
+
+class FiniteRange(click.FloatRange):
+    """A range of numbers; not a number and infinity are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Give the number."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
+class Roll(FiniteRange):
+    """Degrees, or the word `any` for all in-plane rotations."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Give the largest in-plane rotation in degrees."""
+        return ALL_ROLLS_DEG if value == "any" else super().convert(value, param, ctx)
+
+
+SEARCH_OPTIONS = (
+    click.option(
+        "--init",
+        type=PATH,
+        metavar="FILE",
+        help=f"Start at this transform instead of searching all mounting directions: {KNOWN_TRANSFORMS}.",
+    ),
+    click.option(
+        "--init-rpy-xyz",
+        type=FiniteRange(),
+        nargs=6,
+        metavar="R P Y X Y Z",
+        help="Likewise, as one measures it by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the left, "
+        "pitch looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR frame.",
+    ),
+    click.option(
+        "--search-deg",
+        type=FiniteRange(0.0, 180.0, min_open=True),
+        metavar="DEG",
+        help="With --init or --init-rpy-xyz: search all rotations within this angle of it.",
+    ),
+    click.option(
+        "--roll",
+        type=Roll(0.0, ALL_ROLLS_DEG),
+        metavar="DEG|any",
+        help="Search in-plane rotations up to this angle from upright, in degrees; `any` for portrait and upside-down "
+        "cameras.  [default: 15]",
+    ),
+    click.option(
+        "--max-baseline-m",
+        type=FiniteRange(0.0, min_open=True),
+        metavar="M",
+        help="The camera is at most so far from the LiDAR.  [default: 3]",
+    ),
+    click.option(
+        "--zoom",
+        type=click.Choice(["exact", "paper"]),
+        help="How label images are brought to the LiDAR's angular grid: through K and the lens, or as the paper does.  "
+        "[default: exact]",
+    ),
+)
+
+
+def search_options(command: Command) -> Command:
+    """Add what says where and how the initial calibration is searched for."""
+    for option in reversed(SEARCH_OPTIONS):
+        command = option(command)
+    return command
+
+
+def make_search(
+    init: Path | None,
+    init_rpy_xyz: tuple[float, ...] | None,
+    search_deg: float | None,
+    roll: float | None,
+    max_baseline_m: float | None,
+    zoom: str | None,
+) -> tuple[InitializationConfig, Given | None]:
+    """Turn the search options into how to search, and where.
+
+    Raises:
+        click.UsageError: options that exclude one another.
+        InputError: the file of `--init` is no transform, or the camera is too far from the LiDAR.
+    """
+    from semcal_cli.initialization import AlignmentConfig, InitializationConfig
+
+    _check_usage(
+        init is not None, init_rpy_xyz is not None, search_deg is not None, roll is not None, bool(zoom)
+    )
+    config = InitializationConfig(search_deg=search_deg)
+    if zoom is not None:
+        config = replace(config, zoom=zoom)
+    if roll is not None:
+        config = replace(config, max_roll_deg=roll)
+    if max_baseline_m is not None:
+        config = replace(config, alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
+    given = _given(init, init_rpy_xyz)
+    if given is not None:
+        _check_distance(given, config.alignment.max_baseline_m)
+    return config, given
+
+
+def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, zoom: bool) -> None:
+    """Check which options are given together."""
+    if init and init_rpy_xyz:
+        raise click.UsageError("--init and --init-rpy-xyz: give one of them")
+    is_given = init or init_rpy_xyz
+    if search_deg and not is_given:
+        raise click.UsageError("--search-deg: is around --init or --init-rpy-xyz: give one of them")
+    if roll and is_given:
+        raise click.UsageError(
+            "--roll: is for a search from nothing; around a transform, --search-deg covers it"
+        )
+    if zoom and is_given and not search_deg:
+        raise click.UsageError(
+            "--zoom: is for a search; around a transform there is one only with --search-deg"
+        )
+
+
+def _given(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> Given | None:
+    from semcal_cli.formats import read_transform
+    from semcal_cli.pipeline import Given
+    from semcal_cli.poses import pose_from_mounting
+
+    if init is not None:
+        return Given(read_transform(init), name=str(init), source=init)
+    if init_rpy_xyz is not None:
+        name = " ".join(f"{number:g}" for number in init_rpy_xyz)
+        return Given(pose_from_mounting(init_rpy_xyz[:3], init_rpy_xyz[3:]), name=f"--init-rpy-xyz {name}")
+    return None
+
+
+def _check_distance(given: Given, max_baseline_m: float) -> None:
+    from semcal_cli.errors import InputError
+    from semcal_cli.poses import camera_center
+
+    distance = math.hypot(*camera_center(given.T_camera_lidar))
+    if distance > max_baseline_m:
+        raise InputError(
+            f"{given.name}: found the camera {distance:g} m from the LiDAR, needed at most {max_baseline_m:g} m; "
+            f"--max-baseline-m sets the limit"
+        )
