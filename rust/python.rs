@@ -199,10 +199,10 @@ impl PyHypothesis {
         self.0.mutual_information
     }
 
-    /// Labelled cells, over all frames, that fall on a labelled pixel.
+    /// Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames.
     #[getter]
-    fn num_cells(&self) -> usize {
-        self.0.num_cells as usize
+    fn num_pairs(&self) -> usize {
+        self.0.num_pairs as usize
     }
 }
 

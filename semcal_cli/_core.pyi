@@ -80,8 +80,8 @@ class Hypothesis:
     def mutual_information(self) -> float:
         """Of the pooled histogram of cells, nats, less its bias."""
     @property
-    def num_cells(self) -> int:
-        """Labelled cells, over all frames, that fall on a labelled pixel."""
+    def num_pairs(self) -> int:
+        """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
 
 @final
 class Agreement:

@@ -71,8 +71,8 @@ class HypothesisRecord(StrictModel):
     """Its standard error, over parts of the pictures; null if all points lie in one part."""
     overlap: Share
     """Share of the picture's area that visible points cover."""
-    num_cells: Count
-    """Cells of the spherical images that the registration put on labelled pixels."""
+    num_pairs: Count
+    """Labelled returns, of those that the registration looked at, that it put on labelled pixels."""
     num_inliers: Count
     """Pairs of a point and a pixel that PnP agreed on."""
     rotation_from_best_deg: Annotated[float, Field(ge=0.0)]

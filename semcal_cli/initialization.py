@@ -53,7 +53,7 @@ class InitializationConfig:
     coarse_cell_deg: float = 3.0
     """Cell of the exhaustive search; smaller for narrow lenses."""
     fine_cell_deg: float = 1.5
-    """Cell of Powell's refinement; likewise."""
+    """Block of the pictures in Powell's refinement; likewise."""
     max_roll_deg: float = 15.0
     """In-plane rotations from minus this to plus this are searched; 180 are all."""
     roll_step_deg: float = 5.0
@@ -84,8 +84,8 @@ class Hypothesis:
     """Standard error of the same, over parts of the pictures."""
     overlap: float
     """Share of the picture's area that visible points cover."""
-    num_cells: int
-    """Cells of the spherical images that overlapped the pictures in the registration."""
+    num_pairs: int
+    """Labelled returns, of those that the registration looked at, that it put on labelled pixels."""
     num_inliers: int
     """Pairs that PnP agreed on."""
 
@@ -95,7 +95,7 @@ class _Candidate:
     """A hypothesis on its way."""
 
     T_camera_lidar: Pose
-    num_cells: int
+    num_pairs: int
     num_inliers: int
 
 
@@ -126,7 +126,7 @@ def initialize(
     if T_given is None:
         candidates = _candidates(observations, config, seed, around=None)
     elif config.search_deg is None:
-        candidates = [_Candidate(T_given, num_cells=0, num_inliers=0)]
+        candidates = [_Candidate(T_given, num_pairs=0, num_inliers=0)]
     else:
         around = T_given, math.radians(config.search_deg)
         candidates = _candidates(observations, config, seed, around)
@@ -178,7 +178,7 @@ def _candidates(
             complaint = str(error)
             continue
         T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
-        found.append(_Candidate(T_camera_lidar, placement.num_cells, num_inliers))
+        found.append(_Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
     if not found:
         raise CalibrationError(f"no initial calibration: {complaint}")
     return found
@@ -228,7 +228,7 @@ def _assess(observations: Observations, candidate: _Candidate) -> Hypothesis:
         mutual_information_nats=agreement.mutual_information - agreement.bias,
         sigma_nats=agreement.sigma,
         overlap=agreement.overlap,
-        num_cells=candidate.num_cells,
+        num_pairs=candidate.num_pairs,
         num_inliers=candidate.num_inliers,
     )
 

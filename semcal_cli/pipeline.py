@@ -33,7 +33,6 @@ class StageReport:
 
     name: str
     seconds: float
-    T_camera_lidar: Pose | None = None
     agreement: _core.Agreement | None = None
     note: str = ""
 
@@ -183,7 +182,7 @@ class Run:
         self.stages[name] = Stage(
             T_camera_lidar=_rows(T_camera_lidar), mutual_information_nats=agreement.mutual_information
         )
-        self.report(StageReport(name, perf_counter() - start, T_camera_lidar, agreement, note))
+        self.report(StageReport(name, perf_counter() - start, agreement, note))
 
 
 def _convergence_reasons(refinement: Refinement) -> list[str]:
@@ -229,7 +228,7 @@ def _record(hypothesis: Hypothesis, best: Hypothesis) -> HypothesisRecord:
         mutual_information_nats=hypothesis.mutual_information_nats,
         sigma_nats=hypothesis.sigma_nats if math.isfinite(hypothesis.sigma_nats) else None,
         overlap=hypothesis.overlap,
-        num_cells=hypothesis.num_cells,
+        num_pairs=hypothesis.num_pairs,
         num_inliers=hypothesis.num_inliers,
         rotation_from_best_deg=rotation_error_deg(hypothesis.T_camera_lidar, best.T_camera_lidar),
     )

@@ -49,7 +49,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
                 mutual_information_nats=1.0,
                 sigma_nats=None,
                 overlap=0.5,
-                num_cells=10,
+                num_pairs=10,
                 num_inliers=20,
                 rotation_from_best_deg=0.0,
             ),

@@ -220,7 +220,7 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
     best, *others = as_json["hypotheses"]
     assert best["T_camera_lidar"] == as_json["stages"]["initial"]["T_camera_lidar"]
     assert best["num_inliers"] > 0
-    assert best["num_cells"] > 0
+    assert best["num_pairs"] > 0
     assert all(other["mutual_information_nats"] <= best["mutual_information_nats"] for other in others)
     assert as_json["quality"]["runner_up_margin"] > 2.0
 

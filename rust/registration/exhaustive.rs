@@ -113,7 +113,7 @@ fn is_asked_for(placement: &Placement, config: &RegistrationConfig) -> bool {
 fn rings(observations: &Observations, images: &SphericalImages, coarse: &SphericalGrid) -> Vec<Vec<u32>> {
     let (num_classes, width) = (observations.num_point_classes, observations.num_image_classes as u32 + 1);
     let ring = |returns: &Vec<LabelledReturn>| {
-        let mut counts = vec![0u16; coarse.rows * coarse.columns * num_classes];
+        let mut counts = vec![0u32; coarse.rows * coarse.columns * num_classes];
         for (point, class) in returns {
             if let Some((row, column)) = coarse.cell(&to_f64(point)) {
                 counts[(row * coarse.columns + column) * num_classes + usize::from(*class)] += 1;
@@ -126,7 +126,7 @@ fn rings(observations: &Observations, images: &SphericalImages, coarse: &Spheric
 }
 
 /// The class with the highest count, the lowest of equal ones; the number of classes if all are zero.
-fn commonest(counts: &[u16]) -> usize {
+fn commonest(counts: &[u32]) -> usize {
     let best = (0..counts.len()).rev().max_by_key(|&class| counts[class]);
     best.filter(|&class| counts[class] > 0).unwrap_or(counts.len())
 }

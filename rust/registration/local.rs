@@ -96,7 +96,7 @@ impl<'a> Level<'a> {
         };
         let joint = self.joint(&placement, &returns);
         let mutual_information = joint.mutual_information() - joint.bias();
-        Hypothesis { placement, mutual_information, num_cells: joint.total(), joint }
+        Hypothesis { placement, mutual_information, num_pairs: joint.total(), joint }
     }
 }
 

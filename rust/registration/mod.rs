@@ -32,7 +32,7 @@ pub struct RegistrationConfig {
     pub zoom: Zoom,
     /// Cell of the exhaustive search.
     pub coarse_cell: f64,
-    /// Cell of the refinement.
+    /// Block of the pictures in the refinement.
     pub fine_cell: f64,
     /// In-plane rotations from minus this to plus this are searched.
     pub max_roll: f64,
@@ -55,8 +55,8 @@ pub struct Hypothesis {
     pub placement: Placement,
     /// Mutual information of the pooled histogram, nats, less its bias.
     pub mutual_information: f64,
-    /// Labelled cells, over all frames, that fall on a labelled pixel.
-    pub num_cells: f64,
+    /// Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames.
+    pub num_pairs: f64,
     /// The pooled histogram.
     pub joint: JointHistogram,
 }

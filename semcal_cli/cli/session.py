@@ -86,13 +86,13 @@ class Session:
     def show(self, hypotheses: Sequence[Hypothesis]) -> None:
         """Print the hypotheses of the initial calibration."""
         self.console.print(
-            "            MI, nats          looks along (LiDAR frame)           overlap    cells  inliers"
+            "            MI, nats          looks along (LiDAR frame)           overlap    pairs  inliers"
         )
         for number, h in enumerate(hypotheses, start=1):
             looks_along = " ".join(f"{x:8.4f}" for x in h.T_camera_lidar[2, :3])
             self.console.print(
                 f"  {number:>2}.  {h.mutual_information_nats:8.4f} +- {h.sigma_nats:6.4f}   {looks_along}   "
-                f"{h.overlap:7.0%}  {h.num_cells:7,}  {h.num_inliers:7,}",
+                f"{h.overlap:7.0%}  {h.num_pairs:7,}  {h.num_inliers:7,}",
                 markup=False,
             )
 
