@@ -2,8 +2,8 @@
 //!
 //! Points share their pairs among the four blocks around them (partial volume), so that the joint histogram changes
 //! smoothly with the pose. The points of a level are those on labelled pixels when the level begins, with the weights
-//! that they have then, and they keep counting when they leave the picture, with the class at the nearest border: a pose
-//! cannot raise the objective by pushing points out.
+//! that they have then, and while the lens still projects them they keep counting when they leave the picture, with the
+//! class at the nearest border: a pose cannot raise the objective by pushing points out.
 
 use nalgebra::{Isometry3, Matrix2x6, Matrix6, Vector3, Vector6};
 use rand::SeedableRng;
@@ -120,11 +120,14 @@ impl<'a> Level<'a> {
 
     fn climb(&self, start: &Isometry3<f64>, config: &AlignmentConfig, seed: u64) -> Isometry3<f64> {
         let mut samples = self.samples(start);
+        let start = &within_baseline(start, config.max_baseline);
         if samples.len() < MIN_POINTS {
             return *start;
         }
         samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-        let mut batches = samples.chunks(config.batch_size.min(samples.len())).cycle();
+        // All of one size, or nearly: a last one with a handful of points would be noise.
+        let num_batches = samples.len().div_ceil(config.batch_size);
+        let mut batches = samples.chunks(samples.len().div_ceil(num_batches)).cycle();
         let Some(motions) = self.unit_motions(&samples, start) else {
             return *start;
         };

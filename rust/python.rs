@@ -186,19 +186,6 @@ struct PyHypothesis(Hypothesis);
 
 #[pymethods]
 impl PyHypothesis {
-    /// `R_camera_lidar`, (3, 3).
-    #[getter]
-    fn rotation<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let rotation: [[f64; 3]; 3] = self.0.placement.rotation().matrix().transpose().into();
-        to_array2(py, &rotation)
-    }
-
-    /// Of the pooled histogram of cells, nats, less its bias.
-    #[getter]
-    fn mutual_information(&self) -> f64 {
-        self.0.mutual_information
-    }
-
     /// Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames.
     #[getter]
     fn num_pairs(&self) -> usize {
@@ -349,7 +336,7 @@ mod _core {
     }
 
     #[pyfunction]
-    #[pyo3(signature = (observations, images, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, around, min_overlap,
+    #[pyo3(signature = (observations, images, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, around, min_cells_of_most,
                         num_hypotheses, separation))]
     #[allow(clippy::too_many_arguments)]
     fn register(
@@ -362,7 +349,7 @@ mod _core {
         max_roll: f64,
         roll_step: f64,
         around: Option<(PyReadonlyArray2<f64>, f64)>,
-        min_overlap: f64,
+        min_cells_of_most: f64,
         num_hypotheses: usize,
         separation: f64,
     ) -> PyResult<Vec<PyHypothesis>> {
@@ -377,7 +364,7 @@ mod _core {
             max_roll,
             roll_step,
             around,
-            min_overlap,
+            min_cells_of_most,
             num_hypotheses,
             separation,
         };

@@ -1,6 +1,6 @@
 //! Fewer of many, where more would cost time and tell nothing.
 
-/// The stride that leaves at most `most` of `count`.
+/// The stride that leaves about `most` of `count`, and never many more.
 pub fn stride(count: usize, most: usize) -> usize {
     count.div_ceil(most).max(1)
 }

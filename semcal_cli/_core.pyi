@@ -74,12 +74,6 @@ class Hypothesis:
     """A placement of the picture on the sphere of LiDAR directions."""
 
     @property
-    def rotation(self) -> _Float64:
-        """`R_camera_lidar`, (3, 3)."""
-    @property
-    def mutual_information(self) -> float:
-        """Of the pooled histogram of cells, nats, less its bias."""
-    @property
     def num_pairs(self) -> int:
         """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
 
@@ -189,7 +183,7 @@ def register(
     max_roll: float,
     roll_step: float,
     around: tuple[_Float64, float] | None,
-    min_overlap: float,
+    min_cells_of_most: float,
     num_hypotheses: int,
     separation: float,
 ) -> list[Hypothesis]:

@@ -61,20 +61,22 @@ class Stage(StrictModel):
 
 
 class HypothesisRecord(StrictModel):
-    """A pose that the search over all mounting directions found."""
+    """A pose that the initial calibration arrived at."""
 
     T_camera_lidar: Transform
     """p_camera = T_camera_lidar * p_lidar."""
     mutual_information_nats: float
-    """In full resolution, less its bias."""
+    """Mutual information there, in full resolution."""
+    bias_nats: float
+    """How far it is too high, by Miller and Madow's estimate; hypotheses are ranked by what is left."""
     sigma_nats: Annotated[float, Field(ge=0.0)] | None
     """Its standard error, over parts of the pictures; null if all points lie in one part."""
     overlap: Share
     """Share of the picture's area that visible points cover."""
-    num_pairs: Count
-    """Labelled returns, of those that the registration looked at, that it put on labelled pixels."""
-    num_inliers: Count
-    """Pairs of a point and a pixel that PnP agreed on."""
+    num_pairs: Count | None
+    """Labelled returns, of those that the registration looked at, that it put on labelled pixels; null without one."""
+    num_inliers: Count | None
+    """Pairs of a point and a pixel that PnP agreed on; null without it."""
     rotation_from_best_deg: Annotated[float, Field(ge=0.0)]
     """Rotation between this hypothesis and the first."""
 

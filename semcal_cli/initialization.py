@@ -10,13 +10,19 @@ from typing import TypeAlias
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.observations import Observations
 from semcal_cli.pnp import PnpConfig, solve_pnp
 from semcal_cli.poses import Pose, camera_center, rotation_error_deg
 
 Grid: TypeAlias = tuple[int, int, float, float]
 """Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
+
+MIN_OVERLAP = 0.03
+"""A pose whose points cover less of the picture than this says little."""
+
+MAX_SHARE_OUTSIDE = 0.2
+"""A `lidar:` block whose field of view leaves out more of the points than this is not that of the sensor."""
 
 MIN_POINTS_OF_MOST = 0.02
 """While hypotheses climb, those with a smaller share of the points of the one that has most are dropped."""
@@ -59,7 +65,7 @@ class InitializationConfig:
     roll_step_deg: float = 5.0
     search_deg: float | None = None
     """Narrows the search to rotations within this angle of the given one."""
-    min_overlap: float = 0.1
+    min_cells_of_most: float = 0.1
     """A placement counts only with this share of the best overlapping one's cells."""
     num_hypotheses: int = 24
     separation_deg: float = 15.0
@@ -67,7 +73,7 @@ class InitializationConfig:
     num_correspondences: int = 2000
     pnp: PnpConfig = field(default_factory=PnpConfig)
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
-    min_share: float = 0.04
+    min_overlap: float = MIN_OVERLAP
     """A pose counts only if its points cover this share of the picture."""
     runner_up_deg: float = 7.5
     """The runner-up is the best hypothesis at least this far from the winner: nearer ones mean the same answer."""
@@ -79,15 +85,22 @@ class Hypothesis:
 
     T_camera_lidar: Pose
     mutual_information_nats: float
-    """Of the projected points in full resolution, all frames, less its bias."""
+    """Of the projected points in full resolution, all frames, plug-in estimate."""
+    bias_nats: float
+    """Miller and Madow's estimate of how far it is too high."""
     sigma_nats: float
     """Standard error of the same, over parts of the pictures."""
     overlap: float
     """Share of the picture's area that visible points cover."""
-    num_pairs: int
-    """Labelled returns, of those that the registration looked at, that it put on labelled pixels."""
-    num_inliers: int
-    """Pairs that PnP agreed on."""
+    num_pairs: int | None
+    """Labelled returns, of those that the registration looked at, that it put on labelled pixels; None without one."""
+    num_inliers: int | None
+    """Pairs that PnP agreed on; None without it."""
+
+    @property
+    def corrected_nats(self) -> float:
+        """Mutual information less its bias, by which hypotheses are ranked."""
+        return self.mutual_information_nats - self.bias_nats
 
 
 @dataclass(frozen=True)
@@ -95,8 +108,8 @@ class _Candidate:
     """A hypothesis on its way."""
 
     T_camera_lidar: Pose
-    num_pairs: int
-    num_inliers: int
+    num_pairs: int | None = None
+    num_inliers: int | None = None
 
 
 def initialize(
@@ -122,18 +135,19 @@ def initialize(
 
     Raises:
         CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
+        InputError: the points do not lie in the field of view that the drive's `lidar:` block states.
     """
     if T_given is None:
         candidates = _candidates(observations, config, seed, around=None)
     elif config.search_deg is None:
-        candidates = [_Candidate(T_given, num_pairs=0, num_inliers=0)]
+        candidates = [_Candidate(T_given)]
     else:
         around = T_given, math.radians(config.search_deg)
         candidates = _candidates(observations, config, seed, around)
-    candidates = _align(observations, candidates, config.alignment, seed)
+    candidates = _align(observations, candidates, config, seed)
     hypotheses = [_assess(observations, candidate) for candidate in candidates]
-    hypotheses = [h for h in hypotheses if h.overlap >= config.min_share] or hypotheses
-    return sorted(hypotheses, key=lambda hypothesis: -hypothesis.mutual_information_nats)
+    hypotheses = [h for h in hypotheses if h.overlap >= config.min_overlap] or hypotheses
+    return sorted(hypotheses, key=lambda hypothesis: -hypothesis.corrected_nats)
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) -> Hypothesis | None:
@@ -148,9 +162,10 @@ def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) ->
 def margin(best: Hypothesis, other: Hypothesis) -> float:
     """Tell how far a hypothesis is behind the best, in standard errors of the difference of mutual information.
 
-    The two see different points, so their errors are taken for independent.
+    The errors are taken for independent. Where the two share a part of their view they are not, and the margin comes
+    out too small: on the safe side.
     """
-    difference = best.mutual_information_nats - other.mutual_information_nats
+    difference = best.corrected_nats - other.corrected_nats
     sigma = math.hypot(best.sigma_nats, other.sigma_nats)
     # Without any scatter nothing is known of the error: that is no margin.
     return difference / sigma if sigma > 0.0 else 0.0
@@ -160,11 +175,12 @@ def _candidates(
     observations: Observations, config: InitializationConfig, seed: int, around: tuple[Pose, float] | None
 ) -> list[_Candidate]:
     """Register and solve PnP (Alg. 2); seen from the camera centre of a pose if the search is around one."""
+    grid = _grid(observations)
     center = np.zeros(3) if around is None else camera_center(around[0])
     if center.any():
         moved = [(points - center).astype(np.float32) for points in observations.points]
-        observations = replace(observations, points=moved, lidar=None)
-    images = _core.SphericalImages(observations.core, _grid(observations))
+        observations = replace(observations, points=moved)
+    images = _core.SphericalImages(observations.core, grid)
     placements = _register(observations, images, config, around)
     samples = _core.sample_correspondences(
         observations.core, images, config.zoom, placements, config.num_correspondences, seed
@@ -185,25 +201,26 @@ def _candidates(
 
 
 def _align(
-    observations: Observations, candidates: Sequence[_Candidate], config: AlignmentConfig, seed: int
+    observations: Observations, candidates: Sequence[_Candidate], config: InitializationConfig, seed: int
 ) -> list[_Candidate]:
     """Climb over SE(3), level by level, and drop after each what is not among the best.
 
     The first level is a fine one: where sweep and picture overlap in a narrow band, coarse blocks would lose the truth
     among the others. The coarse one after it gets poses off a ledge.
     """
+    levels = config.alignment
     width, height = observations.camera.width, observations.camera.height
-    for blocks_across, num_kept in zip(config.blocks_across, config.num_kept, strict=True):
+    for blocks_across, num_kept in zip(levels.blocks_across, levels.num_kept, strict=True):
         aligned = _core.align(
             observations.core,
             [candidate.T_camera_lidar for candidate in candidates],
-            factor=min(2 ** int(math.log2(max(width / blocks_across, 1.0))), height),
-            steps=config.steps,
-            batch_size=config.batch_size,
-            step_size=config.step_size,
-            final_step=config.final_step,
-            max_baseline=config.max_baseline_m,
-            max_points=config.max_points,
+            factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),
+            steps=levels.steps,
+            batch_size=levels.batch_size,
+            step_size=levels.step_size,
+            final_step=levels.final_step,
+            max_baseline=levels.max_baseline_m,
+            max_points=levels.max_points,
             seed=seed,
         )
         most = max(num_points for _, _, num_points in aligned)
@@ -212,20 +229,39 @@ def _align(
             for index, (_, information, num_points) in enumerate(aligned)
             if num_points >= MIN_POINTS_OF_MOST * most
         )
-        kept: list[_Candidate] = []
-        for _, index in ranked:
-            T = aligned[index][0]
-            if all(rotation_error_deg(T, k.T_camera_lidar) > config.same_deg for k in kept):
-                kept.append(replace(candidates[index], T_camera_lidar=T))
-        candidates = kept[:num_kept]
+        moved = [replace(candidates[index], T_camera_lidar=aligned[index][0]) for _, index in ranked]
+        candidates = _best_apart(moved, num_kept, config)
     return list(candidates)
+
+
+def _best_apart(
+    ranked: Sequence[_Candidate], num_kept: int, config: InitializationConfig
+) -> list[_Candidate]:
+    """Drop what has come to the same pose as a better one, and keep the best; a runner-up is always among them."""
+    apart: list[_Candidate] = []
+    for candidate in ranked:
+        if all(_angle_deg(candidate, better) > config.alignment.same_deg for better in apart):
+            apart.append(candidate)
+    kept, others = apart[:num_kept], apart[num_kept:]
+
+    def says_something_else(candidate: _Candidate) -> bool:
+        return _angle_deg(candidate, apart[0]) >= config.runner_up_deg
+
+    if not any(map(says_something_else, kept)):
+        kept += [candidate for candidate in others if says_something_else(candidate)][:1]
+    return kept
+
+
+def _angle_deg(a: _Candidate, b: _Candidate) -> float:
+    return rotation_error_deg(a.T_camera_lidar, b.T_camera_lidar)
 
 
 def _assess(observations: Observations, candidate: _Candidate) -> Hypothesis:
     agreement = _core.agreement(observations.core, candidate.T_camera_lidar)
     return Hypothesis(
         T_camera_lidar=candidate.T_camera_lidar,
-        mutual_information_nats=agreement.mutual_information - agreement.bias,
+        mutual_information_nats=agreement.mutual_information,
+        bias_nats=agreement.bias,
         sigma_nats=agreement.sigma,
         overlap=agreement.overlap,
         num_pairs=candidate.num_pairs,
@@ -238,7 +274,22 @@ def _grid(observations: Observations) -> Grid:
     if lidar is None:
         return _core.estimate_grid(observations.core)
     fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
-    return _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
+    grid = _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
+    _check_field_of_view(observations, grid)
+    return grid
+
+
+def _check_field_of_view(observations: Observations, grid: Grid) -> None:
+    rows, _, top, cell_height = grid
+    x, y, z = np.concatenate(observations.points).T
+    elevations = np.arctan2(z, np.hypot(x, y))
+    outside = float(np.mean((elevations > top) | (elevations < top - rows * cell_height)))
+    if outside > MAX_SHARE_OUTSIDE:
+        low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
+        raise InputError(
+            f"lidar.fov_down_deg, lidar.fov_up_deg: found {outside:.0%} of the points outside of them, needed at most "
+            f"{MAX_SHARE_OUTSIDE:.0%}; the points lie from {low:.1f} to {high:.1f} degrees"
+        )
 
 
 def _register(
@@ -256,7 +307,7 @@ def _register(
         max_roll=math.radians(config.max_roll_deg),
         roll_step=math.radians(config.roll_step_deg),
         around=around,
-        min_overlap=config.min_overlap,
+        min_cells_of_most=config.min_cells_of_most,
         num_hypotheses=config.num_hypotheses,
         separation=math.radians(config.separation_deg),
     )

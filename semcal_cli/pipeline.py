@@ -12,16 +12,20 @@ from typing import TYPE_CHECKING
 from semcal_cli import _core
 from semcal_cli.calibration import Calibration, HypothesisRecord, Quality, Settings, Stage, Status
 from semcal_cli.drive import Drive
-from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize, margin, runner_up
+from semcal_cli.initialization import (
+    MIN_OVERLAP,
+    Hypothesis,
+    InitializationConfig,
+    initialize,
+    margin,
+    runner_up,
+)
 from semcal_cli.observations import Observations, load_observations
 from semcal_cli.poses import Pose, rotation_error_deg
 from semcal_cli.provenance import describe_input, versions
 
 if TYPE_CHECKING:
     from semcal_cli.refinement import Level, Refinement
-
-MIN_OVERLAP = 0.03
-"""An answer whose points cover less of the picture than this is not trusted."""
 
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
@@ -106,7 +110,9 @@ class Run:
         if given is None:
             self.progress("searching all mounting directions")
         else:
-            self.progress(f"searching around {given.name}")
+            self.progress(
+                f"starting at {given.name}" if config.search_deg is None else f"searching around {given.name}"
+            )
         T_given = None if given is None else given.T_camera_lidar
         hypotheses = initialize(observations, config, self.seed, T_given)
         self.options["initialization"] = asdict(config)
@@ -116,7 +122,11 @@ class Run:
         if other is not None:
             self.runner_up_margin = margin(best, other)
             self.reasons += _runner_up_reasons(best, other, self.runner_up_margin)
-            note += f", runner-up {other.mutual_information_nats:.4f} nats"
+            note += f", runner-up {self.runner_up_margin:.1f} standard errors behind"
+        elif given is None:
+            self.reasons.append(
+                "no other mounting was left to compare with: nothing tells that this one is right"
+            )
         self._finish("initial", start, observations, best.T_camera_lidar, note)
         return hypotheses
 
@@ -217,7 +227,7 @@ def _runner_up_reasons(best: Hypothesis, other: Hypothesis, margin: float) -> li
     angle_deg = rotation_error_deg(best.T_camera_lidar, other.T_camera_lidar)
     return [
         f"a mounting {angle_deg:.0f} degrees away explains the labels almost as well: "
-        f"{other.mutual_information_nats:.4f} against {best.mutual_information_nats:.4f} nats, "
+        f"{other.corrected_nats:.4f} against {best.corrected_nats:.4f} nats, "
         f"{margin:.1f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.1f}; add frames"
     ]
 
@@ -226,6 +236,7 @@ def _record(hypothesis: Hypothesis, best: Hypothesis) -> HypothesisRecord:
     return HypothesisRecord(
         T_camera_lidar=_rows(hypothesis.T_camera_lidar),
         mutual_information_nats=hypothesis.mutual_information_nats,
+        bias_nats=hypothesis.bias_nats,
         sigma_nats=hypothesis.sigma_nats if math.isfinite(hypothesis.sigma_nats) else None,
         overlap=hypothesis.overlap,
         num_pairs=hypothesis.num_pairs,

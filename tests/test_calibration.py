@@ -47,6 +47,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
             HypothesisRecord(
                 T_camera_lidar=np.eye(4).tolist(),
                 mutual_information_nats=1.0,
+                bias_nats=0.01,
                 sigma_nats=None,
                 overlap=0.5,
                 num_pairs=10,

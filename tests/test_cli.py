@@ -167,7 +167,7 @@ def test_a_start_that_looks_away_is_no_overlap(
         (["{street}", "--init", "{tmp}/none.yaml"], "{tmp}/none.yaml: no such file or folder"),
         (
             ["{street}", "--init-rpy-xyz", "0", "0", "180", "3", "4", "0"],
-            "--init-rpy-xyz 0 0 180 3 4 0: found the camera 5 m from the LiDAR, needed at most 3 m; "
+            "--init-rpy-xyz 0.0 0.0 180.0 3.0 4.0 0.0: found the camera 5 m from the LiDAR, needed at most 3 m; "
             "--max-baseline-m sets the limit",
         ),
     ],
@@ -239,7 +239,7 @@ def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
         calibration = read_calibration(output)
         assert compare_poses(calibration.pose, street_truth).rotation_deg < 1.0
         assert calibration.settings.options["given"] == "--init-rpy-xyz " + " ".join(
-            f"{float(x):g}" for x in numbers
+            repr(float(x)) for x in numbers
         )
 
 

@@ -1,12 +1,11 @@
 import dataclasses
-import itertools
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize, margin, runner_up
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations
@@ -38,9 +37,11 @@ def turned_about_z(T: Pose, angle_deg: float) -> Pose:
 
 @pytest.mark.parametrize("zoom", ["exact", "paper"])
 def test_the_mounting_is_found(street_observations: Observations, street_truth: Pose, zoom: str) -> None:
-    best, *others = from_nothing(street_observations, zoom=zoom)
-    check(best, street_truth)
-    assert all(other.mutual_information_nats <= best.mutual_information_nats for other in others)
+    hypotheses = from_nothing(street_observations, zoom=zoom)
+    check(hypotheses[0], street_truth)
+    agreements = [_core.agreement(street_observations.core, h.T_camera_lidar) for h in hypotheses]
+    ranks = [agreement.mutual_information - agreement.bias for agreement in agreements]
+    assert ranks == sorted(ranks, reverse=True)
 
 
 def test_a_turned_lidar_turns_the_answer(street_observations: Observations, street_truth: Pose) -> None:
@@ -71,8 +72,9 @@ def test_threads_do_not_change_a_bit(street_observations: Observations) -> None:
     found = []
     for num_threads in (1, 2):
         _core.set_num_threads(num_threads)
-        found.append([hypothesis.T_camera_lidar for hypothesis in from_nothing(street_observations)])
-    np.testing.assert_array_equal(*found)
+        hypotheses = from_nothing(street_observations)
+        found.append([(str(h), h.T_camera_lidar.tobytes()) for h in hypotheses])
+    assert found[0] == found[1]
 
 
 def test_without_a_lidar_block_the_grid_comes_from_the_points(
@@ -111,8 +113,6 @@ def test_a_runner_up_says_something_else(street_observations: Observations) -> N
     assert other is not None
     assert rotation_error_deg(other.T_camera_lidar, hypotheses[0].T_camera_lidar) >= config.runner_up_deg
     assert margin(hypotheses[0], other) > MIN_RUNNER_UP_MARGIN
-    for a, b in itertools.pairwise(hypotheses):
-        assert a.mutual_information_nats >= b.mutual_information_nats
 
 
 def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations: Observations) -> None:
@@ -134,6 +134,16 @@ def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations:
 def test_pictures_without_labels_overlap_nothing(street_observations: Observations) -> None:
     blank = [np.full_like(image, 255) for image in street_observations.image_classes]
     with pytest.raises(
-        CalibrationError, match="no overlap: in no direction do labelled points fall on labelled"
+        CalibrationError, match="no overlap: in no direction that was searched do labelled points"
     ):
         from_nothing(dataclasses.replace(street_observations, image_classes=blank))
+
+
+def test_a_lidar_block_of_another_sensor_is_refused(street_observations: Observations) -> None:
+    lidar = street_observations.lidar
+    assert lidar is not None
+    other = lidar.model_copy(update={"fov_up_deg": 10.0, "fov_down_deg": -5.0})
+    with pytest.raises(
+        InputError, match=r"lidar.fov_down_deg, lidar.fov_up_deg: found \d+% of the points outside"
+    ):
+        from_nothing(dataclasses.replace(street_observations, lidar=other))

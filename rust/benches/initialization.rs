@@ -72,16 +72,19 @@ fn registration_config() -> RegistrationConfig {
         max_roll: 15f64.to_radians(),
         roll_step: 5f64.to_radians(),
         around: None,
-        min_overlap: 0.1,
+        min_cells_of_most: 0.1,
         num_hypotheses: 24,
         separation: 15f64.to_radians(),
     }
 }
 
-fn alignment_config() -> AlignmentConfig {
+/// Levels and hypotheses of each, as the pipeline has them.
+const LEVELS: [(usize, usize); 4] = [(8, 24), (16, 12), (8, 8), (4, 6)];
+
+fn alignment_config(factor: usize) -> AlignmentConfig {
     AlignmentConfig {
-        factor: 8,
-        steps: 40,
+        factor,
+        steps: 60,
         batch_size: 2048,
         step_size: 0.2,
         final_step: 0.05,
@@ -135,9 +138,17 @@ fn over_frames(c: &mut Criterion) {
         group.bench_function(BenchmarkId::new("correspondences", count), |b| {
             b.iter(|| correspondences::sample(&observations, &images, Zoom::Exact, &hypotheses, 2000, SEED));
         });
-        let starts = vec![pose(); hypotheses.len()];
-        group.bench_function(BenchmarkId::new("alignment, one level", count), |b| {
-            b.iter(|| alignment::align(&observations, &starts, &alignment_config(), SEED));
+        group.bench_function(BenchmarkId::new("alignment, all levels", count), |b| {
+            b.iter(|| {
+                LEVELS.map(|(factor, num_starts)| {
+                    alignment::align(
+                        &observations,
+                        &vec![pose(); num_starts],
+                        &alignment_config(factor),
+                        SEED,
+                    )
+                })
+            });
         });
         group.bench_function(BenchmarkId::new("agreement of one pose", count), |b| {
             b.iter(|| agreement::measure(&observations, &pose()));
@@ -152,7 +163,7 @@ fn over_cells(c: &mut Criterion) {
     let images = SphericalImages::new(&observations, grid());
     let mut group = c.benchmark_group("registration, cells of the sphere");
     group.sample_size(10);
-    for cell_deg in [4.0f64, 2.0] {
+    for cell_deg in [4.0f64, 3.0, 2.0] {
         let coarse_cell = cell_deg.to_radians();
         let cells = grid().coarsened(coarse_cell);
         let config = RegistrationConfig { coarse_cell, ..registration_config() };

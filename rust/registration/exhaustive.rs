@@ -6,6 +6,7 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;
 
+use nalgebra::{Rotation3, Vector3};
 use rayon::prelude::*;
 
 use super::{Downsampled, RegistrationConfig, downsampled};
@@ -37,27 +38,29 @@ pub(super) fn search(
     let images = downsampled(observations, zoomed, coarse.cell_height);
     let most = observations.frames.len() * coarse.rows * coarse.columns;
     let n_log_n: Vec<f64> = (0..=most).map(|n| n as f64 * (n.max(1) as f64).ln()).collect();
-    let counts = Counts::new(observations, &n_log_n);
+    let empty = Counts::new(observations, &n_log_n);
+    let narrowed = Narrowed::new(coarse, config);
     let candidates: Vec<Candidate> = upright_placements(zoomed, coarse, config)
         .par_iter()
         .flat_map_iter(|upright| {
             let shifts: Vec<usize> = (0..coarse.columns)
-                .filter(|&shift| is_asked_for(&shifted(upright, shift, coarse.columns), config))
+                .filter(|&shift| narrowed.allows(&shifted(upright, shift, coarse.columns)))
                 .collect();
             if shifts.is_empty() {
                 return Vec::new();
             }
             let template = Template::new(observations, zoomed, coarse, &images, upright);
-            shifts.into_iter().map(|shift| template.score(&rings, shift, counts.clone())).collect()
+            let mut counts = empty.clone();
+            shifts.into_iter().map(|shift| template.score(&rings, shift, &mut counts)).collect()
         })
         .collect();
     let largest = candidates.iter().map(|c| c.num_cells).fold(0.0, f64::max);
     if largest == 0.0 {
         return Err(Error::Calibration(
-            "no overlap: in no direction do labelled points fall on labelled pixels".into(),
+            "no overlap: in no direction that was searched do labelled points fall on labelled pixels".into(),
         ));
     }
-    let enough = |c: &Candidate| c.num_cells >= config.min_overlap * largest;
+    let enough = |c: &Candidate| c.num_cells >= config.min_cells_of_most * largest;
     Ok(candidates.into_iter().filter(enough).collect())
 }
 
@@ -76,22 +79,24 @@ fn upright_placements(zoomed: &Zoomed, grid: &SphericalGrid, config: &Registrati
             scale: 1.0,
         }));
     }
+    // However narrow the search, the rotation that it is narrowed to is tried.
+    let given =
+        config.around.map(|(rotation, _)| Placement { azimuth: 0.0, ..Placement::of_rotation(&rotation) });
+    placements.extend(given);
     placements
 }
 
-/// The in-plane rotations, each once: about level, or about that of the rotation which the search is narrowed to.
+/// The in-plane rotations, each once. A search that is narrowed to a rotation tries them all: where the camera looks far
+/// up or down, a turn in azimuth and one in the picture are nearly the same.
 fn rolls(config: &RegistrationConfig) -> Vec<f64> {
-    let (middle, reach) = match &config.around {
-        Some((rotation, angle)) => (Placement::of_rotation(rotation).roll, *angle),
-        None => (0.0, config.max_roll),
-    };
-    let steps = (reach / config.roll_step).round();
     let num_around = (TAU / config.roll_step).round();
-    if 2.0 * steps + 1.0 >= num_around {
-        return (0..num_around as usize).map(|i| middle + i as f64 / num_around * TAU).collect();
+    let steps = (config.max_roll / config.roll_step).ceil();
+    if config.around.is_some() || 2.0 * steps + 1.0 >= num_around {
+        return (0..num_around as usize).map(|i| i as f64 / num_around * TAU).collect();
     }
+    let step = config.max_roll / steps.max(1.0);
     let steps = steps as i32;
-    (-steps..=steps).map(|i| middle + f64::from(i) * config.roll_step).collect()
+    (-steps..=steps).map(|i| f64::from(i) * step).collect()
 }
 
 /// A placement turned to the right by so many of `columns` around.
@@ -99,12 +104,17 @@ fn shifted(upright: &Placement, shift: usize, columns: usize) -> Placement {
     Placement { azimuth: -(shift as f64) / columns as f64 * TAU, ..*upright }
 }
 
-fn is_asked_for(placement: &Placement, config: &RegistrationConfig) -> bool {
-    match &config.around {
-        Some((rotation, angle)) => {
-            placement.rotation().angle_to(rotation) <= angle + 0.5 * config.coarse_cell
-        }
-        None => true,
+/// What a search is narrowed to: rotations within an angle of one, and half a step of the search more.
+struct Narrowed(Option<(Rotation3<f64>, f64)>);
+
+impl Narrowed {
+    fn new(grid: &SphericalGrid, config: &RegistrationConfig) -> Self {
+        let steps = Vector3::new(grid.cell_height, TAU / grid.columns as f64, config.roll_step);
+        Self(config.around.map(|(rotation, angle)| (rotation, angle + 0.5 * steps.norm())))
+    }
+
+    fn allows(&self, placement: &Placement) -> bool {
+        self.0.is_none_or(|(rotation, angle)| placement.rotation().angle_to(&rotation) <= angle)
     }
 }
 
@@ -176,7 +186,8 @@ impl Template {
     }
 
     /// The candidate that lies `shift` columns to the right of azimuth zero.
-    fn score(&self, rings: &[Vec<u32>], shift: usize, mut counts: Counts) -> Candidate {
+    fn score(&self, rings: &[Vec<u32>], shift: usize, counts: &mut Counts) -> Candidate {
+        counts.pairs.fill(0);
         for (ring, classes) in rings.iter().zip(&self.classes) {
             for (start, cells) in &self.runs {
                 let ring = &ring[start + shift..][..cells.len()];
@@ -239,7 +250,6 @@ mod tests {
     use super::*;
     use crate::mutual_information::JointHistogram;
     use crate::zoom::Zoom;
-    use nalgebra::Rotation3;
     use proptest::prelude::*;
 
     const CONFIG: RegistrationConfig = RegistrationConfig {
@@ -249,7 +259,7 @@ mod tests {
         max_roll: 0.26,
         roll_step: 0.087,
         around: None,
-        min_overlap: 0.1,
+        min_cells_of_most: 0.1,
         num_hypotheses: 8,
         separation: 0.26,
     };
@@ -279,16 +289,24 @@ mod tests {
     fn every_roll_is_tried_once() {
         let all = RegistrationConfig { max_roll: std::f64::consts::PI, ..CONFIG };
         assert_eq!(rolls(&CONFIG).len(), 7);
+        let few = rolls(&RegistrationConfig { max_roll: 0.1, ..CONFIG });
+        assert_eq!(few, [-0.1, -0.05, 0.0, 0.05, 0.1]);
         assert_eq!(rolls(&all).len(), 72);
     }
 
     #[test]
-    fn a_narrowed_search_asks_for_nothing_else() {
-        let portrait = Placement { azimuth: 1.0, elevation: 0.2, roll: 1.5, scale: 1.0 };
-        let around: (Rotation3<f64>, f64) = (portrait.rotation(), 0.3);
-        let config = RegistrationConfig { around: Some(around), ..CONFIG };
-        let away = |roll: f64| Placement { roll: portrait.roll + roll, ..portrait };
-        assert!(is_asked_for(&away(0.29), &config) && !is_asked_for(&away(0.4), &config));
-        assert!(rolls(&config).iter().all(|roll| (roll - portrait.roll).abs() < 0.35));
+    fn a_narrowed_search_tries_all_within_its_angle_and_nothing_far() {
+        let grid = SphericalGrid::from_scan(64, 1024, 0.2, -0.5).expect("a valid scan").coarsened(0.05);
+        for elevation in [0.0, 1.0, -1.3] {
+            let given = Placement { azimuth: 1.0, elevation, roll: 1.5, scale: 1.0 };
+            let config = RegistrationConfig { around: Some((given.rotation(), 0.3)), ..CONFIG };
+            let narrowed = Narrowed::new(&grid, &config);
+            assert_eq!(rolls(&config).len(), 72);
+            for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
+                let turned = |angle| Rotation3::from_axis_angle(&axis, angle) * given.rotation();
+                assert!(narrowed.allows(&Placement::of_rotation(&turned(0.29))));
+                assert!(!narrowed.allows(&Placement::of_rotation(&turned(0.4))));
+            }
+        }
     }
 }

@@ -73,10 +73,10 @@ impl<'a> Level<'a> {
     }
 
     /// Powell's method from one placement: three angles, and the scale of the paper's zoomed picture.
-    pub fn refine(&self, start: &Placement, config: &RegistrationConfig) -> Hypothesis {
-        let reach = 1.5 * config.coarse_cell;
+    /// Line searches reach `reach` to either side.
+    pub fn refine(&self, start: &Placement, reach: f64, config: &RegistrationConfig) -> Hypothesis {
         let returns = self.near(start, 2.0 * reach);
-        let least = config.min_overlap * self.joint(start, &returns).total();
+        let least = config.min_cells_of_most * self.joint(start, &returns).total();
         let objective = |placement: &Placement| {
             let joint = self.joint(placement, &returns);
             if joint.total() < least { f64::INFINITY } else { joint.bias() - joint.mutual_information() }

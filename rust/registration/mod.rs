@@ -22,6 +22,8 @@ use local::Level;
 
 /// Cells are small enough for so many across the picture: in the exhaustive search, and in Powell's.
 const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
+/// Powell's line searches reach so many cells of the exhaustive search.
+const REACH: f64 = 1.5;
 /// Hypotheses may lie close enough for so many across the picture.
 const SEPARATIONS_ACROSS: f64 = 4.0;
 
@@ -41,7 +43,7 @@ pub struct RegistrationConfig {
     /// Where the search is narrowed to: rotations (of `T_camera_lidar`) within an angle of one.
     pub around: Option<(Rotation3<f64>, f64)>,
     /// A placement counts only if it overlaps at least this share of the cells of the best overlapping one.
-    pub min_overlap: f64,
+    pub min_cells_of_most: f64,
     /// Hypotheses refined and returned.
     pub num_hypotheses: usize,
     /// Smallest rotation between two hypotheses.
@@ -72,14 +74,16 @@ pub fn register(
 ) -> Result<Vec<Hypothesis>> {
     let zoomed = Zoomed::new(&observations.camera, config.zoom)?;
     let cell = config.coarse_cell.min(zoomed.horizontal_fov() / CELLS_ACROSS.0);
-    let candidates = exhaustive::search(observations, &zoomed, images, &images.grid.coarsened(cell), config)?;
+    let coarse = images.grid.coarsened(cell);
+    let candidates = exhaustive::search(observations, &zoomed, images, &coarse, config)?;
     let of = |c: &Candidate| (c.placement, c.mutual_information);
     let separation = config.separation.min(zoomed.horizontal_fov() / SEPARATIONS_ACROSS);
     let starts = separate(candidates, separation, config.num_hypotheses, of);
     let cell = config.fine_cell.min(zoomed.horizontal_fov() / CELLS_ACROSS.1);
     let level = Level::new(observations, &zoomed, images, cell);
+    let reach = REACH * coarse.cell_height;
     let refined: Vec<Hypothesis> =
-        starts.par_iter().map(|start| level.refine(&start.placement, config)).collect();
+        starts.par_iter().map(|start| level.refine(&start.placement, reach, config)).collect();
     let of = |h: &Hypothesis| (h.placement, h.mutual_information);
     Ok(separate(refined, 0.5 * separation, config.num_hypotheses, of))
 }

@@ -16,8 +16,10 @@ const MAX_ESTIMATED_CELL: f64 = 0.035;
 const CHANNEL_BIN: f64 = 2e-4;
 /// ... of which they may fill at most this share; ...
 const MAX_CHANNEL_SHARE: f64 = 0.5;
-/// ... there are at least so many ...
+/// ... there are at least so many, ...
 const MIN_CHANNELS: usize = 4;
+/// ... with so many returns a turn each; ...
+const MIN_COLUMNS: usize = 90;
 /// ... and bins with less than this share of the fullest's returns are empty.
 const EMPTY_BIN_SHARE: f64 = 0.02;
 
@@ -43,9 +45,11 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     let filled = Filled::by(sweeps);
     let per_sweep = elevations.len() as f64 / sweeps.len() as f64;
     if let Some(channels) = count_channels(within, bottom, top) {
-        let columns = per_sweep / channels as f64 / filled.share_of_turn();
-        let columns = (columns as usize).clamp(4, MAX_PIXELS / channels);
-        return SphericalGrid::from_scan(channels, columns, top, bottom);
+        let columns = (per_sweep / channels as f64 / filled.share_of_turn()) as usize;
+        // A sparse pattern leaves bins empty, too, but puts few points into each of its many "channels".
+        if columns >= MIN_COLUMNS {
+            return SphericalGrid::from_scan(channels, columns.min(MAX_PIXELS / channels), top, bottom);
+        }
     }
     let cell = (POINTS_PER_CELL * filled.solid_angle() / per_sweep).sqrt();
     let cell = cell.clamp(MIN_ESTIMATED_CELL, MAX_ESTIMATED_CELL);
@@ -146,6 +150,18 @@ mod tests {
         let cells = grid.rows * grid.columns;
         assert!(filled as f64 > 0.6 * cells as f64, "{filled} of {cells} cells");
         assert!(cells > points / 5, "{cells} cells are few for {points} points");
+    }
+
+    #[test]
+    fn a_sparse_rosette_has_no_channels() {
+        for points in [1000, 2000, 3000, 4000] {
+            let sweep = sweep(ScanPattern::Rosette { points, fov_up_deg: 10.0, fov_down_deg: -30.0 });
+            let grid = estimate(&[&sweep]).expect("a grid");
+            assert!(
+                (grid.cell_height - TAU / grid.columns as f64).abs() < 1e-3,
+                "{grid:?} for {points} points"
+            );
+        }
     }
 
     #[test]

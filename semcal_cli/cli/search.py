@@ -144,7 +144,7 @@ def _given(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> Given |
     if init is not None:
         return Given(read_transform(init), name=str(init), source=init)
     if init_rpy_xyz is not None:
-        name = " ".join(f"{number:g}" for number in init_rpy_xyz)
+        name = " ".join(map(repr, init_rpy_xyz))
         return Given(pose_from_mounting(init_rpy_xyz[:3], init_rpy_xyz[3:]), name=f"--init-rpy-xyz {name}")
     return None
 

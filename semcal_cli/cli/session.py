@@ -92,7 +92,7 @@ class Session:
             looks_along = " ".join(f"{x:8.4f}" for x in h.T_camera_lidar[2, :3])
             self.console.print(
                 f"  {number:>2}.  {h.mutual_information_nats:8.4f} +- {h.sigma_nats:6.4f}   {looks_along}   "
-                f"{h.overlap:7.0%}  {h.num_pairs:7,}  {h.num_inliers:7,}",
+                f"{h.overlap:7.0%}  {_count(h.num_pairs)}  {_count(h.num_inliers)}",
                 markup=False,
             )
 
@@ -160,6 +160,10 @@ def error_lines(error: PoseError) -> list[str]:
         f"rotation       {error.rotation_deg:8.4f} deg   x y z {_row(error.rotation_xyz_deg)} deg",
         f"camera centre  {error.camera_center_cm:8.3f} cm    x y z {_row(error.camera_center_xyz_cm)} cm",
     ]
+
+
+def _count(number: int | None) -> str:
+    return f"{'-' if number is None else format(number, ','):>7}"
 
 
 def _row(values: list[float] | tuple[float, ...]) -> str:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import subprocess
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
@@ -114,9 +115,13 @@ def main() -> None:
     for condition in CONDITIONS:
         for seed in seeds:
             make_drive(arguments.pool, condition, seed)
-    file = arguments.pool / "results.jsonl"
+    revision = subprocess.run(
+        ["git", "describe", "--always", "--dirty"], check=True, capture_output=True, text=True
+    )
+    file = arguments.pool / f"results_{revision.stdout.strip()}.jsonl"
     done = read_results(file) if file.exists() else []
-    missing = [case for case in cases(seeds) if case not in {(r.condition, r.seed, r.variant) for r in done}]
+    known = {(r.condition, r.seed, r.variant) for r in done}
+    missing = [case for case in cases(seeds) if case not in known]
     with ProcessPoolExecutor(arguments.jobs, initializer=_core.set_num_threads, initargs=(1,)) as processes:
         for results in processes.map(partial(run_case, arguments.pool), missing):
             done += results
