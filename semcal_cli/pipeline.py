@@ -228,7 +228,7 @@ def _runner_up_reasons(best: Hypothesis, other: Hypothesis, margin: float) -> li
     return [
         f"a mounting {angle_deg:.0f} degrees away explains the labels almost as well: "
         f"{other.corrected_nats:.4f} against {best.corrected_nats:.4f} nats, "
-        f"{margin:.1f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.1f}; add frames"
+        f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}; add frames"
     ]
 
 

@@ -279,7 +279,7 @@ def test_a_runner_up_that_is_close_is_not_trusted(
     (reason,) = read_calibration(tmp_path / "out.yaml").reasons
     assert re.fullmatch(
         r"a mounting \d+ degrees away explains the labels almost as well: \d\.\d{4} against \d\.\d{4} nats, "
-        r"\d+\.\d standard errors apart, needed 1000\.0; add frames",
+        r"\d+\.\d\d standard errors apart, needed 1000\.00; add frames",
         reason,
     )
 

@@ -128,3 +128,19 @@ fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f64) -> Downs
     let images = observations.frames.par_iter().map(|f| majority(&f.image_classes, factor)).collect();
     Downsampled { factor, images }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_best_stay_apart_best_first() {
+        let placement = |azimuth: f64| Placement { azimuth, elevation: 0.0, roll: 0.0, scale: 1.0 };
+        // Azimuth in radians, and a score.
+        let found = vec![(0.0, 1.0), (0.1, 3.0), (0.5, 2.0), (0.55, 2.5), (2.0, 0.5), (0.1, 3.0)];
+        let of = |&(azimuth, score): &(f64, f64)| (placement(azimuth), score);
+        let kept = separate(found.clone(), 0.2, 10, of);
+        assert_eq!(kept, [(0.1, 3.0), (0.55, 2.5), (2.0, 0.5)]);
+        assert_eq!(separate(found, 0.2, 2, of), kept[..2]);
+    }
+}
