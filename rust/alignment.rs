@@ -325,12 +325,20 @@ mod tests {
         #[test]
         fn the_gradient_is_that_of_finite_differences(twist in prop::array::uniform6(-0.02..0.02f64)) {
             const STEP: f64 = 1e-7;
-            // One point in 900 may cross the middle of a block within the step, where the slope jumps.
-            const ONE_POINT: f64 = 0.01;
+            // Points that cross the middle of a block within the step are left out: there the slope jumps.
+            const FROM_MIDDLE: f64 = 1e-4;
+            const TOLERANCE: f64 = 1e-4;
             let observations = scene(0.3);
             let level = Level::new(&observations, &config());
             let pose = se3::exp(&Vector6::from(twist));
-            let samples = level.samples(&pose);
+            let mut samples = level.samples(&pose);
+            samples.retain(|sample| {
+                let pixel = observations.camera.project(&to_camera(&pose)(&sample.position)).expect("in front");
+                [pixel.x, pixel.y].iter().all(|x| {
+                    let place = ((x + 0.5) / level.factor as f64 - 0.5).rem_euclid(1.0);
+                    place > FROM_MIDDLE && place < 1.0 - FROM_MIDDLE
+                })
+            });
             let value = |pose: &Isometry3<f64>| {
                 let to_camera = to_camera(pose);
                 let mut joint = level.empty_joint();
@@ -345,7 +353,7 @@ mod tests {
                 let mut step = Vector6::zeros();
                 step[axis] = STEP;
                 let slope = (value(&(se3::exp(&step) * pose)) - value(&(se3::exp(&-step) * pose))) / (2.0 * STEP);
-                prop_assert!((slope - gradient[axis]).abs() < ONE_POINT * gradient.norm(), "{axis}: {slope} {gradient}");
+                prop_assert!((slope - gradient[axis]).abs() < TOLERANCE * (1.0 + gradient.norm()), "{axis}: {slope} {gradient}");
             }
         }
     }
