@@ -103,3 +103,27 @@ fn spread(mut pairs: Vec<Correspondence>, camera: &Camera, count: usize) -> Vec<
     pairs.truncate(count);
     pairs
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_part_of_the_picture_and_no_band_of_range_has_more_than_its_share() {
+        const COUNT: usize = 60;
+        let k = [[100.0, 0.0, 59.5], [0.0, 100.0, 39.5], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("plumb_bob", (120, 80), k, &[]).expect("a valid camera");
+        let pair =
+            |u: f64, range: f32| Correspondence { point: [0.0, 0.0, range], pixel: Point2::new(u, 5.0) };
+        // A crowd in one block at one range, and a few pairs elsewhere, later in the list.
+        let crowd = (0..1000).map(|i| pair(f64::from(i % 10), 7.0));
+        let others = (0..10).map(|i| pair(50.0, 3.0 + 10.0 * f64::from(i % 2) as f32));
+        let kept = spread(crowd.chain(others).collect(), &camera, COUNT);
+        let in_crowd = kept.iter().filter(|c| c.point[2] == 7.0).count();
+        assert_eq!((in_crowd, kept.len()), (COUNT, COUNT), "three bins: a share is more than all");
+        let many = (0..12).flat_map(|i| (0..100).map(move |_| pair(f64::from(i) * 10.0, 7.0)));
+        let kept = spread(many.collect(), &camera, COUNT);
+        let in_first = kept.iter().filter(|c| c.pixel.x == 0.0).count();
+        assert_eq!((in_first, kept.len()), (SHARE_MARGIN * COUNT / 12, COUNT));
+    }
+}

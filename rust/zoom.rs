@@ -15,6 +15,9 @@ use crate::label_image::LabelImage;
 use crate::observation::NO_CLASS;
 use crate::spherical::{azimuth, elevation};
 
+/// Where the lens ends is looked for in so many steps from the border to the middle.
+const BORDER_STEPS: usize = 64;
+
 /// How the label image is brought to the angular grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Zoom {
@@ -69,7 +72,7 @@ pub struct Zoomed<'a> {
     zoom: Zoom,
     /// Horizontal and vertical field of view, radians.
     fov: Vector2<f64>,
-    /// Rays through the corners and the middles of the sides, camera frame, as far as the lens reaches them.
+    /// Rays towards the corners and the middles of the sides, camera frame, as far as the lens reaches.
     border: Vec<Vector3<f64>>,
     /// What a placement's azimuth and elevation speak of, camera frame.
     axis: Vector3<f64>,
@@ -77,21 +80,28 @@ pub struct Zoomed<'a> {
 
 impl<'a> Zoomed<'a> {
     /// # Errors
-    /// The lens does not reach the middle of a border of the picture, so that it has no field of view.
+    /// The lens does not reach the middle of the picture.
     pub fn new(camera: &'a Camera, zoom: Zoom) -> Result<Self> {
-        let center = border_ray(camera, 0.0, 0.0)?;
-        let (left, right) = (border_ray(camera, -1.0, 0.0)?, border_ray(camera, 1.0, 0.0)?);
-        let (top, bottom) = (border_ray(camera, 0.0, -1.0)?, border_ray(camera, 0.0, 1.0)?);
-        let fov = Vector2::new(
-            left.angle(&center) + right.angle(&center),
-            top.angle(&center) + bottom.angle(&center),
-        );
+        let (center, _) = border_ray(camera, 0.0, 0.0)?;
+        let sides = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
+        let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
+        let mut border = Vec::with_capacity(sides.len() + corners.len());
+        let mut angles = Vec::with_capacity(border.capacity());
+        for (right, down) in sides.into_iter().chain(corners) {
+            let (ray, reached) = border_ray(camera, right, down)?;
+            border.push(ray);
+            // As if the lens went on evenly beyond what it reaches.
+            angles.push(ray.angle(&center) / reached);
+        }
+        let fov = Vector2::new(angles[0] + angles[1], angles[2] + angles[3]);
         // A placement's axis is the optical axis, but the middle of the picture for the paper's zoom.
         let axis = if zoom == Zoom::Exact { Vector3::z() } else { center };
-        let corners = [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)];
-        let reached = corners.iter().filter_map(|&(u, v)| border_ray(camera, u, v).ok());
-        let border = reached.chain([left, right, top, bottom]).collect();
         Ok(Self { camera, zoom, fov, border, axis })
+    }
+
+    /// `R_camera_lidar`, with the camera turned so that what placements call its axis becomes the optical axis.
+    pub fn onto_axis(&self, rotation: &Rotation3<f64>) -> Rotation3<f64> {
+        Rotation3::rotation_between(&self.axis, &Vector3::z()).unwrap_or_default() * rotation
     }
 
     /// Horizontal field of view, radians.
@@ -140,14 +150,18 @@ impl<'a> Zoomed<'a> {
     }
 }
 
-/// The ray through a place of the picture, given from -1 (left, top) to 1 (right, bottom).
-fn border_ray(camera: &Camera, right: f64, down: f64) -> Result<Vector3<f64>> {
+/// The ray towards a place of the picture, given from -1 (left, top) to 1 (right, bottom), and the share of the way from
+/// the middle that the lens reaches: a circular fisheye leaves the border dark.
+fn border_ray(camera: &Camera, right: f64, down: f64) -> Result<(Vector3<f64>, f64)> {
     let half = Vector2::new(camera.width as f64 - 1.0, camera.height as f64 - 1.0) * 0.5;
-    let pixel = Point2::from(half + half.component_mul(&Vector2::new(right, down)));
-    camera.unproject(&pixel).ok_or_else(|| {
+    let pixel = |share: f64| Point2::from(half + half.component_mul(&Vector2::new(right, down)) * share);
+    let shares = (1..=BORDER_STEPS).rev().map(|step| step as f64 / BORDER_STEPS as f64);
+    let reached = |share| camera.unproject(&pixel(share)).map(|ray| (ray, share));
+    shares.into_iter().find_map(reached).ok_or_else(|| {
+        let middle = pixel(0.0);
         Error::Input(format!(
-            "camera: the lens model does not reach pixel ({:.0}, {:.0}) at the picture's border",
-            pixel.x, pixel.y
+            "camera: the lens model does not reach pixel ({:.0}, {:.0}) in the picture's middle",
+            middle.x, middle.y
         ))
     })
 }
@@ -213,6 +227,32 @@ mod tests {
         // At 25 degrees of a 90-degree lens: 640 tan(25) = 298 pixels against 25/90 * 1280 = 356.
         assert!((pixel(Zoom::Exact, 25.0) - 639.5 - 298.4).abs() < 1.0);
         assert!((pixel(Zoom::Paper, 25.0) - 639.5 - 355.6).abs() < 1.0);
+    }
+
+    #[test]
+    fn a_circular_fisheye_is_seen_as_far_as_it_reaches() {
+        let k = [[300.0, 0.0, 639.5], [0.0, 300.0, 359.5], [0.0, 0.0, 1.0]];
+        // The image radius grows up to where the derivative 1 - 0.3 angle^2 is zero, and ends there.
+        let camera = Camera::new("fisheye", (1280, 720), k, &[-0.1, 0.0, 0.0, 0.0]).expect("a valid camera");
+        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
+        let limit = (1.0f64 / 0.3).sqrt();
+        assert!(zoomed.reach() < limit && zoomed.reach() > 0.85 * limit, "{} of {limit}", zoomed.reach());
+    }
+
+    #[test]
+    fn onto_the_axis_of_the_paper_is_onto_the_middle_of_the_picture() {
+        let k = [[640.0, 0.0, 500.0], [0.0, 640.0, 300.0], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("plumb_bob", (1280, 720), k, &[]).expect("a valid camera");
+        let placement = Placement { azimuth: 0.4, elevation: 0.1, roll: 0.0, scale: 1.0 };
+        let rotation = placement.rotation();
+        let exact = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
+        assert!(exact.onto_axis(&rotation).angle_to(&rotation) < 1e-12);
+        let paper = Zoomed::new(&camera, Zoom::Paper).expect("a picture");
+        let middle = rotation.inverse() * camera.unproject(&Point2::new(639.5, 359.5)).expect("a ray");
+        let placed = Placement::of_rotation(&paper.onto_axis(&rotation));
+        assert!((from_angles(placed.azimuth, placed.elevation) - middle.normalize()).norm() < 1e-9);
+        let pixel = paper.pixel_map(&placed)(&middle).expect("inside");
+        assert!((pixel - Point2::new(639.5, 359.5)).norm() < 1e-6);
     }
 
     #[test]

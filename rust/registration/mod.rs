@@ -73,6 +73,8 @@ pub fn register(
     config: &RegistrationConfig,
 ) -> Result<Vec<Hypothesis>> {
     let zoomed = Zoomed::new(&observations.camera, config.zoom)?;
+    let around = config.around.map(|(rotation, angle)| (zoomed.onto_axis(&rotation), angle));
+    let config = &RegistrationConfig { around, ..*config };
     let cell = config.coarse_cell.min(zoomed.horizontal_fov() / CELLS_ACROSS.0);
     let coarse = images.grid.coarsened(cell);
     let candidates = exhaustive::search(observations, &zoomed, images, &coarse, config)?;
