@@ -16,6 +16,9 @@ const COVER_BLOCKS: f64 = 40.0;
 /// picture of one frame, to tell the standard error of the mutual information.
 const CLUSTERS_ACROSS: f64 = 8.0;
 
+/// Pairs that other observations have not seen count as so many points.
+const LEAST_WEIGHT: f64 = 0.1;
+
 /// How well points and pictures agree at a pose.
 #[derive(Clone, Debug)]
 pub struct Agreement {
@@ -44,14 +47,9 @@ impl Agreement {
 
 /// Compares all frames at `T_camera_lidar`.
 pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> Agreement {
-    let frames: Vec<FrameAgreement> = observations
-        .frames
-        .par_iter()
-        .map(|frame| FrameAgreement::new(observations, frame, t_camera_lidar))
-        .collect();
+    let frames = per_frame(observations, t_camera_lidar);
     let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
-    let mut joint = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
-    clusters.iter().for_each(|cluster| joint.merge(cluster));
+    let joint = merged(observations, &clusters);
     Agreement {
         num_inside: frames.iter().map(|f| f.num_inside).sum(),
         num_hidden: frames.iter().map(|f| f.num_hidden).sum(),
@@ -59,6 +57,52 @@ pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> 
         sigma: standard_error(&joint, &clusters),
         joint,
     }
+}
+
+fn per_frame(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> Vec<FrameAgreement> {
+    let compare = |frame| FrameAgreement::new(observations, frame, t_camera_lidar);
+    observations.frames.par_iter().map(compare).collect()
+}
+
+fn merged(observations: &Observations, clusters: &[&JointHistogram]) -> JointHistogram {
+    let mut joint = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
+    clusters.iter().for_each(|cluster| joint.merge(cluster));
+    joint
+}
+
+/// A difference between two poses, nats.
+#[derive(Clone, Copy, Debug)]
+pub struct Gain {
+    /// Over all pairs.
+    pub mean: f64,
+    /// Its standard error over clusters; infinite if there are fewer than two.
+    pub sigma: f64,
+}
+
+/// How much better held-out data agree at the pose `after` than at the pose `before`, by the tables of pointwise mutual
+/// information that other observations give there: the first term of the Donsker-Varadhan bound. Clusters are paired.
+pub fn held_out_gain(
+    observations: &Observations,
+    held_out: &Observations,
+    before: &Isometry3<f64>,
+    after: &Isometry3<f64>,
+) -> Gain {
+    let [before, after] = [before, after].map(|pose| {
+        let table = measure(observations, pose).joint.pointwise_at_least(LEAST_WEIGHT);
+        let frames = per_frame(held_out, pose);
+        let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
+        let total = merged(held_out, &clusters).total().max(LEAST_WEIGHT);
+        let score = |cluster: &&JointHistogram| {
+            cluster.weights.iter().zip(&table).map(|(weight, pmi)| weight * pmi).sum::<f64>() / total
+        };
+        clusters.iter().map(score).collect::<Vec<_>>()
+    });
+    let pairs = before.iter().zip(&after).filter(|(b, a)| **b != 0.0 || **a != 0.0);
+    let gains: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
+    let (count, sum) = (gains.len() as f64, gains.iter().sum::<f64>());
+    let scatter: f64 = gains.iter().map(|gain| (gain - sum / count).powi(2)).sum();
+    let sigma = if gains.len() < 2 { f64::INFINITY } else { (scatter * count / (count - 1.0)).sqrt() };
+    Gain { mean: sum, sigma }
 }
 
 /// The standard error of the mutual information: pairs in a cluster depend on one another, clusters do not. A pair moves

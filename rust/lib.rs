@@ -17,6 +17,7 @@ pub mod powell;
 pub mod pyramid;
 pub mod registration;
 pub mod se3;
+pub mod speckle;
 pub mod spherical;
 pub mod thinning;
 pub mod visibility;

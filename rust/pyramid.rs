@@ -5,16 +5,50 @@ use nalgebra::{Point2, Vector2};
 use crate::label_image::LabelImage;
 use crate::observation::NO_CLASS;
 
-/// The shares of one picture at one level, to be sampled: for each block, the classes that it holds.
+/// The shares of one picture at one level, to be sampled.
 #[derive(Clone, Debug)]
 pub struct ShareMap {
     factor: usize,
     columns: usize,
     rows: usize,
-    /// Where the entries of each block begin, row by row; one more for the end.
-    starts: Vec<u32>,
-    entries: Vec<Share>,
+    blocks: Blocks,
 }
+
+/// The classes that each block holds, row by row.
+#[derive(Clone, Debug)]
+enum Blocks {
+    /// Blocks of one pixel.
+    Pixels(Vec<u8>),
+    Shares {
+        /// Where the entries of each block begin; one more for the end.
+        starts: Vec<u32>,
+        entries: Vec<Share>,
+    },
+}
+
+impl Blocks {
+    #[inline]
+    fn at(&self, index: usize) -> &[Share] {
+        match self {
+            Self::Pixels(ids) => {
+                let class = usize::from(ids[index]);
+                &WHOLE[class..class + usize::from(class < WHOLE.len())]
+            }
+            Self::Shares { starts, entries } => &entries[starts[index] as usize..starts[index + 1] as usize],
+        }
+    }
+}
+
+/// What a pixel of each class holds: all of it.
+static WHOLE: [Share; NO_CLASS as usize] = {
+    let mut whole = [Share { class: 0, amount: u8::MAX }; NO_CLASS as usize];
+    let mut class = 0;
+    while class < NO_CLASS {
+        whole[class as usize].class = class;
+        class += 1;
+    }
+    whole
+};
 
 /// A class of a block, and how much of the block it has, in 1/255.
 #[derive(Clone, Copy, Debug)]
@@ -25,15 +59,26 @@ struct Share {
 
 impl ShareMap {
     /// Averages the classes of blocks of `factor x factor` pixels.
-    pub fn new(image: &LabelImage<u8>, num_classes: usize, factor: usize) -> Self {
+    ///
+    /// Only whole blocks count, so that block `(i, j)` is centred on pixel `factor * (i + 1/2) - 1/2` exactly; pixels
+    /// without a class take their share but give it to none.
+    pub fn new(image: &LabelImage<u8>, factor: usize) -> Self {
         let (columns, rows) = (image.width / factor, image.height / factor);
-        let (mut starts, mut entries) = (vec![0], Vec::new());
-        for block in class_shares(image, num_classes, factor).chunks_exact(num_classes) {
-            let shares = block.iter().enumerate().filter(|&(_, &amount)| amount > 0);
-            entries.extend(shares.map(|(class, &amount)| Share { class: class as u8, amount }));
-            starts.push(entries.len() as u32);
-        }
-        Self { factor, columns, rows, starts, entries }
+        let blocks = if factor == 1 {
+            Blocks::Pixels(image.ids.clone())
+        } else {
+            let (mut starts, mut entries) = (vec![0], Vec::new());
+            let mut counts = [0; NO_CLASS as usize];
+            for index in 0..rows * columns {
+                let (row, column) = (index / columns, index % columns);
+                let lines = (row * factor..(row + 1) * factor)
+                    .map(|v| &image.ids[v * image.width + column * factor..][..factor]);
+                add_shares(lines, &mut counts, &mut entries);
+                starts.push(entries.len() as u32);
+            }
+            Blocks::Shares { starts, entries }
+        };
+        Self { factor, columns, rows, blocks }
     }
 
     /// The shares at a pixel of the full-resolution picture, bilinear between the centres of blocks, and continued
@@ -43,10 +88,7 @@ impl ShareMap {
         let (column, right) = Self::between(pixel.x, self.factor, self.columns);
         let (row, down) = Self::between(pixel.y, self.factor, self.rows);
         let (next_column, next_row) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
-        let block = |row: usize, column: usize| {
-            let index = row * self.columns + column;
-            &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize]
-        };
+        let block = |row: usize, column: usize| self.blocks.at(row * self.columns + column);
         let corners = [
             block(row, column),
             block(row, next_column),
@@ -72,6 +114,18 @@ impl ShareMap {
             moves: (right.is_some(), down.is_some()),
             per_pixel: 1.0 / self.factor as f64,
         })
+    }
+
+    /// Whether a pixel lies amid blocks of one class that reach at least `radius` blocks to each side of it.
+    pub fn is_amid_one_class(&self, pixel: &Point2<f64>, radius: usize) -> bool {
+        let span = |pixel: f64, count: usize| {
+            let first = Self::between(pixel, self.factor, count).0;
+            first.saturating_sub(radius)..(first + radius + 2).min(count)
+        };
+        let (columns, rows) = (span(pixel.x, self.columns), span(pixel.y, self.rows));
+        let [first] = self.blocks.at(rows.start * self.columns + columns.start) else { return false };
+        let same = |index| matches!(self.blocks.at(index), [share] if share.class == first.class && share.amount == u8::MAX);
+        rows.into_iter().all(|row| columns.clone().all(|column| same(row * self.columns + column)))
     }
 
     /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
@@ -131,6 +185,12 @@ pub struct Shares<'a> {
 }
 
 impl Shares<'_> {
+    /// The share that is labelled.
+    #[inline]
+    pub fn total(&self) -> f64 {
+        self.total
+    }
+
     #[inline]
     fn add_to(&self, classes: &mut [f64], weight: f64) {
         let scale = weight / (255.0 * self.total);
@@ -163,28 +223,42 @@ impl Shares<'_> {
     }
 }
 
-/// Shares of each class in blocks of `factor x factor` pixels, `rows x columns x num_classes`, as bytes of 1/255.
-///
-/// Only whole blocks count, so that block `(i, j)` is centred on pixel `factor * (i + 1/2) - 1/2` exactly; pixels
-/// without a class take their share but give it to none.
-pub fn class_shares(image: &LabelImage<u8>, num_classes: usize, factor: usize) -> Vec<u8> {
-    let (columns, rows) = (image.width / factor, image.height / factor);
-    let scale = 255.0 / (factor * factor) as f32;
-    let mut shares = Vec::with_capacity(rows * columns * num_classes);
-    let mut counts = vec![0u32; columns * num_classes];
-    for row in 0..rows {
-        counts.fill(0);
-        for v in row * factor..(row + 1) * factor {
-            let line = &image.ids[v * image.width..][..columns * factor];
-            for (block, counts) in line.chunks_exact(factor).zip(counts.chunks_exact_mut(num_classes)) {
-                for &id in block.iter().filter(|&&id| id != NO_CLASS) {
-                    counts[usize::from(id)] += 1;
-                }
-            }
-        }
-        shares.extend(counts.iter().map(|&n| (n as f32 * scale).round() as u8));
+/// Adds the shares of the classes in the lines of a block, lowest class first. `counts` is zero before and after.
+fn add_shares<'a>(
+    lines: impl Iterator<Item = &'a [u8]> + Clone,
+    counts: &mut [u32; NO_CLASS as usize],
+    entries: &mut Vec<Share>,
+) {
+    let Some(first) = lines.clone().next().map(|line| line[0]) else { return };
+    if first != NO_CLASS && lines.clone().all(|line| line.iter().all(|&id| id == first)) {
+        entries.push(WHOLE[usize::from(first)]);
+        return;
     }
-    shares
+    let begun = entries.len();
+    let mut num_pixels = 0;
+    for &id in lines.flatten() {
+        num_pixels += 1;
+        if id != NO_CLASS {
+            let count = &mut counts[usize::from(id)];
+            if *count == 0 {
+                entries.push(Share { class: id, amount: 0 });
+            }
+            *count += 1;
+        }
+    }
+    entries[begun..].sort_unstable_by_key(|share| share.class);
+    let scale = f32::from(u8::MAX) / num_pixels as f32;
+    let mut kept = begun;
+    for index in begun..entries.len() {
+        let class = entries[index].class;
+        let count = std::mem::take(&mut counts[usize::from(class)]);
+        let amount = (count as f32 * scale).round() as u8;
+        if amount > 0 {
+            entries[kept] = Share { class, amount };
+            kept += 1;
+        }
+    }
+    entries.truncate(kept);
 }
 
 #[cfg(test)]
@@ -193,15 +267,17 @@ mod tests {
 
     #[test]
     fn shares_count_each_class_in_each_whole_block() {
-        let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9];
-        let image = LabelImage { width: 5, height: 2, ids };
-        assert_eq!(class_shares(&image, 2, 2), [128, 64, 0, 255]);
+        let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9]; // the last column is no whole block
+        let map = ShareMap::new(&LabelImage { width: 5, height: 2, ids }, 2);
+        let shares = |block| map.blocks.at(block).iter().map(|s| (s.class, s.amount)).collect::<Vec<_>>();
+        assert_eq!(shares(0), [(0, 128), (1, 64)]);
+        assert_eq!(shares(1), [(1, 255)]);
     }
 
     #[test]
     fn shares_are_bilinear_between_the_centres_of_blocks() {
         let ids = vec![0, 0, 1, 1, 0, 0, 1, 1, 0, 0, NO_CLASS, 2, 0, 0, 2, 2];
-        let map = ShareMap::new(&LabelImage { width: 4, height: 4, ids }, 3, 2);
+        let map = ShareMap::new(&LabelImage { width: 4, height: 4, ids }, 2);
         let shares = |u: f64, v: f64| {
             let mut classes = [0.0; 3];
             let sampled = map.at(&Point2::new(u, v));

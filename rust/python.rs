@@ -3,22 +3,23 @@
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3x4, Rotation3, Translation3, UnitQuaternion, Vector3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
+use rayon::prelude::*;
 
-use crate::agreement::measure as measure_agreement;
-use crate::alignment::{self, AlignmentConfig};
+use crate::agreement::{held_out_gain as measure_gain, measure as measure_agreement};
+use crate::alignment::{self, AlignmentConfig, Anchored, Counted, PolishConfig};
 use crate::camera::Camera;
 use crate::correspondences::{self, Correspondence};
 use crate::error::{Error, Result};
 use crate::label_image::{self, LabelImage};
 use crate::observation::{Frame, Observations};
 use crate::point_cloud;
-use crate::pyramid;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
+use crate::speckle::despeckled;
 use crate::spherical::{self, SphericalGrid, SphericalImages};
 use crate::visibility;
 use crate::world::{Class, Lidar, Renderer, Rig, ScanPattern, Visibility};
@@ -56,14 +57,20 @@ fn value_error(message: impl Into<String>) -> PyErr {
 }
 
 /// A rigid transform from its 4 x 4 matrix.
-fn isometry(matrix: &PyReadonlyArray2<f64>) -> PyResult<Isometry3<f64>> {
+/// The first three rows of `T_camera_lidar`.
+fn affine(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix3x4<f64>> {
     let m = matrix.as_array();
     if m.dim() != (4, 4) || m.iter().any(|x| !x.is_finite()) {
         return Err(value_error("T_camera_lidar needs to be a finite 4 x 4 matrix"));
     }
-    let rotation = Rotation3::from_matrix_unchecked(Matrix3::from_fn(|i, j| m[[i, j]]));
+    Ok(Matrix3x4::from_fn(|i, j| m[[i, j]]))
+}
+
+fn isometry(matrix: &PyReadonlyArray2<f64>) -> PyResult<Isometry3<f64>> {
+    let m = affine(matrix)?;
+    let rotation = Rotation3::from_matrix_unchecked(m.fixed_columns::<3>(0).into_owned());
     Ok(Isometry3::from_parts(
-        Translation3::new(m[[0, 3]], m[[1, 3]], m[[2, 3]]),
+        Translation3::from(m.column(3).into_owned()),
         UnitQuaternion::from_rotation_matrix(&rotation),
     ))
 }
@@ -140,7 +147,7 @@ impl PyCamera {
 }
 
 #[pyclass(name = "Observations", frozen)]
-struct PyObservations(Observations);
+struct PyObservations(Arc<Observations>);
 
 #[pymethods]
 impl PyObservations {
@@ -166,7 +173,83 @@ impl PyObservations {
             })
             .collect();
         let camera = camera.0.clone();
-        Ok(Self(Observations::new(camera, frames?, num_point_classes, num_image_classes)?))
+        let observations = Observations::new(camera, frames?, num_point_classes, num_image_classes)?;
+        Ok(Self(Arc::new(observations)))
+    }
+}
+
+#[pyclass(name = "AnchoredPoints", frozen)]
+struct PyAnchoredPoints(Anchored);
+
+#[pymethods]
+impl PyAnchoredPoints {
+    #[new]
+    #[pyo3(signature = (observations, anchor, *, factor, visible_only))]
+    fn new(
+        py: Python<'_>,
+        observations: &PyObservations,
+        anchor: PyReadonlyArray2<f64>,
+        factor: usize,
+        visible_only: bool,
+    ) -> PyResult<Self> {
+        check_factor(factor, &observations.0.camera)?;
+        let (anchor, counted) = (isometry(&anchor)?, counted(visible_only));
+        let new = || Anchored::new(Arc::clone(&observations.0), factor, &anchor, counted);
+        Ok(Self(detached(py, new)))
+    }
+
+    #[getter]
+    fn classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+        self.0.classes().collect::<Vec<_>>().into_pyarray(py)
+    }
+
+    #[getter]
+    fn weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        self.0.weights().collect::<Vec<_>>().into_pyarray(py)
+    }
+
+    #[getter]
+    fn unit_motions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rows: Vec<[f64; 6]> =
+            self.0.unit_motions().row_iter().map(|row| row.transpose().into()).collect();
+        to_array2(py, &rows)
+    }
+
+    fn shares<'py>(
+        &self,
+        py: Python<'py>,
+        indices: PyReadonlyArray1<i64>,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
+        let shares = detached(py, || self.0.shares(&indices, &t_camera_lidar));
+        shares.into_pyarray(py).reshape([indices.len(), self.0.num_image_classes()])
+    }
+
+    fn pull_back<'py>(
+        &self,
+        py: Python<'py>,
+        indices: PyReadonlyArray1<i64>,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+        gradient: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
+        if gradient.as_array().dim() != (indices.len(), self.0.num_image_classes()) {
+            return Err(value_error("gradient needs a row for each index and a column for each image class"));
+        }
+        let gradient: Vec<f64> = gradient.as_array().iter().copied().collect();
+        let pulled = detached(py, || self.0.pull_back(&indices, &t_camera_lidar, &gradient));
+        let rows: Vec<[f64; 4]> = pulled.row_iter().map(|row| row.transpose().into()).collect();
+        to_array2(py, &rows)
+    }
+}
+
+impl PyAnchoredPoints {
+    fn indices(&self, indices: &PyReadonlyArray1<i64>) -> PyResult<Vec<usize>> {
+        let count = self.0.classes().len();
+        let checked = |&index: &i64| usize::try_from(index).ok().filter(|&index| index < count);
+        let indices: Option<Vec<usize>> = indices.as_array().iter().map(checked).collect();
+        indices.ok_or_else(|| value_error(format!("an index is not one of the {count} points")))
     }
 }
 
@@ -212,7 +295,7 @@ type CloudArrays<'py> =
 type PairArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
 /// `T_camera_lidar`, mutual information, number of points.
-type AlignedTuple<'py> = (Bound<'py, PyArray2<f64>>, f64, usize);
+type AlignedTuple<'py> = (Bound<'py, PyArray2<f64>>, f64, usize, f64);
 
 /// Pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
 type LandingArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
@@ -294,6 +377,8 @@ mod _core {
     use super::*;
 
     #[pymodule_export]
+    use super::PyAnchoredPoints;
+    #[pymodule_export]
     use super::{PyAgreement, PyCamera, PyHypothesis, PyObservations, PyRenderer, PySphericalImages};
 
     #[pyfunction]
@@ -333,6 +418,19 @@ mod _core {
         let images = detached(py, || label_image::read_all(&paths, (width, height)))?;
         let array = |image: LabelImage<u16>| image.ids.into_pyarray(py).reshape([height, width]);
         images.into_iter().map(array).collect()
+    }
+
+    #[pyfunction]
+    fn despeckle<'py>(
+        py: Python<'py>,
+        image_classes: Vec<PyReadonlyArray2<u8>>,
+    ) -> PyResult<Vec<(Bound<'py, PyArray2<u8>>, usize)>> {
+        let images: Vec<LabelImage<u8>> = image_classes.iter().map(dense_image).collect();
+        let mended: Vec<_> = detached(py, || images.par_iter().map(despeckled).collect());
+        let array = |(image, count): (LabelImage<u8>, usize)| {
+            Ok((image.ids.into_pyarray(py).reshape([image.height, image.width])?, count))
+        };
+        mended.into_iter().map(array).collect()
     }
 
     #[pyfunction]
@@ -441,7 +539,20 @@ mod _core {
     }
 
     #[pyfunction]
-    #[pyo3(signature = (observations, t_camera_lidar, *, factor, steps, batch_size, step_size, final_step,
+    fn held_out_gain(
+        py: Python<'_>,
+        observations: &PyObservations,
+        held_out: &PyObservations,
+        before: PyReadonlyArray2<f64>,
+        after: PyReadonlyArray2<f64>,
+    ) -> PyResult<(f64, f64)> {
+        let (before, after) = (isometry(&before)?, isometry(&after)?);
+        let gain = detached(py, || measure_gain(&observations.0, &held_out.0, &before, &after));
+        Ok((gain.mean, gain.sigma))
+    }
+
+    #[pyfunction]
+    #[pyo3(signature = (observations, t_camera_lidar, *, factor, visible_only, steps, batch_size, step_size, final_step,
                         max_baseline, max_points, seed))]
     #[allow(clippy::too_many_arguments)]
     fn align<'py>(
@@ -449,6 +560,7 @@ mod _core {
         observations: &PyObservations,
         t_camera_lidar: Vec<PyReadonlyArray2<f64>>,
         factor: usize,
+        visible_only: bool,
         steps: usize,
         batch_size: usize,
         step_size: f64,
@@ -457,13 +569,46 @@ mod _core {
         max_points: usize,
         seed: u64,
     ) -> PyResult<Vec<AlignedTuple<'py>>> {
-        let camera = &observations.0.camera;
-        check_factor(factor, (camera.width, camera.height))?;
+        check_factor(factor, &observations.0.camera)?;
         let starts = t_camera_lidar.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
-        let config =
-            AlignmentConfig { factor, steps, batch_size, step_size, final_step, max_baseline, max_points };
+        let config = AlignmentConfig {
+            factor,
+            counted: counted(visible_only),
+            steps,
+            batch_size,
+            step_size,
+            final_step,
+            max_baseline,
+            max_points,
+        };
         let found = detached(py, || alignment::align(&observations.0, &starts, &config, seed));
-        found.iter().map(|a| Ok((matrix(py, &a.pose)?, a.mutual_information, a.num_points))).collect()
+        found
+            .iter()
+            .map(|a| Ok((matrix(py, &a.pose)?, a.mutual_information, a.num_points, a.drift)))
+            .collect()
+    }
+
+    #[pyfunction]
+    #[pyo3(signature = (observations, t_camera_lidar, *, factor, visible_only, max_rounds, max_steps, tolerance,
+                        max_baseline))]
+    #[allow(clippy::too_many_arguments)]
+    fn polish<'py>(
+        py: Python<'py>,
+        observations: &PyObservations,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+        factor: usize,
+        visible_only: bool,
+        max_rounds: usize,
+        max_steps: usize,
+        tolerance: f64,
+        max_baseline: f64,
+    ) -> PyResult<(Bound<'py, PyArray2<f64>>, f64, usize)> {
+        check_factor(factor, &observations.0.camera)?;
+        let start = isometry(&t_camera_lidar)?;
+        let counted = counted(visible_only);
+        let config = PolishConfig { factor, counted, max_rounds, max_steps, tolerance, max_baseline };
+        let found = detached(py, || alignment::polish(&observations.0, &start, &config));
+        Ok((matrix(py, &found.pose)?, found.moved, found.rounds))
     }
 
     #[pyfunction]
@@ -486,29 +631,20 @@ mod _core {
     }
 
     #[pyfunction]
-    fn class_shares<'py>(
-        py: Python<'py>,
-        image_classes: PyReadonlyArray2<u8>,
-        num_classes: usize,
-        factor: usize,
-    ) -> PyResult<Bound<'py, PyArray3<u8>>> {
-        let image = dense_image(&image_classes);
-        check_factor(factor, (image.width, image.height))?;
-        let shape = [image.height / factor, image.width / factor, num_classes];
-        pyramid::class_shares(&image, num_classes, factor).into_pyarray(py).reshape(shape)
-    }
-
-    #[pyfunction]
     fn synthetic_classes() -> Vec<(u8, &'static str)> {
         Class::ALL.iter().map(|&class| (class as u8, class.name())).collect()
     }
 }
 
-fn check_factor(factor: usize, (width, height): (usize, usize)) -> PyResult<()> {
-    if factor == 0 || factor > width.min(height) {
+fn check_factor(factor: usize, camera: &Camera) -> PyResult<()> {
+    if factor == 0 || factor > camera.width.min(camera.height) {
         return Err(value_error(format!("factor {factor} does not fit the picture")));
     }
     Ok(())
+}
+
+fn counted(visible_only: bool) -> Counted {
+    if visible_only { Counted::Visible } else { Counted::All }
 }
 
 fn parse_zoom(zoom: &str) -> PyResult<Zoom> {

@@ -14,6 +14,7 @@ _Grid: TypeAlias = tuple[int, int, float, float]
 
 __all__ = [
     "Agreement",
+    "AnchoredPoints",
     "Camera",
     "Hypothesis",
     "Observations",
@@ -21,9 +22,11 @@ __all__ = [
     "SphericalImages",
     "agreement",
     "align",
-    "class_shares",
+    "despeckle",
     "estimate_grid",
+    "held_out_gain",
     "land",
+    "polish",
     "read_label_images",
     "read_point_clouds",
     "register",
@@ -62,6 +65,27 @@ class Observations:
         num_point_classes: int,
         num_image_classes: int,
     ) -> Observations: ...
+
+@final
+class AnchoredPoints:
+    """The labelled points of a level of the pyramid that land on labelled pixels at an anchor pose."""
+
+    def __new__(
+        cls, observations: Observations, anchor: _Float64, *, factor: int, visible_only: bool
+    ) -> AnchoredPoints: ...
+    @property
+    def classes(self) -> NDArray[np.uint8]:
+        """(N,) of each point."""
+    @property
+    def weights(self) -> _Float32:
+        """(N,) labelled share of the blocks under each point, at the anchor."""
+    @property
+    def unit_motions(self) -> _Float64:
+        """(6, 6): columns are twists that each move the points by one block, independently of one another."""
+    def shares(self, indices: NDArray[np.int64], t_camera_lidar: _Float64) -> _Float64:
+        """Shares of each class (n, num_image_classes) under points (n,); rows add up to one, or to zero."""
+    def pull_back(self, indices: NDArray[np.int64], t_camera_lidar: _Float64, gradient: _Float64) -> _Float64:
+        """The gradient (3, 4) with respect to `t_camera_lidar` of what has `gradient` with respect to `shares`."""
 
 @final
 class SphericalImages:
@@ -173,6 +197,9 @@ def estimate_grid(observations: Observations) -> _Grid:
 def spherical_image(points: _Float32, grid: _Grid) -> NDArray[np.uint32]:
     """The index of the nearest return in each pixel; 2^32 - 1 where there is none."""
 
+def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[np.uint8], int]]:
+    """Give isolated pixels of label images (H, W) the class around them, and count them."""
+
 def register(
     observations: Observations,
     images: SphericalImages,
@@ -213,6 +240,7 @@ def align(
     t_camera_lidar: Sequence[_Float64],
     *,
     factor: int,
+    visible_only: bool,
     steps: int,
     batch_size: int,
     step_size: float,
@@ -220,11 +248,37 @@ def align(
     max_baseline: float,
     max_points: int,
     seed: int,
-) -> list[tuple[_Float64, float, int]]:
+) -> list[tuple[_Float64, float, int, float]]:
     """Let poses climb the mutual information of points and blocks of `factor x factor` pixels, over SE(3).
 
     Returns:
-        For each, the pose (4, 4), the mutual information there less its bias, in nats, and the number of points.
+        For each, the pose (4, 4), the mutual information there less its bias, in nats, the number of points, and by how
+        many blocks the pose still drifted at the end.
+    """
+
+def polish(
+    observations: Observations,
+    t_camera_lidar: _Float64,
+    *,
+    factor: int,
+    visible_only: bool,
+    max_rounds: int,
+    max_steps: int,
+    tolerance: float,
+    max_baseline: float,
+) -> tuple[_Float64, float, int]:
+    """Bring a pose to the top of the mutual information of all points, deterministically.
+
+    Returns:
+        The pose (4, 4), by how many blocks the last round moved the points, and the number of rounds.
+    """
+
+def held_out_gain(
+    observations: Observations, held_out: Observations, before: _Float64, after: _Float64
+) -> tuple[float, float]:
+    """How much better held-out data agree at one pose than at another, nats, and its standard error.
+
+    Tables of pointwise mutual information are those of `observations` at each pose.
     """
 
 def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:
@@ -234,9 +288,6 @@ def land(
     camera: Camera, points: _Float32, t_camera_lidar: _Float64
 ) -> tuple[_Float64, _Float64, NDArray[np.bool_]]:
     """Where points land: pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; who is hidden."""
-
-def class_shares(image_classes: NDArray[np.uint8], num_classes: int, factor: int) -> NDArray[np.uint8]:
-    """Shares of each class in blocks of pixels, (H // factor, W // factor, num_classes), as bytes of 1/255."""
 
 def synthetic_classes() -> list[tuple[int, str]]:
     """Ids and names of the classes of synthetic streets, which are CARLA's."""

@@ -37,7 +37,9 @@ class Quality(StrictModel):
     """How well the labels agree under the transform, over all frames."""
 
     mutual_information_nats: float
-    """Mutual information of point labels and pixel labels."""
+    """Mutual information of point labels and pixel labels, the plug-in estimate."""
+    bias_nats: float
+    """Miller and Madow's estimate of how far it is too high."""
     label_agreement: Share
     """Share of visible point-pixel pairs with positive pointwise mutual information."""
     overlap: Share
@@ -58,6 +60,17 @@ class Stage(StrictModel):
     """p_camera = T_camera_lidar * p_lidar."""
     mutual_information_nats: float
     """Mutual information there."""
+
+
+class PolishRecord(StrictModel):
+    """What held-out data said of the polish."""
+
+    accepted: bool
+    """Whether they did not get worse by more than two standard errors; otherwise the pose before was kept."""
+    held_out_gain_nats: float
+    """How much better they agree after it than before."""
+    held_out_sigma_nats: Annotated[float, Field(ge=0.0)] | None
+    """Standard error of that; null if all points lie in one part of the pictures."""
 
 
 class HypothesisRecord(StrictModel):
@@ -139,6 +152,8 @@ class Calibration(StrictModel):
     """How well the labels agree."""
     stages: dict[str, Stage]
     """Stages by name, in order."""
+    polish: PolishRecord | None = None
+    """Null if there was none."""
     hypotheses: Annotated[tuple[HypothesisRecord, ...], length(0)] = ()
     """Of the initial calibration, best first; the first is that of its stage."""
     input: Input
@@ -169,6 +184,7 @@ class Calibration(StrictModel):
         reasons: tuple[str, ...],
         quality: Quality,
         stages: Mapping[str, Stage],
+        polish: PolishRecord | None,
         hypotheses: tuple[HypothesisRecord, ...],
         input: Input,
         settings: Settings,
@@ -181,6 +197,7 @@ class Calibration(StrictModel):
             reasons: sentences, each with its figure.
             quality: how well the labels agree.
             stages: stages by name, in order.
+            polish: what held-out data said of it.
             hypotheses: of the initial calibration, best first.
             input: what was read.
             settings: what was asked.
@@ -199,6 +216,7 @@ class Calibration(StrictModel):
             quaternion_xyzw=quaternion_xyzw(T).tolist(),
             quality=quality,
             stages=dict(stages),
+            polish=polish,
             hypotheses=hypotheses,
             input=input,
             settings=settings,

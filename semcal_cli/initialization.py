@@ -36,6 +36,8 @@ class AlignmentConfig:
     """Each level has the largest power-of-two block, in pixels, of which at least so many fit across the picture."""
     num_kept: tuple[int, ...] = (12, 8, 6, 6)
     """The best hypotheses that go on from each level."""
+    blocks_across_given: tuple[int, ...] = (16, 30, 60, 120, 240)
+    """Levels for a given pose, which may be 20 degrees off, instead of a search."""
     steps: int = 60
     batch_size: int = 2048
     step_size: float = 0.2
@@ -144,6 +146,9 @@ def initialize(
     else:
         around = T_given, math.radians(config.search_deg)
         candidates = _candidates(observations, config, seed, around)
+    if T_given is not None and config.search_deg is None:
+        given = replace(config.alignment, blocks_across=config.alignment.blocks_across_given)
+        config = replace(config, alignment=replace(given, num_kept=(1,) * len(given.blocks_across)))
     candidates = _align(observations, candidates, config, seed)
     hypotheses = [_assess(observations, candidate) for candidate in candidates]
     hypotheses = [h for h in hypotheses if h.overlap >= config.min_overlap] or hypotheses
@@ -215,6 +220,7 @@ def _align(
             observations.core,
             [candidate.T_camera_lidar for candidate in candidates],
             factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),
+            visible_only=False,
             steps=levels.steps,
             batch_size=levels.batch_size,
             step_size=levels.step_size,
@@ -223,10 +229,10 @@ def _align(
             max_points=levels.max_points,
             seed=seed,
         )
-        most = max(num_points for _, _, num_points in aligned)
+        most = max(num_points for _, _, num_points, _ in aligned)
         ranked = sorted(
             (-information, index)
-            for index, (_, information, num_points) in enumerate(aligned)
+            for index, (_, information, num_points, _) in enumerate(aligned)
             if num_points >= MIN_POINTS_OF_MOST * most
         )
         moved = [replace(candidates[index], T_camera_lidar=aligned[index][0]) for _, index in ranked]

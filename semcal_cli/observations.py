@@ -28,9 +28,11 @@ class Observations:
     point_classes: Sequence[npt.NDArray[np.uint8]]
     """(N,) of each frame: an index into `point_class_names`, or `NO_CLASS`."""
     image_classes: Sequence[npt.NDArray[np.uint8]]
-    """(H, W) of each frame: an index into `image_class_names`, or `NO_CLASS`."""
+    """(H, W) of each frame: an index into `image_class_names`, or `NO_CLASS`; isolated pixels are mended."""
     point_class_names: Sequence[str]
     image_class_names: Sequence[str]
+    speckle: float = 0.0
+    """Share of the pixels that were isolated among pixels of other classes, and took the class around them."""
 
     @property
     def num_frames(self) -> int:
@@ -70,15 +72,24 @@ def load_observations(drive: Drive) -> Observations:
     image_ids = _core.read_label_images(image_paths, drive.camera.width, drive.camera.height)
     point_table = _class_table(drive, "points", point_ids)
     image_table = _class_table(drive, "image", image_ids)
+    images, speckle = despeckle([image_table(ids) for ids in image_ids])
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
         points=[points for points, _, _, _ in clouds],
         point_classes=[point_table(ids) for ids in point_ids],
-        image_classes=[image_table(ids) for ids in image_ids],
+        image_classes=images,
         point_class_names=point_table.names,
         image_class_names=image_table.names,
+        speckle=speckle,
     )
+
+
+def despeckle(images: Sequence[npt.NDArray[np.uint8]]) -> tuple[list[npt.NDArray[np.uint8]], float]:
+    """Give isolated wrong pixels the class around them, and tell which share of all pixels they are."""
+    mended = _core.despeckle(list(images))
+    num_isolated = sum(count for _, count in mended)
+    return [image for image, _ in mended], num_isolated / sum(image.size for image in images)
 
 
 def _named(drive: Drive, frame: int, key: Literal["point_labels", "image_labels"]) -> str:

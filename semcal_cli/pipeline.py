@@ -7,10 +7,17 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from semcal_cli import _core
-from semcal_cli.calibration import Calibration, HypothesisRecord, Quality, Settings, Stage, Status
+from semcal_cli.calibration import (
+    Calibration,
+    HypothesisRecord,
+    PolishRecord,
+    Quality,
+    Settings,
+    Stage,
+    Status,
+)
 from semcal_cli.drive import Drive
 from semcal_cli.initialization import (
     MIN_OVERLAP,
@@ -21,11 +28,21 @@ from semcal_cli.initialization import (
     runner_up,
 )
 from semcal_cli.observations import Observations, load_observations
+from semcal_cli.polish import Polish, PolishConfig, polish
 from semcal_cli.poses import Pose, rotation_error_deg
 from semcal_cli.provenance import describe_input, versions
-
-if TYPE_CHECKING:
-    from semcal_cli.refinement import Level, Refinement
+from semcal_cli.refinement import (
+    FAR_DEG,
+    MAX_BASELINE_M,
+    Climb,
+    Estimator,
+    ExactClimb,
+    ExactConfig,
+    Level,
+    PyramidConfig,
+    Refinement,
+    refine,
+)
 
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
@@ -39,6 +56,17 @@ class StageReport:
     seconds: float
     agreement: _core.Agreement | None = None
     note: str = ""
+
+
+@dataclass(frozen=True)
+class RefinementConfig:
+    """Which estimator climbs, and whether its pose is polished."""
+
+    estimator: Estimator = "exact"
+    device: str = "cpu"
+    """Where the network of `mine` computes, `cpu` or `cuda`."""
+    is_polished: bool = True
+    max_baseline_m: float = MAX_BASELINE_M
 
 
 @dataclass(frozen=True)
@@ -61,6 +89,7 @@ class Run:
     report: Callable[[StageReport], None] = lambda report: None
     progress: Callable[[str], None] = lambda doing: None
     stages: dict[str, Stage] = field(default_factory=dict)
+    polish_record: PolishRecord | None = None
     hypotheses: tuple[HypothesisRecord, ...] = ()
     runner_up_margin: float | None = None
     reasons: list[str] = field(default_factory=list)
@@ -72,7 +101,7 @@ class Run:
         folder: Path,
         initialization: InitializationConfig | None = None,
         given: Given | None = None,
-        device: str = "cpu",
+        refinement: RefinementConfig | None = None,
     ) -> Calibration:
         """Run every stage.
 
@@ -80,11 +109,13 @@ class Run:
             folder: Where the result will lie: the drive's path is given relative to it.
             initialization: How to search.
             given: Where to search, or the only pose to start at: see `initialize`.
-            device: Where the refinement computes, `cpu` or `cuda`.
+            refinement: How to refine what was found.
         """
         observations = self.load()
         hypotheses = self.initialize(observations, initialization or InitializationConfig(), given)
-        T_camera_lidar = self.refine(observations, hypotheses[0].T_camera_lidar, device)
+        T_camera_lidar = self.refine(
+            observations, hypotheses[0].T_camera_lidar, refinement or RefinementConfig()
+        )
         return self.result(observations, T_camera_lidar, folder)
 
     def load(self) -> Observations:
@@ -98,6 +129,8 @@ class Run:
             f"{len(observations.point_class_names)} point classes, "
             f"{len(observations.image_class_names)} image classes"
         )
+        if observations.speckle > 0.0:
+            note += f", {observations.speckle:.2%} isolated pixels mended"
         self.report(StageReport("load", perf_counter() - start, note=note))
         return observations
 
@@ -135,25 +168,57 @@ class Run:
         self._take(given)
         self._finish("initial", perf_counter(), observations, given.T_camera_lidar, f"from {given.name}")
 
-    def refine(self, observations: Observations, T_init: Pose, device: str) -> Pose:
-        """Climb the mutual information from a pose."""
-        self.progress("loading torch")
+    def refine(
+        self, observations: Observations, T_init: Pose, config: RefinementConfig, *, from_afar: bool = False
+    ) -> Pose:
+        """Climb the mutual information from a pose; `from_afar` from one that may be 20 degrees off."""
         start = perf_counter()
-        from semcal_cli.refinement import RefinementConfig, check_device, refine
-
-        check_device(device)
-
-        config = RefinementConfig()
+        pyramid = PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
+        climb, settings = self._climb(observations, config)
 
         def on_level(level: Level, num_levels: int) -> None:
-            self.progress(f"refining: {level.factor}-pixel blocks done, bound {level.bound_nats:.4f} nats")
+            self.progress(f"refining: {level.factor}-pixel blocks done, {level.information_nats:.4f} nats")
 
-        refinement = refine(observations, T_init, config, self.seed, device, on_level)
-        self.options["refinement"] = asdict(config) | {"device": device}
-        note = f"{len(refinement.levels)} levels, {'settled' if refinement.converged else 'not settled'}"
-        self._finish("refined", start, observations, refinement.T_camera_lidar, note)
+        refinement = refine(observations, T_init, climb, pyramid, on_level)
+        T_camera_lidar = refinement.T_camera_lidar
+        self.options["refinement"] = {"pyramid": asdict(pyramid), **settings}
+        note = (
+            f"{config.estimator}, {len(refinement.levels)} levels, "
+            f"{'settled' if refinement.converged else 'not settled'}"
+        )
+        self._finish("refined", start, observations, T_camera_lidar, note)
+        if config.is_polished:
+            return self._polish(observations, T_camera_lidar, config)
         self.reasons += _convergence_reasons(refinement)
-        return refinement.T_camera_lidar
+        return T_camera_lidar
+
+    def _climb(self, observations: Observations, config: RefinementConfig) -> tuple[Climb, dict[str, object]]:
+        """Make the estimator, and tell its settings; torch is loaded only where it is needed."""
+        if config.estimator == "exact":
+            exact = ExactConfig(max_baseline_m=config.max_baseline_m)
+            return ExactClimb(observations, exact, self.seed), {"exact": asdict(exact)}
+        self.progress("loading torch")
+        from semcal_cli.mine import MineClimb, MineConfig
+
+        mine = MineConfig(max_baseline_m=config.max_baseline_m)
+        climb = MineClimb(observations, mine, self.seed, config.device)
+        return climb, {"mine": asdict(mine), "device": config.device}
+
+    def _polish(self, observations: Observations, T_camera_lidar: Pose, config: RefinementConfig) -> Pose:
+        self.progress("polishing")
+        start = perf_counter()
+        settings = PolishConfig(max_baseline_m=config.max_baseline_m)
+        polished = polish(observations, T_camera_lidar, settings)
+        self.options["polish"] = asdict(settings)
+        sigma = polished.sigma_nats if math.isfinite(polished.sigma_nats) else None
+        self.polish_record = PolishRecord(
+            accepted=polished.is_accepted, held_out_gain_nats=polished.gain_nats, held_out_sigma_nats=sigma
+        )
+        verdict = "accepted" if polished.is_accepted else "rejected, the refined pose stays"
+        note = f"{verdict}: held out {polished.gain_nats:+.4f} +- {polished.sigma_nats:.4f} nats"
+        self._finish("polished", start, observations, polished.T_camera_lidar, note)
+        self.reasons += _polish_reasons(polished)
+        return polished.T_camera_lidar
 
     def result(self, observations: Observations, T_camera_lidar: Pose, folder: Path) -> Calibration:
         """Assess a pose and put everything into a calibration."""
@@ -166,6 +231,7 @@ class Run:
             reasons=tuple(reasons),
             quality=Quality(
                 mutual_information_nats=agreement.mutual_information,
+                bias_nats=agreement.bias,
                 label_agreement=agreement.label_agreement,
                 overlap=agreement.overlap,
                 num_points=agreement.num_inside - agreement.num_hidden,
@@ -173,6 +239,7 @@ class Run:
                 runner_up_margin=self.runner_up_margin,
             ),
             stages=self.stages,
+            polish=self.polish_record,
             hypotheses=self.hypotheses,
             input=describe_input(self.drive, self.given.source if self.given else None, folder),
             settings=Settings.model_validate(
@@ -202,6 +269,14 @@ def _convergence_reasons(refinement: Refinement) -> list[str]:
     return [
         f"the refinement had not settled: the pose still moved points by {refinement.levels[-1].drift:.1f} pixels "
         f"over the last quarters of the finest level"
+    ]
+
+
+def _polish_reasons(polished: Polish) -> list[str]:
+    if polished.is_settled:
+        return []
+    return [
+        f"the polish had not settled: its last round still moved points by {polished.moved_px:.2f} pixels"
     ]
 
 

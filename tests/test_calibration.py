@@ -14,6 +14,7 @@ from semcal_cli.calibration import (
     HypothesisRecord,
     Input,
     InputFrame,
+    PolishRecord,
     Quality,
     Settings,
     Stage,
@@ -37,6 +38,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
         reasons=("no check applies: 1 frame",),
         quality=Quality(
             mutual_information_nats=np.float64(0.1),
+            bias_nats=0.01,
             label_agreement=0.8,
             overlap=0.25,
             num_points=9,
@@ -56,6 +58,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
             ),
         ),
         stages={"initial": Stage(T_camera_lidar=np.eye(4).tolist(), mutual_information_nats=1e-5)},
+        polish=PolishRecord(accepted=True, held_out_gain_nats=0.01, held_out_sigma_nats=None),
         input=Input(
             drive="drive.yaml",
             camera=Camera(model="fisheye", width=2, height=2, K=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]),

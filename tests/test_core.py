@@ -123,11 +123,6 @@ def test_hostile_npy(tmp_path: Path) -> None:
         assert str(complaint.value).startswith(f"{tmp_path}/a.npy: {message}")
 
 
-def test_class_shares_of_whole_blocks() -> None:
-    image = np.array([[0, 1, 1, 1, 0], [255, 0, 1, 1, 0]], np.uint8)
-    np.testing.assert_array_equal(_core.class_shares(image, 2, 2), [[[128, 64], [0, 255]]])
-
-
 @pytest.mark.parametrize("scan", [(1, 1, 0.1, -0.1), (10**9, 10**9, 0.1, -0.1), (64, 1024, -0.1, 0.1)])
 def test_a_lidar_of_no_sensible_size(scan: tuple[int, int, float, float]) -> None:
     with pytest.raises(InputError, match=rf"lidar: found {scan[0]} channels x {scan[1]} columns from"):

@@ -8,18 +8,19 @@ import semcal_cli
 PACKAGE = Path(semcal_cli.__file__).parent
 LAYERS = [
     {"errors", "_core"},
-    {"documents", "poses", "se3", "mine", "synthesis_config", "classes"},
+    {"documents", "poses", "se3", "synthesis_config", "classes"},
     {"validation", "metrics", "pictures"},
     {"drive"},
     {"calibration", "camera"},
-    {"formats", "projection", "sampling", "observations", "provenance", "schemas"},
+    {"formats", "projection", "observations", "provenance", "schemas"},
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
+    {"mine", "polish"},
     {"pipeline"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
-WITH_TORCH = {"mine", "se3", "projection", "sampling", "refinement"}
+WITH_TORCH = {"mine", "se3", "projection"}
 WITH_OPENCV = {"pnp", "pictures", "overlay"}
 
 

@@ -1,8 +1,14 @@
 import math
 
+import numpy as np
+import pytest
 import torch
+from conftest import make_pose
 
-from semcal_cli.mine import DonskerVaradhan, StatisticsNetwork
+from semcal_cli import _core
+from semcal_cli.mine import DonskerVaradhan, StatisticsNetwork, sample_shares
+from semcal_cli.observations import Observations
+from semcal_cli.poses import Pose
 
 ERROR = 0.1
 CHANNEL_MI = math.log(2) + ERROR * math.log(ERROR) + (1 - ERROR) * math.log(1 - ERROR)
@@ -45,3 +51,28 @@ def test_the_network_learns_the_channels_information() -> None:
     x, y = channel(100_000, generator)
     learned, _ = DonskerVaradhan(0.9)(network(y), x, torch.tensor([0.5, 0.5]), torch.ones(len(x)))
     assert CHANNEL_MI - LEARNED < learned.item() < CHANNEL_MI + SAMPLING
+
+
+def test_shares_have_the_derivative_of_the_pose(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    points = _core.AnchoredPoints(street_observations.core, street_truth, factor=8, visible_only=False)
+    indices = torch.arange(0, len(points.classes), 401)
+    # Just beside the anchor: at the middle of a block the slope jumps.
+    T = torch.from_numpy(make_pose((1e-3, 2e-3, -1e-3), (0.01, 0.0, 0.0)) @ street_truth).requires_grad_()
+    assert torch.autograd.gradcheck(
+        lambda T: sample_shares(points, indices, T), (T,), eps=1e-7, atol=1e-4, rtol=1e-4
+    )
+
+
+def test_shares_add_up_to_one(street_observations: Observations, street_truth: Pose) -> None:
+    points = _core.AnchoredPoints(street_observations.core, street_truth, factor=4, visible_only=True)
+    indices = torch.arange(0, len(points.classes), 97)
+    shares = sample_shares(points, indices, torch.from_numpy(street_truth))
+    torch.testing.assert_close(shares.sum(1), torch.ones(len(indices), dtype=torch.float64))
+
+
+def test_an_index_beyond_the_points_is_refused(street_observations: Observations, street_truth: Pose) -> None:
+    points = _core.AnchoredPoints(street_observations.core, street_truth, factor=4, visible_only=False)
+    with pytest.raises(ValueError, match="an index is not one of the"):
+        points.shares(np.array([len(points.classes)]), street_truth)

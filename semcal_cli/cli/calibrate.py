@@ -8,18 +8,21 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import device_option, drive_argument, result_options
+from semcal_cli.cli.options import drive_argument, result_options
+from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 
 
 @click.command()
 @drive_argument
 @search_options
-@device_option
+@refinement_options
 @result_options
 def calibrate(
     drive: Path,
+    estimator: str,
     device: str,
+    no_polish: bool,
     output: Path | None,
     log: Path | None,
     seed: int,
@@ -35,6 +38,7 @@ def calibrate(
     from semcal_cli.cli.session import Session
 
     config, given = make_search(**search)
+    refinement = make_refinement(estimator, device, no_polish, search["max_baseline_m"])
     with Session(drive, output, log, seed, threads, quiet) as session:
-        code = session.finish(session.run.calibrate(session.folder, config, given, device))
+        code = session.finish(session.run.calibrate(session.folder, config, given, refinement))
     sys.exit(code)

@@ -2,11 +2,24 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
+
+
+class FiniteRange(click.FloatRange):
+    """A range of numbers; not a number and infinity are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Give the number."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -43,12 +56,11 @@ threads_option = click.option(
     metavar="N",
     help="Threads of the Rust stages; all cores if not given. The result does not depend on it.",
 )
-device_option = click.option(
-    "--device",
-    type=click.Choice(["cpu", "cuda"]),
-    default="cpu",
-    show_default=True,
-    help="Where the refinement computes.",
+max_baseline_option = click.option(
+    "--max-baseline-m",
+    type=FiniteRange(0.0, min_open=True),
+    metavar="M",
+    help="The camera is at most so far from the LiDAR.  [default: 3]",
 )
 
 

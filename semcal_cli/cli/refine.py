@@ -7,7 +7,15 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, device_option, drive_argument, result_options
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    PATH,
+    drive_argument,
+    max_baseline_option,
+    result_options,
+)
+from semcal_cli.cli.refinement import make_refinement, refinement_options
+from semcal_cli.cli.search import check_distance
 
 
 @click.command()
@@ -19,27 +27,33 @@ from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, device_option, drive_
     required=True,
     help=f"The transform to start at, as it is: {KNOWN_TRANSFORMS}.",
 )
-@device_option
+@max_baseline_option
+@refinement_options
 @result_options
 def refine(
     drive: Path,
     init: Path,
+    max_baseline_m: float | None,
+    estimator: str,
     device: str,
+    no_polish: bool,
     output: Path | None,
     log: Path | None,
     seed: int,
     threads: int | None,
     quiet: bool,
 ) -> None:
-    """Refine a transform that is known to several degrees on DRIVE."""
+    """Refine a transform that is known to 20 degrees or so on DRIVE."""
     from semcal_cli.cli.session import Session
     from semcal_cli.formats import read_transform
     from semcal_cli.pipeline import Given
 
+    config = make_refinement(estimator, device, no_polish, max_baseline_m)
     given = Given(read_transform(init), name=str(init), source=init)
+    check_distance(given, config.max_baseline_m)
     with Session(drive, output, log, seed, threads, quiet) as session:
         observations = session.run.load()
         session.run.start_at(observations, given)
-        T_camera_lidar = session.run.refine(observations, given.T_camera_lidar, device)
+        T_camera_lidar = session.run.refine(observations, given.T_camera_lidar, config, from_afar=True)
         code = session.finish(session.run.result(observations, T_camera_lidar, session.folder))
     sys.exit(code)

@@ -9,24 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, Command
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, Command, FiniteRange, max_baseline_option
 
 if TYPE_CHECKING:
     from semcal_cli.initialization import InitializationConfig
     from semcal_cli.pipeline import Given
 
 ALL_ROLLS_DEG = 180.0
-
-
-class FiniteRange(click.FloatRange):
-    """A range of numbers; not a number and infinity are none."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Give the number."""
-        number = float(super().convert(value, param, ctx))
-        if not math.isfinite(number):
-            self.fail(f"{number} is not a finite number.", param, ctx)
-        return number
 
 
 class Roll(FiniteRange):
@@ -65,12 +54,7 @@ SEARCH_OPTIONS = (
         help="Search in-plane rotations up to this angle from upright, in degrees; `any` for portrait and upside-down "
         "cameras.  [default: 15]",
     ),
-    click.option(
-        "--max-baseline-m",
-        type=FiniteRange(0.0, min_open=True),
-        metavar="M",
-        help="The camera is at most so far from the LiDAR.  [default: 3]",
-    ),
+    max_baseline_option,
     click.option(
         "--zoom",
         type=click.Choice(["exact", "paper"]),
@@ -115,7 +99,7 @@ def make_search(
         config = replace(config, alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
     given = _given(init, init_rpy_xyz)
     if given is not None:
-        _check_distance(given, config.alignment.max_baseline_m)
+        check_distance(given, config.alignment.max_baseline_m)
     return config, given
 
 
@@ -149,7 +133,12 @@ def _given(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> Given |
     return None
 
 
-def _check_distance(given: Given, max_baseline_m: float) -> None:
+def check_distance(given: Given, max_baseline_m: float) -> None:
+    """Check that a transform leaves the camera as near to the LiDAR as it has to be.
+
+    Raises:
+        InputError: it is farther away.
+    """
     from semcal_cli.errors import InputError
     from semcal_cli.poses import camera_center
 

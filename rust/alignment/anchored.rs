@@ -1,0 +1,101 @@
+//! Class shares under chosen points and their derivatives, for estimators that live elsewhere: MINE's network in torch.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Matrix3x4, Matrix6, Vector3};
+
+use super::{Counted, Level, Sample};
+use crate::observation::Observations;
+use crate::pyramid::Sampled;
+
+/// The points of a level, chosen at an anchor pose with the weights that they have there.
+#[derive(Clone, Debug)]
+pub struct Anchored {
+    level: Level,
+    samples: Vec<Sample>,
+    unit_motions: Matrix6<f64>,
+}
+
+impl Anchored {
+    /// Chooses the points; there are none where numbers overflow.
+    pub fn new(
+        observations: Arc<Observations>,
+        factor: usize,
+        anchor: &Isometry3<f64>,
+        counted: Counted,
+    ) -> Self {
+        let level = Level::new(observations, factor, usize::MAX);
+        let samples = level.samples(anchor, counted);
+        match level.unit_motions(&samples, anchor) {
+            Some(unit_motions) => Self { level, samples, unit_motions },
+            None => Self { level, samples: Vec::new(), unit_motions: Matrix6::zeros() },
+        }
+    }
+
+    /// The points' classes.
+    pub fn classes(&self) -> impl ExactSizeIterator<Item = u8> {
+        self.samples.iter().map(|sample| sample.class)
+    }
+
+    /// The points' weights.
+    pub fn weights(&self) -> impl ExactSizeIterator<Item = f32> {
+        self.samples.iter().map(|sample| sample.weight)
+    }
+
+    /// Columns of [`Anchored::shares`].
+    pub fn num_image_classes(&self) -> usize {
+        self.level.observations.num_image_classes
+    }
+
+    /// Six twists, as columns, that each move the points by one block: see [`Level::unit_motions`].
+    pub fn unit_motions(&self) -> &Matrix6<f64> {
+        &self.unit_motions
+    }
+
+    /// Shares of each class under the points, `indices.len() x num_image_classes`, each row adding up to one; a row of
+    /// zeros where the lens does not project the point or nothing is labelled.
+    ///
+    /// `T_camera_lidar` needs not be rigid: derivatives are taken entry by entry.
+    pub fn shares(&self, indices: &[usize], t_camera_lidar: &Matrix3x4<f64>) -> Vec<f64> {
+        let num_classes = self.num_image_classes();
+        let mut shares = vec![0.0; indices.len() * num_classes];
+        for (&index, row) in indices.iter().zip(shares.chunks_exact_mut(num_classes)) {
+            if let Some(sampled) = self.sampled(&self.samples[index], t_camera_lidar).1 {
+                sampled.add_to(row, 1.0);
+            }
+        }
+        shares
+    }
+
+    /// The gradient with respect to the entries of `T_camera_lidar` of a value that has `gradient` with respect to what
+    /// [`Anchored::shares`] returns.
+    pub fn pull_back(
+        &self,
+        indices: &[usize],
+        t_camera_lidar: &Matrix3x4<f64>,
+        gradient: &[f64],
+    ) -> Matrix3x4<f64> {
+        let num_classes = self.num_image_classes();
+        let mut pulled = Matrix3x4::zeros();
+        for (&index, values) in indices.iter().zip(gradient.chunks_exact(num_classes)) {
+            let sample = &self.samples[index];
+            if let (p_camera, Some(Sampled::Mixed(shares))) = self.sampled(sample, t_camera_lidar)
+                && shares.total() > 0.0
+                && let Some((_, jacobian)) = self.level.observations.camera.project_with_jacobian(&p_camera)
+            {
+                let force: Vector3<f64> = jacobian.tr_mul(&shares.slope(values));
+                pulled += force * sample.position.push(1.0).transpose();
+            }
+        }
+        pulled
+    }
+
+    fn sampled(
+        &self,
+        sample: &Sample,
+        t_camera_lidar: &Matrix3x4<f64>,
+    ) -> (Vector3<f64>, Option<Sampled<'_>>) {
+        let p_camera = t_camera_lidar * sample.position.push(1.0);
+        (p_camera, self.level.sampled(sample, &p_camera))
+    }
+}

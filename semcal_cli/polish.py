@@ -1,0 +1,114 @@
+"""The finish: to the top of the mutual information of all points in full resolution, if held-out data agree.
+
+A pose is first polished on a part of the data. The rest says whether it got better or worse there, by the difference of
+pointwise mutual information, paired over parts of the pictures. A polish that holds is then repeated on everything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from semcal_cli import _core
+from semcal_cli.classes import NO_CLASS
+from semcal_cli.observations import Observations
+from semcal_cli.poses import Pose
+from semcal_cli.refinement import MAX_BASELINE_M
+
+HELD_OUT = 3
+"""One of so many frames, or regions of the pictures, is held out."""
+
+
+@dataclass(frozen=True)
+class PolishConfig:
+    """How the finish goes."""
+
+    max_rounds: int = 8
+    """Visible points are chosen so often."""
+    max_steps: int = 8
+    """Newton steps for each choice."""
+    tolerance_px: float = 0.01
+    """Settled means that a round moved the points by less than this, root mean square."""
+    max_baseline_m: float = MAX_BASELINE_M
+    min_frames: int = 6
+    """With fewer frames than this, regions of the pictures are held out instead of frames."""
+    regions_across: int = 9
+    max_loss: float = 2.0
+    """A polish is rejected if held-out data get worse by so many standard errors."""
+
+
+@dataclass(frozen=True)
+class Polish:
+    """What the finish arrived at."""
+
+    T_camera_lidar: Pose
+    """The pose before, if the polish was rejected."""
+    is_accepted: bool
+    is_settled: bool
+    moved_px: float
+    """How far the last round moved the points, root mean square."""
+    gain_nats: float
+    """How much better held-out data agree after the polish than before ..."""
+    sigma_nats: float
+    """... and the standard error of that."""
+
+
+def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> Polish:
+    """Polish a pose that is about a pixel off.
+
+    Args:
+        observations: Labelled points and label images of all frames.
+        T_camera_lidar: (4, 4) to start at.
+        config: How.
+    """
+    kept, held_out = split(observations, config)
+    T_kept, moved_px = _climb(kept, T_camera_lidar, config)
+    gain, sigma = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, T_kept)
+    is_accepted = not gain < -config.max_loss * sigma
+    T_polished = T_camera_lidar
+    if is_accepted:
+        T_polished, moved_px = _climb(observations, T_kept, config)
+    return Polish(T_polished, is_accepted, moved_px <= config.tolerance_px, moved_px, gain, sigma)
+
+
+def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:
+    """Divide observations into those to work with and those held out: frames, or regions of the pictures."""
+    if observations.num_frames >= config.min_frames:
+        is_held_out = np.arange(observations.num_frames) % HELD_OUT == HELD_OUT - 1
+        return _frames(observations, ~is_held_out), _frames(observations, is_held_out)
+    height, width = observations.image_classes[0].shape
+    side = max(width / config.regions_across, 1.0)
+    row, column = np.arange(height)[:, None] // side, np.arange(width) // side
+    # Diagonal stripes, so that each part has pieces of every row and column.
+    region = (row + column) % HELD_OUT == HELD_OUT - 1
+    return _masked(observations, region), _masked(observations, ~region)
+
+
+def _climb(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> tuple[Pose, float]:
+    T_polished, moved_px, _ = _core.polish(
+        observations.core,
+        T_camera_lidar,
+        factor=1,
+        visible_only=True,
+        max_rounds=config.max_rounds,
+        max_steps=config.max_steps,
+        tolerance=config.tolerance_px,
+        max_baseline=config.max_baseline_m,
+    )
+    return T_polished, moved_px
+
+
+def _frames(observations: Observations, chosen: np.ndarray) -> Observations:
+    indices = np.flatnonzero(chosen).tolist()
+    return replace(
+        observations,
+        points=[observations.points[i] for i in indices],
+        point_classes=[observations.point_classes[i] for i in indices],
+        image_classes=[observations.image_classes[i] for i in indices],
+    )
+
+
+def _masked(observations: Observations, region: np.ndarray) -> Observations:
+    blank = [np.where(region, NO_CLASS, image).astype(np.uint8) for image in observations.image_classes]
+    return replace(observations, image_classes=blank)

@@ -1,0 +1,88 @@
+import dataclasses
+
+import numpy as np
+import pytest
+from conftest import make_pose
+
+from semcal_cli import _core
+from semcal_cli.classes import NO_CLASS
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations
+from semcal_cli.polish import PolishConfig, polish, split
+from semcal_cli.poses import Pose, rotation_error_deg
+
+CONFIG = PolishConfig()
+PIXEL_OFF = make_pose((0.002, -0.003, 0.002), (0.01, 0.01, -0.01))
+
+# Three times what four frames of 640 x 360 were measured to end at.
+MAX_ROTATION_DEG = 0.06
+MAX_CENTER_CM = 1.0
+
+
+@pytest.mark.parametrize("num_frames", [4, 1])
+def test_a_pixel_off_ends_at_the_truth(
+    street_observations: Observations, street_truth: Pose, num_frames: int
+) -> None:
+    """Held out are regions of the pictures."""
+    few = dataclasses.replace(
+        street_observations,
+        points=street_observations.points[:num_frames],
+        point_classes=street_observations.point_classes[:num_frames],
+        image_classes=street_observations.image_classes[:num_frames],
+    )
+    polished = polish(few, PIXEL_OFF @ street_truth, CONFIG)
+    assert polished.is_accepted
+    assert polished.is_settled
+    slack = 1.0 if num_frames == 4 else 4.0
+    error = compare_poses(polished.T_camera_lidar, street_truth)
+    assert error.rotation_deg < slack * MAX_ROTATION_DEG
+    assert error.camera_center_cm < slack * MAX_CENTER_CM
+
+
+def test_frames_are_held_out_where_there_are_enough(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    config = dataclasses.replace(CONFIG, min_frames=3)
+    kept, held_out = split(street_observations, config)
+    assert (kept.num_frames, held_out.num_frames) == (3, 1)
+    assert polish(street_observations, PIXEL_OFF @ street_truth, config).is_accepted
+
+
+def test_regions_that_are_held_out_are_whole(street_observations: Observations) -> None:
+    kept, held_out = split(street_observations, CONFIG)
+    for whole, one, other in zip(
+        street_observations.image_classes, kept.image_classes, held_out.image_classes, strict=True
+    ):
+        assert not ((one != NO_CLASS) & (other != NO_CLASS)).any()
+        np.testing.assert_array_equal(np.minimum(one, other), whole)
+        assert 0.25 < (other != NO_CLASS).sum() / (whole != NO_CLASS).sum() < 0.42
+
+
+def test_held_out_data_reject_what_only_the_kept_data_like(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    """The kept frames are labelled as a turned camera would see them, the held-out one, the third, is not."""
+    images = [
+        image if index == 2 else np.roll(image, 4, axis=1)
+        for index, image in enumerate(street_observations.image_classes)
+    ]
+    torn = dataclasses.replace(street_observations, image_classes=images)
+    config = dataclasses.replace(CONFIG, min_frames=3)
+    polished = polish(torn, street_truth, config)
+    assert not polished.is_accepted
+    np.testing.assert_array_equal(polished.T_camera_lidar, street_truth)
+    assert polished.gain_nats < -config.max_loss * polished.sigma_nats
+
+
+def test_threads_do_not_change_a_bit(street_observations: Observations, street_truth: Pose) -> None:
+    found = []
+    for num_threads in (1, 2):
+        _core.set_num_threads(num_threads)
+        found.append(polish(street_observations, PIXEL_OFF @ street_truth, CONFIG))
+    np.testing.assert_array_equal(found[0].T_camera_lidar, found[1].T_camera_lidar)
+    assert found[0].gain_nats == found[1].gain_nats
+
+
+def test_it_starts_where_it_may_be_rejected_to(street_observations: Observations, street_truth: Pose) -> None:
+    again = polish(street_observations, street_truth, CONFIG)
+    assert rotation_error_deg(again.T_camera_lidar, street_truth) < MAX_ROTATION_DEG
