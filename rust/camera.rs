@@ -150,11 +150,6 @@ impl Camera {
         self.limit
     }
 
-    /// Pixels per radian at the middle of the picture, averaged over both axes.
-    pub fn mean_focal(&self) -> f64 {
-        0.5 * (self.focal.x + self.focal.y)
-    }
-
     /// Whether a pixel lies inside the picture, whose pixels reach half a pixel beyond their centres.
     #[inline]
     pub fn contains(&self, pixel: &Point2<f64>) -> bool {

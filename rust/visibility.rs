@@ -14,10 +14,16 @@ pub struct Landing {
     pub range: f64,
     /// Unit direction from the LiDAR, LiDAR frame.
     pub direction_lidar: Vector3<f64>,
+    /// Unit direction from the camera, camera frame.
+    pub direction_camera: Vector3<f64>,
 }
 
-/// Only what is nearer by this share hides; range noise and rough surfaces do not.
-const NEARER: f64 = 0.95;
+/// Only what is nearer than this share of the range hides: parallax between things closer to one another is small, and
+/// range noise, slanted and rough surfaces would hide themselves.
+const NEARER: f64 = 0.8;
+
+/// Chords of the unit sphere that differ by less are equal.
+const ROUND_OFF: f64 = 1e-9;
 
 /// Projects points (metres, LiDAR frame); `None` for those outside the picture.
 pub fn land(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<Option<Landing>> {
@@ -25,7 +31,8 @@ pub fn land(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64
         let p_lidar = to_f64(point);
         let p_camera = t_camera_lidar.rotation * p_lidar + t_camera_lidar.translation.vector;
         let pixel = camera.project(&p_camera)?;
-        let landing = Landing { pixel, range: p_camera.norm(), direction_lidar: p_lidar.normalize() };
+        let (direction_lidar, direction_camera) = (p_lidar.normalize(), p_camera.normalize());
+        let landing = Landing { pixel, range: p_camera.norm(), direction_lidar, direction_camera };
         camera.contains(&pixel).then_some(landing)
     };
     points.iter().map(land).collect()
@@ -35,21 +42,21 @@ pub fn land(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64
 ///
 /// A return hides a farther one if both fall on about the same place of the picture while the LiDAR, from beside the
 /// camera, sees past the nearer one. So a point is hidden when some nearer return lands within about one spacing of the
-/// projected points, and the LiDAR separates the two by at least one spacing more than the camera does: neighbours in a
-/// sweep never hide one another, however slanted the surface, and without a baseline nothing is hidden.
+/// projected points, and the LiDAR separates the two by more than the camera does: without a baseline nothing is hidden.
+/// Some visible points beside an edge are lost to this; what counts is that hidden ones do not pull at it.
 pub fn hidden(camera: &Camera, landings: &[Option<Landing>]) -> Vec<bool> {
     let num_inside = landings.iter().flatten().count().max(1);
     let area = (camera.width * camera.height) as f64;
     let spacing = (area / num_inside as f64).sqrt().max(1.0);
-    let focal = camera.mean_focal();
     let buffer = NearestReturns::new(camera, landings, spacing);
     let hides = |near: &Landing, far: &Landing| {
         if near.range >= NEARER * far.range {
             return false;
         }
-        let seen_from_lidar = near.direction_lidar.dot(&far.direction_lidar).clamp(-1.0, 1.0).acos();
-        let seen_from_camera = (near.pixel - far.pixel).norm() / focal;
-        seen_from_lidar > seen_from_camera + spacing / focal
+        // Chords instead of angles: for what is close together they are the same, and exact.
+        let seen_from_lidar = (near.direction_lidar - far.direction_lidar).norm();
+        let seen_from_camera = (near.direction_camera - far.direction_camera).norm();
+        seen_from_lidar > seen_from_camera + ROUND_OFF
     };
     let is_hidden = |l: &Landing| buffer.around(&l.pixel).any(|near| hides(near, l));
     landings.iter().map(|l| l.as_ref().is_some_and(is_hidden)).collect()

@@ -2,10 +2,12 @@
 
 use std::hint::black_box;
 
+use std::sync::Arc;
+
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion};
 use semcal::agreement;
-use semcal::alignment::{self, AlignmentConfig};
+use semcal::alignment::{self, AlignmentConfig, Counted, PolishConfig};
 use semcal::camera::Camera;
 use semcal::correspondences;
 use semcal::label_image::LabelImage;
@@ -84,6 +86,7 @@ const LEVELS: [(usize, usize); 4] = [(8, 24), (16, 12), (8, 8), (4, 6)];
 fn alignment_config(factor: usize) -> AlignmentConfig {
     AlignmentConfig {
         factor,
+        counted: Counted::All,
         steps: 60,
         batch_size: 2048,
         step_size: 0.2,
@@ -92,6 +95,15 @@ fn alignment_config(factor: usize) -> AlignmentConfig {
         max_points: 100_000,
     }
 }
+
+const POLISH: PolishConfig = PolishConfig {
+    factor: 1,
+    counted: Counted::Visible,
+    max_rounds: 8,
+    max_steps: 8,
+    tolerance: 0.01,
+    max_baseline: 3.0,
+};
 
 fn one_frame(c: &mut Criterion) {
     let frame = frames(1).remove(0);
@@ -124,8 +136,9 @@ fn over_frames(c: &mut Criterion) {
     group.sample_size(10);
     for count in NUM_FRAMES {
         let frames = all[..count].to_vec();
-        let observations =
-            Observations::new(camera(), frames, NUM_CLASSES, NUM_CLASSES).expect("valid frames");
+        let observations = Observations::new(camera(), frames, NUM_CLASSES, NUM_CLASSES)
+            .map(Arc::new)
+            .expect("valid frames");
         let config = registration_config();
         let images = SphericalImages::new(&observations, grid());
         let hypotheses = registration::register(&observations, &images, &config).expect("an overlap");
@@ -149,6 +162,9 @@ fn over_frames(c: &mut Criterion) {
                     )
                 })
             });
+        });
+        group.bench_function(BenchmarkId::new("polish", count), |b| {
+            b.iter(|| alignment::polish(&observations, &pose(), &POLISH));
         });
         group.bench_function(BenchmarkId::new("agreement of one pose", count), |b| {
             b.iter(|| agreement::measure(&observations, &pose()));
