@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -28,7 +28,7 @@ class Observations:
     point_classes: Sequence[npt.NDArray[np.uint8]]
     """(N,) of each frame: an index into `point_class_names`, or `NO_CLASS`."""
     image_classes: Sequence[npt.NDArray[np.uint8]]
-    """(H, W) of each frame: an index into `image_class_names`, or `NO_CLASS`; isolated pixels are mended."""
+    """(H, W) of each frame: an index into `image_class_names`, or `NO_CLASS`."""
     point_class_names: Sequence[str]
     image_class_names: Sequence[str]
     speckle: float = 0.0
@@ -53,7 +53,17 @@ class Observations:
 
 
 def load_observations(drive: Drive) -> Observations:
-    """Load every frame of a drive, in parallel.
+    """Load every frame of a drive, in parallel, and mend isolated pixels.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
+        CalibrationError: one side carries a single class.
+    """
+    return mend(read_observations(drive))
+
+
+def read_observations(drive: Drive) -> Observations:
+    """Load every frame of a drive, in parallel, with labels as they are.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
@@ -72,24 +82,25 @@ def load_observations(drive: Drive) -> Observations:
     image_ids = _core.read_label_images(image_paths, drive.camera.width, drive.camera.height)
     point_table = _class_table(drive, "points", point_ids)
     image_table = _class_table(drive, "image", image_ids)
-    images, speckle = despeckle([image_table(ids) for ids in image_ids])
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
         points=[points for points, _, _, _ in clouds],
         point_classes=[point_table(ids) for ids in point_ids],
-        image_classes=images,
+        image_classes=[image_table(ids) for ids in image_ids],
         point_class_names=point_table.names,
         image_class_names=image_table.names,
-        speckle=speckle,
     )
 
 
-def despeckle(images: Sequence[npt.NDArray[np.uint8]]) -> tuple[list[npt.NDArray[np.uint8]], float]:
-    """Give isolated wrong pixels the class around them, and tell which share of all pixels they are."""
-    mended = _core.despeckle(list(images))
+def mend(observations: Observations) -> Observations:
+    """Give isolated pixels of the label images the class around them: see `rust/speckle.rs`."""
+    mended = _core.despeckle(list(observations.image_classes))
     num_isolated = sum(count for _, count in mended)
-    return [image for image, _ in mended], num_isolated / sum(image.size for image in images)
+    num_pixels = sum(image.size for image, _ in mended)
+    return replace(
+        observations, image_classes=[image for image, _ in mended], speckle=num_isolated / num_pixels
+    )
 
 
 def _named(drive: Drive, frame: int, key: Literal["point_labels", "image_labels"]) -> str:

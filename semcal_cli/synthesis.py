@@ -18,6 +18,7 @@ from semcal_cli.camera import core_camera
 from semcal_cli.documents import document_text, write_text
 from semcal_cli.drive import DRIVE_FILE, Camera
 from semcal_cli.errors import InputError
+from semcal_cli.label_noise import mislabel
 from semcal_cli.pictures import write_picture
 from semcal_cli.poses import Pose, Vector, pose_from_mounting
 from semcal_cli.synthesis_config import MIN_BASELINE_M, Lens, SynthConfig
@@ -166,15 +167,6 @@ def image_ids(config: SynthConfig) -> Labels:
     return table
 
 
-def mislabel(ids: Labels, share: float, classes: Labels, rng: np.random.Generator) -> Labels:
-    """Give each labelled entry, with probability `share`, the id of another class, all alike."""
-    noisy = ids.copy()
-    wrong = (rng.random(ids.shape) < share) & (ids != UNLABELED)
-    steps = rng.integers(1, len(classes), np.count_nonzero(wrong))
-    noisy[wrong] = classes[(np.searchsorted(classes, ids[wrong]) + steps) % len(classes)]
-    return noisy
-
-
 def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
     """Draw where the camera sits, (3,) metres in the LiDAR frame."""
     distance = math.inf
@@ -194,7 +186,9 @@ def _write_frame(
         _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
     except OSError as error:
         raise _unwritable(out, error) from None
-    noisy = mislabel(image_labels, config.label_noise, _class_ids(), _generator(config, IMAGE_LABELS, number))
+    noisy = mislabel(
+        image_labels, config.label_noise, _class_ids(), _generator(config, IMAGE_LABELS, number), UNLABELED
+    )
     write_picture(ids[noisy], path["image_labels"])
     write_picture(picture[..., ::-1], path["images"])
     classes = np.union1d(labels & 0xFFFF, image_labels)
@@ -207,7 +201,7 @@ def _noisy_point_labels(
     """Mislabel points (N,), `instance << 16 | class`; no LiDAR takes a return for the sky."""
     classes = np.array([id_ for id_, name in _core.synthetic_classes() if name != SKY], dtype=np.uint8)
     true = (labels & 0xFFFF).astype(np.uint8)
-    noisy = mislabel(true, config.label_noise, classes, _generator(config, POINT_LABELS, number))
+    noisy = mislabel(true, config.label_noise, classes, _generator(config, POINT_LABELS, number), UNLABELED)
     return (labels & np.uint32(0xFFFF0000)) | noisy
 
 

@@ -13,10 +13,12 @@ LAYERS = [
     {"drive"},
     {"calibration", "camera"},
     {"formats", "projection", "observations", "provenance", "schemas"},
+    {"label_noise"},
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
     {"mine", "polish"},
     {"pipeline"},
+    {"experiments"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -12,6 +12,7 @@ import click
 from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.demo import demo
 from semcal_cli.cli.evaluate import evaluate
+from semcal_cli.cli.experiment import experiment
 from semcal_cli.cli.initialize import initialize
 from semcal_cli.cli.refine import refine
 from semcal_cli.cli.synth import synth
@@ -26,7 +27,7 @@ def semcal() -> None:
     """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
 
 
-for command in (calibrate, initialize, refine, evaluate, synth, demo):
+for command in (calibrate, initialize, refine, evaluate, experiment, synth, demo):
     semcal.add_command(command)
 
 

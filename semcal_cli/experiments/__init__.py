@@ -1,0 +1,1 @@
+"""Experiments on synthetic drives, each one command: a table, CSV, JSON and a plot."""
