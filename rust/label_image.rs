@@ -38,6 +38,27 @@ pub fn read_all(paths: &[PathBuf], size: (usize, usize)) -> Result<Vec<LabelImag
     images.into_iter().collect()
 }
 
+/// Reads many label images of one size, in parallel, and keeps of each `columns x rows` pixels, evenly spread; the first
+/// failing frame's error wins.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_thumbnails(
+    paths: &[PathBuf],
+    size: (usize, usize),
+    (columns, rows): (usize, usize),
+) -> Result<Vec<LabelImage<u16>>> {
+    let place = |index: usize, count: usize, size: usize| (2 * index + 1) * size / (2 * count);
+    let thumbnail = |path: &PathBuf| {
+        let image = read(path, size)?;
+        let pixels = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+        let ids = pixels.map(|(u, v)| image.at(place(u, columns, size.0), place(v, rows, size.1))).collect();
+        Ok(LabelImage { width: columns, height: rows, ids })
+    };
+    let thumbnails: Vec<Result<LabelImage<u16>>> = paths.par_iter().map(thumbnail).collect();
+    thumbnails.into_iter().collect()
+}
+
 /// Reads a single-channel PNG (palette indices as stored) or an H x W `.npy` of ids.
 ///
 /// # Errors

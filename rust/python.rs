@@ -421,6 +421,20 @@ mod _core {
     }
 
     #[pyfunction]
+    fn read_label_thumbnails(
+        py: Python<'_>,
+        paths: Vec<PathBuf>,
+        width: usize,
+        height: usize,
+        columns: usize,
+        rows: usize,
+    ) -> PyResult<Bound<'_, PyArray3<u16>>> {
+        let images = detached(py, || label_image::read_thumbnails(&paths, (width, height), (columns, rows)))?;
+        let ids: Vec<u16> = images.into_iter().flat_map(|image| image.ids).collect();
+        ids.into_pyarray(py).reshape([paths.len(), rows, columns])
+    }
+
+    #[pyfunction]
     fn despeckle<'py>(
         py: Python<'py>,
         image_classes: Vec<PyReadonlyArray2<u8>>,

@@ -28,6 +28,7 @@ __all__ = [
     "land",
     "polish",
     "read_label_images",
+    "read_label_thumbnails",
     "read_point_clouds",
     "register",
     "sample_correspondences",
@@ -196,6 +197,11 @@ def estimate_grid(observations: Observations) -> _Grid:
 
 def spherical_image(points: _Float32, grid: _Grid) -> NDArray[np.uint32]:
     """The index of the nearest return in each pixel; 2^32 - 1 where there is none."""
+
+def read_label_thumbnails(
+    paths: Sequence[PathLike[str]], width: int, height: int, columns: int, rows: int
+) -> NDArray[np.uint16]:
+    """Ids (N, rows, columns) of evenly spread pixels of label images, read in parallel; raises `InputError`."""
 
 def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[np.uint8], int]]:
     """Give isolated pixels of label images (H, W) the class around them, and count them."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -72,11 +73,9 @@ def read_observations(drive: Drive) -> Observations:
     for key in ("motion", "palette"):
         if getattr(drive, key) is not None:
             raise InputError(f"{drive.path}: {key}: is not supported yet, needed a drive without it")
-    paths = [
-        (drive.resolve(frame.points), drive.resolve(_named(drive, index, "point_labels")))
-        for index, frame in enumerate(drive.frames)
-    ]
-    image_paths = [drive.resolve(_named(drive, index, "image_labels")) for index in range(len(drive.frames))]
+    point_paths = [drive.resolve(frame.points) for frame in drive.frames]
+    paths = list(zip(point_paths, label_paths(drive, "point_labels"), strict=True))
+    image_paths = label_paths(drive, "image_labels")
     clouds = _core.read_point_clouds(paths)
     point_ids = [labels for _, _, labels, _ in clouds if labels is not None]
     image_ids = _core.read_label_images(image_paths, drive.camera.width, drive.camera.height)
@@ -103,11 +102,18 @@ def mend(observations: Observations) -> Observations:
     )
 
 
-def _named(drive: Drive, frame: int, key: Literal["point_labels", "image_labels"]) -> str:
-    name = getattr(drive.frames[frame], key)
-    if name is None:
-        raise InputError(f"{drive.path}: frames[{frame}].{key}: found nothing, needed a file of class ids")
-    return str(name)
+def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> list[Path]:
+    """Give the files of the labels of one side, of each frame.
+
+    Raises:
+        InputError: a frame has none.
+    """
+    for index, frame in enumerate(drive.frames):
+        if getattr(frame, key) is None:
+            raise InputError(
+                f"{drive.path}: frames[{index}].{key}: found nothing, needed a file of class ids"
+            )
+    return [drive.resolve(getattr(frame, key)) for frame in drive.frames]
 
 
 def _class_table(

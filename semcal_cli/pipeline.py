@@ -43,6 +43,7 @@ from semcal_cli.refinement import (
     Refinement,
     refine,
 )
+from semcal_cli.selection import MAX_FRAMES, select_frames
 
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
@@ -86,6 +87,8 @@ class Run:
 
     drive: Drive
     seed: int
+    max_frames: int = MAX_FRAMES
+    """Of a longer drive, so many frames are used."""
     report: Callable[[StageReport], None] = lambda report: None
     progress: Callable[[str], None] = lambda doing: None
     stages: dict[str, Stage] = field(default_factory=dict)
@@ -119,13 +122,18 @@ class Run:
         return self.result(observations, T_camera_lidar, folder)
 
     def load(self) -> Observations:
-        """Read every file of the drive."""
-        self.progress(f"reading {len(self.drive.frames)} frames")
+        """Read the drive, or as many frames as are used of it."""
         start = perf_counter()
+        num_frames = len(self.drive.frames)
+        self.progress(f"looking through {num_frames} frames")
+        self.drive = select_frames(self.drive, self.max_frames)
+        self.options["max_frames"] = self.max_frames
+        self.progress(f"reading {len(self.drive.frames)} frames")
         observations = load_observations(self.drive)
         num_points = sum(map(len, observations.points))
+        chosen = f" of {num_frames:,}" if observations.num_frames < num_frames else ""
         note = (
-            f"{observations.num_frames} frames, {num_points:,} points, "
+            f"{observations.num_frames}{chosen} frames, {num_points:,} points, "
             f"{len(observations.point_class_names)} point classes, "
             f"{len(observations.image_class_names)} image classes"
         )

@@ -13,7 +13,7 @@ LAYERS = [
     {"drive"},
     {"calibration", "camera"},
     {"formats", "projection", "observations", "provenance", "schemas"},
-    {"label_noise"},
+    {"label_noise", "selection"},
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
     {"mine", "polish"},

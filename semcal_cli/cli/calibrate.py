@@ -18,18 +18,7 @@ from semcal_cli.cli.search import make_search, search_options
 @search_options
 @refinement_options
 @result_options
-def calibrate(
-    drive: Path,
-    estimator: str,
-    device: str,
-    no_polish: bool,
-    output: Path | None,
-    log: Path | None,
-    seed: int,
-    threads: int | None,
-    quiet: bool,
-    **search: Any,
-) -> None:
+def calibrate(drive: Path, **options: Any) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
 
     Needs no start guess: all mounting directions are searched, then the best pose is refined. Exit code 3 means that
@@ -37,8 +26,8 @@ def calibrate(
     """
     from semcal_cli.cli.session import Session
 
-    config, given = make_search(**search)
-    refinement = make_refinement(estimator, device, no_polish, search["max_baseline_m"])
-    with Session(drive, output, log, seed, threads, quiet) as session:
+    config, given = make_search(options)
+    refinement = make_refinement(options, config.alignment.max_baseline_m)
+    with Session(drive, **options) as session:
         code = session.finish(session.run.calibrate(session.folder, config, given, refinement))
     sys.exit(code)

@@ -40,7 +40,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     drive, result, picture = out / "drive", out / "calibration.yaml", out / "overlay.png"
     console.print(f"making {NUM_FRAMES} frames of a synthetic street in {drive}")
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
-    with Session(drive, result, None, seed, threads, quiet) as session:
+    with Session(drive, output=result, seed=seed, threads=threads, quiet=quiet) as session:
         calibration = session.run.calibrate(session.folder)
         code = session.finish(calibration)
     initial = np.array(calibration.stages["initial"].T_camera_lidar)

@@ -16,23 +16,15 @@ from semcal_cli.cli.search import make_search, search_options
 @drive_argument
 @search_options
 @result_options
-def initialize(
-    drive: Path,
-    output: Path | None,
-    log: Path | None,
-    seed: int,
-    threads: int | None,
-    quiet: bool,
-    **search: Any,
-) -> None:
+def initialize(drive: Path, **options: Any) -> None:
     """Find the initial calibration of DRIVE from nothing, without refining it.
 
     Lists the hypotheses, best first. Exit code 3 means that an answer was written but is not trusted.
     """
     from semcal_cli.cli.session import Session
 
-    config, given = make_search(**search)
-    with Session(drive, output, log, seed, threads, quiet) as session:
+    config, given = make_search(options)
+    with Session(drive, **options) as session:
         observations = session.run.load()
         hypotheses = session.run.initialize(observations, config, given)
         session.show(hypotheses)

@@ -56,6 +56,12 @@ threads_option = click.option(
     metavar="N",
     help="Threads of the Rust stages; all cores if not given. The result does not depend on it.",
 )
+max_frames_option = click.option(
+    "--max-frames",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Use so many frames of a longer drive, those whose label images differ most.  [default: 70]",
+)
 max_baseline_option = click.option(
     "--max-baseline-m",
     type=FiniteRange(0.0, min_open=True),
@@ -66,6 +72,6 @@ max_baseline_option = click.option(
 
 def result_options(command: Command) -> Command:
     """Add what every command takes that computes a calibration."""
-    for option in (log_option, quiet_option, threads_option, seed_option, output_option):
+    for option in (max_frames_option, log_option, quiet_option, threads_option, seed_option, output_option):
         command = option(command)
     return command

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -30,28 +31,17 @@ from semcal_cli.cli.search import check_distance
 @max_baseline_option
 @refinement_options
 @result_options
-def refine(
-    drive: Path,
-    init: Path,
-    max_baseline_m: float | None,
-    estimator: str,
-    device: str,
-    no_polish: bool,
-    output: Path | None,
-    log: Path | None,
-    seed: int,
-    threads: int | None,
-    quiet: bool,
-) -> None:
+def refine(drive: Path, init: Path, max_baseline_m: float | None, **options: Any) -> None:
     """Refine a transform that is known to 20 degrees or so on DRIVE."""
     from semcal_cli.cli.session import Session
     from semcal_cli.formats import read_transform
     from semcal_cli.pipeline import Given
+    from semcal_cli.refinement import MAX_BASELINE_M
 
-    config = make_refinement(estimator, device, no_polish, max_baseline_m)
+    config = make_refinement(options, MAX_BASELINE_M if max_baseline_m is None else max_baseline_m)
     given = Given(read_transform(init), name=str(init), source=init)
     check_distance(given, config.max_baseline_m)
-    with Session(drive, output, log, seed, threads, quiet) as session:
+    with Session(drive, **options) as session:
         observations = session.run.load()
         session.run.start_at(observations, given)
         T_camera_lidar = session.run.refine(observations, given.T_camera_lidar, config, from_afar=True)

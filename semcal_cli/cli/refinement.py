@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -37,18 +37,15 @@ def refinement_options(command: Command) -> Command:
     return command
 
 
-def make_refinement(
-    estimator: str, device: str, no_polish: bool, max_baseline_m: float | None
-) -> RefinementConfig:
-    """Turn the refinement options into how to refine.
+def make_refinement(options: dict[str, Any], max_baseline_m: float) -> RefinementConfig:
+    """Take the refinement options out of a command's, and turn them into how to refine.
 
     Raises:
         click.UsageError: options that exclude one another.
     """
     from semcal_cli.pipeline import RefinementConfig
-    from semcal_cli.refinement import MAX_BASELINE_M
 
+    estimator, device, no_polish = (options.pop(name) for name in ("estimator", "device", "no_polish"))
     if device != "cpu" and estimator != "mine":
         raise click.UsageError("--device: is where MINE's network computes: give --estimator mine")
-    limit = MAX_BASELINE_M if max_baseline_m is None else max_baseline_m
-    return RefinementConfig("mine" if estimator == "mine" else "exact", device, not no_polish, limit)
+    return RefinementConfig(estimator, device, not no_polish, max_baseline_m)

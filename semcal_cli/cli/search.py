@@ -71,15 +71,8 @@ def search_options(command: Command) -> Command:
     return command
 
 
-def make_search(
-    init: Path | None,
-    init_rpy_xyz: tuple[float, ...] | None,
-    search_deg: float | None,
-    roll: float | None,
-    max_baseline_m: float | None,
-    zoom: str | None,
-) -> tuple[InitializationConfig, Given | None]:
-    """Turn the search options into how to search, and where.
+def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, Given | None]:
+    """Take the search options out of a command's, and turn them into how to search, and where.
 
     Raises:
         click.UsageError: options that exclude one another.
@@ -87,6 +80,8 @@ def make_search(
     """
     from semcal_cli.initialization import AlignmentConfig, InitializationConfig
 
+    names = ("init", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
+    init, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = (options.pop(name) for name in names)
     _check_usage(
         init is not None, init_rpy_xyz is not None, search_deg is not None, roll is not None, bool(zoom)
     )

@@ -32,7 +32,15 @@ class Session:
     """Runs one calibration for the terminal; a context manager that owns the progress line."""
 
     def __init__(
-        self, drive: Path, output: Path | None, log: Path | None, seed: int, threads: int | None, quiet: bool
+        self,
+        drive: Path,
+        *,
+        output: Path | None = None,
+        log: Path | None = None,
+        seed: int = 0,
+        threads: int | None = None,
+        quiet: bool = False,
+        max_frames: int | None = None,
     ) -> None:
         """Check everything that can be wrong before the work begins.
 
@@ -48,6 +56,8 @@ class Session:
         self.reports: list[StageReport] = []
         self._status: Status | None = None
         self.run = Run(spec, seed, report=self._report, progress=self._progress)
+        if max_frames is not None:
+            self.run.max_frames = max_frames
         set_threads(threads)
 
     def __enter__(self) -> Session:
