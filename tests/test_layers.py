@@ -13,7 +13,7 @@ LAYERS = [
     {"drive"},
     {"calibration", "camera"},
     {"formats", "projection", "observations", "provenance", "schemas"},
-    {"label_noise", "selection"},
+    {"label_noise", "selection", "objective"},
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
     {"mine", "polish"},
@@ -22,7 +22,7 @@ LAYERS = [
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
-WITH_TORCH = {"mine", "se3", "projection"}
+WITH_TORCH = {"mine", "se3", "projection", "objective"}
 WITH_OPENCV = {"pnp", "pictures", "overlay"}
 
 

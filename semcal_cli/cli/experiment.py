@@ -83,3 +83,35 @@ def accuracy(seeds: int, first_seed: int, jobs: int, estimators: tuple[str, ...]
     results = runner.run_cases(cases, accuracy.make_run(out / "pool", chosen), folder, jobs, progress)
     summaries = runner.write_results("accuracy", results, folder)
     click.echo(runner.markdown(summaries), nl=False)
+
+
+@experiment.command()
+@click.option(
+    "--repeats",
+    type=click.IntRange(1),
+    default=3,
+    show_default=True,
+    metavar="N",
+    help="Runs of each process.",
+)
+@click.option(
+    "--plain-torch",
+    type=PATH,
+    metavar="FILE",
+    help="Compare with this script: tests/benchmarks/plain_torch.py of a clone.",
+)
+@out_option
+def speed(repeats: int, plain_torch: Path | None, out: Path) -> None:
+    """Time whole processes, and compare the refinement with the same in plain torch.
+
+    Wants an idle machine; takes about three minutes for each repeat.
+    """
+    from semcal_cli.cli.session import make_console
+    from semcal_cli.errors import InputError
+    from semcal_cli.experiments import runner, speed
+
+    if plain_torch is not None and not plain_torch.is_file():
+        raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
+    console = make_console(quiet=False)
+    timings = speed.measure(runner.make_folder(out, "speed"), repeats, plain_torch, console.print)
+    click.echo(speed.markdown(timings), nl=False)

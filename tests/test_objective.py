@@ -1,0 +1,83 @@
+import doctest
+from pathlib import Path
+
+import pytest
+import torch
+from conftest import make_pose
+
+from semcal_cli import _core
+from semcal_cli.objective import MutualInformation
+from semcal_cli.observations import Observations
+from semcal_cli.poses import Pose
+from semcal_cli.se3 import exp_se3
+
+
+class Bilinear(torch.nn.Module):
+    """F(x, y) = x' W y."""
+
+    def __init__(self, num_x: int, num_y: int) -> None:
+        super().__init__()
+        self.weight = torch.nn.Parameter(torch.zeros(num_x, num_y))
+
+    def forward(self, x: torch.Tensor, y: torch.Tensor) -> torch.Tensor:
+        return (x @ self.weight * y).sum(1)
+
+
+def test_the_value_is_that_of_the_core(street_observations: Observations, street_truth: Pose) -> None:
+    """All points count here, hidden ones, too."""
+    objective = MutualInformation.from_observations(street_observations)
+    value = objective(torch.from_numpy(street_truth))
+    ((_, corrected, num_points, _),) = _core.align(
+        street_observations.core,
+        [street_truth],
+        factor=1,
+        visible_only=False,
+        steps=0,
+        batch_size=1,
+        step_size=0.0,
+        final_step=0.0,
+        max_baseline=9.0,
+        max_points=10**9,
+        seed=0,
+    )
+    assert value.item() == pytest.approx(corrected, abs=2e-3)  # the core's has its bias taken off
+    assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(num_points, rel=1e-3)
+
+
+def test_its_gradient_leads_uphill(street_observations: Observations, street_truth: Pose) -> None:
+    objective = MutualInformation.from_observations(street_observations)
+    off = torch.from_numpy(make_pose((0.0, 0.01, 0.0), (0.0, 0.0, 0.0)) @ street_truth)
+    v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
+    objective.anchor(off)
+    before = objective(exp_se3(v) @ off)
+    before.backward()
+    assert v.grad is not None
+    assert v.grad[4] < 0.0  # turning back about y
+    step = 1e-4 * v.grad / v.grad.norm()
+    assert objective(exp_se3(step) @ off) > before
+
+
+def test_a_network_bounds_the_plug_in_from_below(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    exact = MutualInformation.from_observations(street_observations)
+    T = torch.from_numpy(street_truth)
+    (points, *_), (x, *_), (y, *_) = exact.points, exact.x, exact.y
+    points, x = points[::10], x[::10]
+    exact = MutualInformation(street_observations.camera, [points], [x], [y])
+    network = Bilinear(x.shape[1], y.shape[0])
+    bound = MutualInformation(street_observations.camera, [points], [x], [y], network)
+    optimizer = torch.optim.Adam(network.parameters(), 0.3)
+    for _ in range(60):
+        optimizer.zero_grad()
+        (-bound(T)).backward()
+        optimizer.step()
+    limit, learned = exact(T).item(), bound(T).item()
+    assert 0.6 * limit < learned < limit + 0.05
+
+
+def test_the_readme_is_right() -> None:
+    path = Path(__file__).parents[1] / "README.md"
+    failed, tried = doctest.testfile(str(path), module_relative=False, optionflags=doctest.ELLIPSIS)
+    assert tried > 5
+    assert failed == 0
