@@ -19,6 +19,8 @@ pub struct ShareMap {
 enum Blocks {
     /// Blocks of one pixel.
     Pixels(Vec<u8>),
+    /// Blocks of one pixel, and whether each lies in the band along the borders of classes.
+    Banded(Vec<u8>, Vec<bool>),
     Shares {
         /// Where the entries of each block begin; one more for the end.
         starts: Vec<u32>,
@@ -34,21 +36,31 @@ impl Blocks {
                 let class = usize::from(ids[index]);
                 &WHOLE[class..class + usize::from(class < WHOLE.len())]
             }
+            Self::Banded(ids, band) => {
+                let (class, shares) = (usize::from(ids[index]), if band[index] { &FAINT } else { &WHOLE });
+                &shares[class..class + usize::from(class < shares.len())]
+            }
             Self::Shares { starts, entries } => &entries[starts[index] as usize..starts[index + 1] as usize],
         }
     }
 }
 
-/// What a pixel of each class holds: all of it.
-static WHOLE: [Share; NO_CLASS as usize] = {
-    let mut whole = [Share { class: 0, amount: u8::MAX }; NO_CLASS as usize];
+/// Pixels in the band along the borders of classes count so much, of 255.
+const FAINT_AMOUNT: u8 = 26;
+
+/// What a pixel of each class holds: all of it, or the little that counts of it in the band.
+static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
+static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
+
+const fn pixels_of(amount: u8) -> [Share; NO_CLASS as usize] {
+    let mut shares = [Share { class: 0, amount }; NO_CLASS as usize];
     let mut class = 0;
     while class < NO_CLASS {
-        whole[class as usize].class = class;
+        shares[class as usize].class = class;
         class += 1;
     }
-    whole
-};
+    shares
+}
 
 /// A class of a block, and how much of the block it has, in 1/255.
 #[derive(Clone, Copy, Debug)]
@@ -61,19 +73,24 @@ impl ShareMap {
     /// Averages the classes of blocks of `factor x factor` pixels.
     ///
     /// Only whole blocks count, so that block `(i, j)` is centred on pixel `factor * (i + 1/2) - 1/2` exactly; pixels
-    /// without a class take their share but give it to none.
-    pub fn new(image: &LabelImage<u8>, factor: usize) -> Self {
+    /// without a class take their share but give it to none. Pixels less than `edge_band` pixels from one of another
+    /// class count little.
+    pub fn new(image: &LabelImage<u8>, factor: usize, edge_band: usize) -> Self {
         let (columns, rows) = (image.width / factor, image.height / factor);
-        let blocks = if factor == 1 {
+        let band = if edge_band > 0 { band(image, edge_band) } else { Vec::new() };
+        let blocks = if factor == 1 && edge_band > 0 {
+            Blocks::Banded(image.ids.clone(), band)
+        } else if factor == 1 {
             Blocks::Pixels(image.ids.clone())
         } else {
             let (mut starts, mut entries) = (vec![0], Vec::new());
             let mut counts = [0; NO_CLASS as usize];
             for index in 0..rows * columns {
                 let (row, column) = (index / columns, index % columns);
-                let lines = (row * factor..(row + 1) * factor)
-                    .map(|v| &image.ids[v * image.width + column * factor..][..factor]);
-                add_shares(lines, &mut counts, &mut entries);
+                let start = row * factor * image.width + column * factor;
+                let lines = (0..factor).map(|line| start + line * image.width);
+                let line = |from: usize| (&image.ids[from..][..factor], band.get(from..from + factor));
+                add_shares(lines.map(line), &mut counts, &mut entries);
                 starts.push(entries.len() as u32);
             }
             Blocks::Shares { starts, entries }
@@ -223,42 +240,65 @@ impl Shares<'_> {
     }
 }
 
-/// Adds the shares of the classes in the lines of a block, lowest class first. `counts` is zero before and after.
+/// Adds the shares of the classes in the lines of a block, lowest class first: ids, and whether they lie in the band, if
+/// there is one. `counts` is zero before and after.
 fn add_shares<'a>(
-    lines: impl Iterator<Item = &'a [u8]> + Clone,
+    lines: impl Iterator<Item = (&'a [u8], Option<&'a [bool]>)> + Clone,
     counts: &mut [u32; NO_CLASS as usize],
     entries: &mut Vec<Share>,
 ) {
-    let Some(first) = lines.clone().next().map(|line| line[0]) else { return };
-    if first != NO_CLASS && lines.clone().all(|line| line.iter().all(|&id| id == first)) {
+    let Some(first) = lines.clone().next().map(|(line, _)| line[0]) else { return };
+    let is_whole =
+        |(line, band): (&[u8], Option<&[bool]>)| band.is_none() && line.iter().all(|&id| id == first);
+    if first != NO_CLASS && lines.clone().all(is_whole) {
         entries.push(WHOLE[usize::from(first)]);
         return;
     }
     let begun = entries.len();
     let mut num_pixels = 0;
-    for &id in lines.flatten() {
-        num_pixels += 1;
-        if id != NO_CLASS {
+    for (line, band) in lines {
+        num_pixels += line.len();
+        for (index, &id) in line.iter().enumerate().filter(|&(_, &id)| id != NO_CLASS) {
             let count = &mut counts[usize::from(id)];
             if *count == 0 {
                 entries.push(Share { class: id, amount: 0 });
             }
-            *count += 1;
+            *count += u32::from(if band.is_some_and(|band| band[index]) { FAINT_AMOUNT } else { u8::MAX });
         }
     }
     entries[begun..].sort_unstable_by_key(|share| share.class);
-    let scale = f32::from(u8::MAX) / num_pixels as f32;
     let mut kept = begun;
     for index in begun..entries.len() {
         let class = entries[index].class;
         let count = std::mem::take(&mut counts[usize::from(class)]);
-        let amount = (count as f32 * scale).round() as u8;
+        let amount = (count as f32 / num_pixels as f32).round() as u8;
         if amount > 0 {
             entries[kept] = Share { class, amount };
             kept += 1;
         }
     }
     entries.truncate(kept);
+}
+
+/// Whether each pixel lies less than `width` pixels from one of another class, along rows and columns.
+fn band(image: &LabelImage<u8>, width: usize) -> Vec<bool> {
+    let (columns, rows) = (image.width, image.height);
+    let mut near = vec![false; image.ids.len()];
+    // Between two neighbours of different classes runs a border, with `width` pixels to either side.
+    for row in 0..rows {
+        for column in 0..columns {
+            let index = row * columns + column;
+            if column + 1 < columns && image.ids[index] != image.ids[index + 1] {
+                let first = column.saturating_sub(width - 1);
+                near[row * columns + first..row * columns + (column + width + 1).min(columns)].fill(true);
+            }
+            if row + 1 < rows && image.ids[index] != image.ids[index + columns] {
+                (row.saturating_sub(width - 1)..(row + width + 1).min(rows))
+                    .for_each(|row| near[row * columns + column] = true);
+            }
+        }
+    }
+    near
 }
 
 #[cfg(test)]
@@ -268,7 +308,7 @@ mod tests {
     #[test]
     fn shares_count_each_class_in_each_whole_block() {
         let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9]; // the last column is no whole block
-        let map = ShareMap::new(&LabelImage { width: 5, height: 2, ids }, 2);
+        let map = ShareMap::new(&LabelImage { width: 5, height: 2, ids }, 2, 0);
         let shares = |block| map.blocks.at(block).iter().map(|s| (s.class, s.amount)).collect::<Vec<_>>();
         assert_eq!(shares(0), [(0, 128), (1, 64)]);
         assert_eq!(shares(1), [(1, 255)]);
@@ -277,7 +317,7 @@ mod tests {
     #[test]
     fn shares_are_bilinear_between_the_centres_of_blocks() {
         let ids = vec![0, 0, 1, 1, 0, 0, 1, 1, 0, 0, NO_CLASS, 2, 0, 0, 2, 2];
-        let map = ShareMap::new(&LabelImage { width: 4, height: 4, ids }, 2);
+        let map = ShareMap::new(&LabelImage { width: 4, height: 4, ids }, 2, 0);
         let shares = |u: f64, v: f64| {
             let mut classes = [0.0; 3];
             let sampled = map.at(&Point2::new(u, v));
@@ -292,5 +332,19 @@ mod tests {
         assert!((total - (3.0 + three_quarters) / 4.0).abs() < 1e-12);
         assert!((classes[0] - 2.0 / (3.0 + three_quarters)).abs() < 1e-12);
         assert!((classes.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pixels_along_borders_count_little() {
+        let ids = vec![0, 0, 0, 0, 1, 1, 1, 1];
+        let image = LabelImage { width: 8, height: 1, ids };
+        assert_eq!(band(&image, 2), [false, false, true, true, true, true, false, false]);
+        let map = ShareMap::new(&image, 1, 2);
+        let total = |u: f64| map.at(&Point2::new(u, 0.0)).total();
+        assert_eq!((total(0.0), total(3.0)), (1.0, f64::from(FAINT_AMOUNT) / 255.0));
+        // Little weight, and the same shares.
+        let mut classes = [0.0; 2];
+        map.at(&Point2::new(3.5, 0.0)).add_to(&mut classes, 1.0);
+        assert_eq!(classes, [0.5, 0.5]);
     }
 }

@@ -184,17 +184,18 @@ struct PyAnchoredPoints(Anchored);
 #[pymethods]
 impl PyAnchoredPoints {
     #[new]
-    #[pyo3(signature = (observations, anchor, *, factor, visible_only))]
+    #[pyo3(signature = (observations, anchor, *, factor, edge_band, visible_only))]
     fn new(
         py: Python<'_>,
         observations: &PyObservations,
         anchor: PyReadonlyArray2<f64>,
         factor: usize,
+        edge_band: usize,
         visible_only: bool,
     ) -> PyResult<Self> {
         check_factor(factor, &observations.0.camera)?;
         let (anchor, counted) = (isometry(&anchor)?, counted(visible_only));
-        let new = || Anchored::new(Arc::clone(&observations.0), factor, &anchor, counted);
+        let new = || Anchored::new(Arc::clone(&observations.0), factor, edge_band, &anchor, counted);
         Ok(Self(detached(py, new)))
     }
 
@@ -566,7 +567,7 @@ mod _core {
     }
 
     #[pyfunction]
-    #[pyo3(signature = (observations, t_camera_lidar, *, factor, visible_only, steps, batch_size, step_size, final_step,
+    #[pyo3(signature = (observations, t_camera_lidar, *, factor, edge_band, visible_only, steps, batch_size, step_size, final_step,
                         max_baseline, max_points, seed))]
     #[allow(clippy::too_many_arguments)]
     fn align<'py>(
@@ -574,6 +575,7 @@ mod _core {
         observations: &PyObservations,
         t_camera_lidar: Vec<PyReadonlyArray2<f64>>,
         factor: usize,
+        edge_band: usize,
         visible_only: bool,
         steps: usize,
         batch_size: usize,
@@ -587,6 +589,7 @@ mod _core {
         let starts = t_camera_lidar.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
         let config = AlignmentConfig {
             factor,
+            edge_band,
             counted: counted(visible_only),
             steps,
             batch_size,
@@ -603,7 +606,7 @@ mod _core {
     }
 
     #[pyfunction]
-    #[pyo3(signature = (observations, t_camera_lidar, *, factor, visible_only, max_rounds, max_steps, tolerance,
+    #[pyo3(signature = (observations, t_camera_lidar, *, factor, edge_band, visible_only, max_rounds, max_steps, tolerance,
                         max_baseline))]
     #[allow(clippy::too_many_arguments)]
     fn polish<'py>(
@@ -611,6 +614,7 @@ mod _core {
         observations: &PyObservations,
         t_camera_lidar: PyReadonlyArray2<f64>,
         factor: usize,
+        edge_band: usize,
         visible_only: bool,
         max_rounds: usize,
         max_steps: usize,
@@ -620,7 +624,8 @@ mod _core {
         check_factor(factor, &observations.0.camera)?;
         let start = isometry(&t_camera_lidar)?;
         let counted = counted(visible_only);
-        let config = PolishConfig { factor, counted, max_rounds, max_steps, tolerance, max_baseline };
+        let config =
+            PolishConfig { factor, edge_band, counted, max_rounds, max_steps, tolerance, max_baseline };
         let found = detached(py, || alignment::polish(&observations.0, &start, &config));
         Ok((matrix(py, &found.pose)?, found.moved, found.rounds))
     }

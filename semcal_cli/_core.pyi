@@ -72,7 +72,7 @@ class AnchoredPoints:
     """The labelled points of a level of the pyramid that land on labelled pixels at an anchor pose."""
 
     def __new__(
-        cls, observations: Observations, anchor: _Float64, *, factor: int, visible_only: bool
+        cls, observations: Observations, anchor: _Float64, *, factor: int, edge_band: int, visible_only: bool
     ) -> AnchoredPoints: ...
     @property
     def classes(self) -> NDArray[np.uint8]:
@@ -246,6 +246,7 @@ def align(
     t_camera_lidar: Sequence[_Float64],
     *,
     factor: int,
+    edge_band: int,
     visible_only: bool,
     steps: int,
     batch_size: int,
@@ -267,6 +268,7 @@ def polish(
     t_camera_lidar: _Float64,
     *,
     factor: int,
+    edge_band: int,
     visible_only: bool,
     max_rounds: int,
     max_steps: int,

@@ -220,6 +220,7 @@ def _align(
             observations.core,
             [candidate.T_camera_lidar for candidate in candidates],
             factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),
+            edge_band=0,
             visible_only=False,
             steps=levels.steps,
             batch_size=levels.batch_size,

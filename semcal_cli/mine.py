@@ -18,7 +18,7 @@ from semcal_cli import _core
 from semcal_cli.errors import InputError
 from semcal_cli.observations import Observations
 from semcal_cli.poses import Pose, nearest_rigid
-from semcal_cli.refinement import MAX_BASELINE_M, Level
+from semcal_cli.refinement import EDGE_BAND_PX, MAX_BASELINE_M, Level
 from semcal_cli.se3 import exp_se3
 
 TORCH_THREADS = 1
@@ -47,6 +47,7 @@ class MineConfig:
     mean_decay: float = 0.9
     """Of the running mean in the bias-corrected gradient."""
     max_baseline_m: float = MAX_BASELINE_M
+    edge_band_px: int = EDGE_BAND_PX
 
 
 class StatisticsNetwork(torch.nn.Module):
@@ -177,7 +178,11 @@ class MineClimb:
         """Climb one level of the pyramid."""
         config = self.config
         points = _core.AnchoredPoints(
-            self.observations.core, T_start, factor=factor, visible_only=visible_only
+            self.observations.core,
+            T_start,
+            factor=factor,
+            edge_band=config.edge_band_px,
+            visible_only=visible_only,
         )
         classes = torch.from_numpy(points.classes).long()
         weights = torch.from_numpy(points.weights)

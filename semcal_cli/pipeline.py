@@ -32,6 +32,7 @@ from semcal_cli.polish import Polish, PolishConfig, polish
 from semcal_cli.poses import Pose, rotation_error_deg
 from semcal_cli.provenance import describe_input, versions
 from semcal_cli.refinement import (
+    EDGE_BAND_PX,
     FAR_DEG,
     MAX_BASELINE_M,
     Climb,
@@ -68,6 +69,7 @@ class RefinementConfig:
     """Where the network of `mine` computes, `cpu` or `cuda`."""
     is_polished: bool = True
     max_baseline_m: float = MAX_BASELINE_M
+    edge_band_px: int = EDGE_BAND_PX
 
 
 @dataclass(frozen=True)
@@ -203,19 +205,19 @@ class Run:
     def _climb(self, observations: Observations, config: RefinementConfig) -> tuple[Climb, dict[str, object]]:
         """Make the estimator, and tell its settings; torch is loaded only where it is needed."""
         if config.estimator == "exact":
-            exact = ExactConfig(max_baseline_m=config.max_baseline_m)
+            exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
             return ExactClimb(observations, exact, self.seed), {"exact": asdict(exact)}
         self.progress("loading torch")
         from semcal_cli.mine import MineClimb, MineConfig
 
-        mine = MineConfig(max_baseline_m=config.max_baseline_m)
+        mine = MineConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
         climb = MineClimb(observations, mine, self.seed, config.device)
         return climb, {"mine": asdict(mine), "device": config.device}
 
     def _polish(self, observations: Observations, T_camera_lidar: Pose, config: RefinementConfig) -> Pose:
         self.progress("polishing")
         start = perf_counter()
-        settings = PolishConfig(max_baseline_m=config.max_baseline_m)
+        settings = PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
         polished = polish(observations, T_camera_lidar, settings)
         self.options["polish"] = asdict(settings)
         sigma = polished.sigma_nats if math.isfinite(polished.sigma_nats) else None

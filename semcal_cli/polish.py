@@ -14,7 +14,7 @@ from semcal_cli import _core
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.observations import Observations
 from semcal_cli.poses import Pose
-from semcal_cli.refinement import MAX_BASELINE_M
+from semcal_cli.refinement import EDGE_BAND_PX, MAX_BASELINE_M
 
 HELD_OUT = 3
 """One of so many frames, or regions of the pictures, is held out."""
@@ -31,6 +31,7 @@ class PolishConfig:
     tolerance_px: float = 0.01
     """Settled means that a round moved the points by less than this, root mean square."""
     max_baseline_m: float = MAX_BASELINE_M
+    edge_band_px: int = EDGE_BAND_PX
     min_frames: int = 6
     """With fewer frames than this, regions of the pictures are held out instead of frames."""
     regions_across: int = 9
@@ -90,6 +91,7 @@ def _climb(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
         observations.core,
         T_camera_lidar,
         factor=1,
+        edge_band=config.edge_band_px,
         visible_only=True,
         max_rounds=config.max_rounds,
         max_steps=config.max_steps,

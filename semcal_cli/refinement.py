@@ -34,6 +34,12 @@ FAR_DEG = 3.0
 MAX_BASELINE_M = 3.0
 """The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
 
+EDGE_BAND_PX = 1
+"""Pixels less than this from one of another class count a tenth. They make pairs that mean nothing but a border near by,
+and blur the table of pointwise mutual information. Measured on ten clean frames, the same with things dilated and eroded
+by two pixels, and network-like labels: 0, 1, 2 and 4 pixels end at median errors of 0.012, 0.010, 0.012 and 0.012
+degrees clean, and of 0.051, 0.038, 0.047 and 0.045 with network-like labels."""
+
 
 @dataclass(frozen=True)
 class PyramidConfig:
@@ -65,6 +71,7 @@ class ExactConfig:
     max_points: int = 200_000
     """Points, over all frames and directions, that are looked at."""
     max_baseline_m: float = MAX_BASELINE_M
+    edge_band_px: int = EDGE_BAND_PX
 
 
 @dataclass(frozen=True)
@@ -110,6 +117,7 @@ class ExactClimb:
             self.observations.core,
             [T_start],
             factor=factor,
+            edge_band=config.edge_band_px,
             visible_only=visible_only,
             steps=config.steps,
             batch_size=config.batch_size,

@@ -56,7 +56,9 @@ def test_the_network_learns_the_channels_information() -> None:
 def test_shares_have_the_derivative_of_the_pose(
     street_observations: Observations, street_truth: Pose
 ) -> None:
-    points = _core.AnchoredPoints(street_observations.core, street_truth, factor=8, visible_only=False)
+    points = _core.AnchoredPoints(
+        street_observations.core, street_truth, factor=8, edge_band=0, visible_only=False
+    )
     indices = torch.arange(0, len(points.classes), 401)
     # Just beside the anchor: at the middle of a block the slope jumps.
     T = torch.from_numpy(make_pose((1e-3, 2e-3, -1e-3), (0.01, 0.0, 0.0)) @ street_truth).requires_grad_()
@@ -66,13 +68,17 @@ def test_shares_have_the_derivative_of_the_pose(
 
 
 def test_shares_add_up_to_one(street_observations: Observations, street_truth: Pose) -> None:
-    points = _core.AnchoredPoints(street_observations.core, street_truth, factor=4, visible_only=True)
+    points = _core.AnchoredPoints(
+        street_observations.core, street_truth, factor=4, edge_band=0, visible_only=True
+    )
     indices = torch.arange(0, len(points.classes), 97)
     shares = sample_shares(points, indices, torch.from_numpy(street_truth))
     torch.testing.assert_close(shares.sum(1), torch.ones(len(indices), dtype=torch.float64))
 
 
 def test_an_index_beyond_the_points_is_refused(street_observations: Observations, street_truth: Pose) -> None:
-    points = _core.AnchoredPoints(street_observations.core, street_truth, factor=4, visible_only=False)
+    points = _core.AnchoredPoints(
+        street_observations.core, street_truth, factor=4, edge_band=0, visible_only=False
+    )
     with pytest.raises(ValueError, match="an index is not one of the"):
         points.shares(np.array([len(points.classes)]), street_truth)

@@ -31,6 +31,7 @@ def test_the_value_is_that_of_the_core(street_observations: Observations, street
         street_observations.core,
         [street_truth],
         factor=1,
+        edge_band=0,
         visible_only=False,
         steps=0,
         batch_size=1,

@@ -21,10 +21,11 @@ impl Anchored {
     pub fn new(
         observations: Arc<Observations>,
         factor: usize,
+        edge_band: usize,
         anchor: &Isometry3<f64>,
         counted: Counted,
     ) -> Self {
-        let level = Level::new(observations, factor, usize::MAX);
+        let level = Level::new(observations, factor, edge_band, usize::MAX);
         let samples = level.samples(anchor, counted);
         match level.unit_motions(&samples, anchor) {
             Some(unit_motions) => Self { level, samples, unit_motions },

@@ -23,6 +23,8 @@ const MIN_POINTS: usize = 50;
 pub struct AlignmentConfig {
     /// Side of a block of the label images, pixels.
     pub factor: usize,
+    /// Pixels less than this from one of another class count little.
+    pub edge_band: usize,
     /// Which points count.
     pub counted: Counted,
     /// Steps to go.
@@ -60,7 +62,7 @@ pub fn align(
     config: &AlignmentConfig,
     seed: u64,
 ) -> Vec<Aligned> {
-    let level = Level::new(Arc::clone(observations), config.factor, config.max_points);
+    let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, config.max_points);
     let climb = |start| {
         let (pose, drift) = climb(&level, start, config, seed);
         let samples = level.samples(&pose, config.counted);
@@ -140,6 +142,7 @@ mod tests {
     fn config() -> AlignmentConfig {
         AlignmentConfig {
             factor: 4,
+            edge_band: 0,
             counted: Counted::All,
             steps: 60,
             batch_size: 500,

@@ -80,10 +80,11 @@ pub struct Slope {
 }
 
 impl Level {
-    /// A level with blocks of `factor` pixels; points are thinned to at most `max_points` over all frames and directions.
-    pub fn new(observations: Arc<Observations>, factor: usize, max_points: usize) -> Self {
+    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. Points are thinned to at most `max_points` over all frames and directions.
+    pub fn new(observations: Arc<Observations>, factor: usize, edge_band: usize, max_points: usize) -> Self {
         let frames = &observations.frames;
-        let maps = frames.par_iter().map(|frame| ShareMap::new(&frame.image_classes, factor)).collect();
+        let maps =
+            frames.par_iter().map(|frame| ShareMap::new(&frame.image_classes, factor, edge_band)).collect();
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
         let stride = stride(num_points, max_points);
         Self { observations, maps, factor, stride }
@@ -293,7 +294,7 @@ mod tests {
             const FROM_MIDDLE: f64 = 1e-4;
             const TOLERANCE: f64 = 1e-4;
             let observations = scene(0.3);
-            let level = Level::new(Arc::clone(&observations), FACTOR, usize::MAX);
+            let level = Level::new(Arc::clone(&observations), FACTOR, 0, usize::MAX);
             let pose = se3::exp(&Vector6::from(twist));
             let mut samples = level.samples(&pose, Counted::All);
             samples.retain(|sample| {
@@ -317,7 +318,7 @@ mod tests {
     #[test]
     fn unit_motions_move_the_points_by_one_block_each() {
         let observations = scene(0.0);
-        let level = Level::new(Arc::clone(&observations), FACTOR, usize::MAX);
+        let level = Level::new(Arc::clone(&observations), FACTOR, 0, usize::MAX);
         let pose = Isometry3::identity();
         let samples = level.samples(&pose, Counted::All);
         let motions = level.unit_motions(&samples, &pose).expect("finite");
@@ -337,7 +338,7 @@ mod tests {
     #[test]
     fn points_amid_one_class_are_summed_up_once() {
         let observations = scene(0.0);
-        let level = Level::new(Arc::clone(&observations), 1, usize::MAX);
+        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
         let pose = Isometry3::identity();
         let all = level.samples(&pose, Counted::All);
         let mut left = all.clone();
@@ -356,7 +357,7 @@ mod tests {
         const STEP: f64 = 1e-7;
         let observations = scene(0.3);
         let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
-        let points = Anchored::new(Arc::clone(&observations), FACTOR, &pose, Counted::All);
+        let points = Anchored::new(Arc::clone(&observations), FACTOR, 0, &pose, Counted::All);
         let indices: Vec<usize> = (0..points.classes().len()).step_by(37).collect();
         let weights: Vec<f64> = (0..indices.len() * 3).map(|i| (i as f64).sin()).collect();
         let matrix = pose.to_homogeneous().fixed_rows::<3>(0).into_owned();

@@ -31,6 +31,8 @@ const LEAST_CURVATURE: f64 = 1e-3;
 pub struct PolishConfig {
     /// Side of a block of the label images, pixels.
     pub factor: usize,
+    /// Pixels less than this from one of another class count little.
+    pub edge_band: usize,
     /// Which points count.
     pub counted: Counted,
     /// How often the points are chosen anew.
@@ -56,7 +58,7 @@ pub struct Polished {
 
 /// Climbs to the top of the mutual information of all points.
 pub fn polish(observations: &Arc<Observations>, start: &Isometry3<f64>, config: &PolishConfig) -> Polished {
-    let level = Level::new(Arc::clone(observations), config.factor, usize::MAX);
+    let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, usize::MAX);
     let mut polished =
         Polished { pose: within_baseline(start, config.max_baseline), moved: f64::INFINITY, rounds: 0 };
     let mut inverse_curvature = Matrix6::zeros();
@@ -153,6 +155,7 @@ mod tests {
 
     const CONFIG: PolishConfig = PolishConfig {
         factor: 1,
+        edge_band: 0,
         counted: Counted::All,
         max_rounds: 10,
         max_steps: 8,
@@ -176,7 +179,7 @@ mod tests {
     #[test]
     fn it_never_lowers_the_information() {
         let observations = scene(0.4);
-        let level = Level::new(Arc::clone(&observations), 1, usize::MAX);
+        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
         let information =
             |pose: &Isometry3<f64>, samples: &[Sample]| level.joint(samples, pose).mutual_information();
         let start = se3::exp(&Vector6::new(0.05, 0.05, -0.05, 0.02, 0.02, -0.02));

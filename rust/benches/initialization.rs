@@ -86,6 +86,7 @@ const LEVELS: [(usize, usize); 4] = [(8, 24), (16, 12), (8, 8), (4, 6)];
 fn alignment_config(factor: usize) -> AlignmentConfig {
     AlignmentConfig {
         factor,
+        edge_band: 0,
         counted: Counted::All,
         steps: 60,
         batch_size: 2048,
@@ -98,6 +99,7 @@ fn alignment_config(factor: usize) -> AlignmentConfig {
 
 const POLISH: PolishConfig = PolishConfig {
     factor: 1,
+    edge_band: 0,
     counted: Counted::Visible,
     max_rounds: 8,
     max_steps: 8,

@@ -11,6 +11,8 @@ from semcal_cli.cli.options import Command
 if TYPE_CHECKING:
     from semcal_cli.pipeline import RefinementConfig
 
+MAX_EDGE_BAND_PX = 100
+
 REFINEMENT_OPTIONS = (
     click.option(
         "--estimator",
@@ -25,6 +27,14 @@ REFINEMENT_OPTIONS = (
         default="cpu",
         show_default=True,
         help="Where the network of MINE computes.",
+    ),
+    click.option(
+        "--edge-band",
+        type=click.IntRange(0, MAX_EDGE_BAND_PX),
+        default=1,
+        show_default=True,
+        metavar="PX",
+        help="Pixels less than this from one of another class count a tenth; more for labels with ragged borders.",
     ),
     click.option("--no-polish", is_flag=True, help="Leave the pose where the estimator ended."),
 )
@@ -45,7 +55,8 @@ def make_refinement(options: dict[str, Any], max_baseline_m: float) -> Refinemen
     """
     from semcal_cli.pipeline import RefinementConfig
 
-    estimator, device, no_polish = (options.pop(name) for name in ("estimator", "device", "no_polish"))
+    names = ("estimator", "device", "no_polish", "edge_band")
+    estimator, device, no_polish, edge_band = (options.pop(name) for name in names)
     if device != "cpu" and estimator != "mine":
         raise click.UsageError("--device: is where MINE's network computes: give --estimator mine")
-    return RefinementConfig(estimator, device, not no_polish, max_baseline_m)
+    return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band)
