@@ -35,10 +35,10 @@ MAX_BASELINE_M = 3.0
 """The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
 
 EDGE_BAND_PX = 1
-"""Pixels less than this from one of another class count a tenth. They make pairs that mean nothing but a border near by,
-and blur the table of pointwise mutual information. Measured on ten clean frames, the same with things dilated and eroded
-by two pixels, and network-like labels: 0, 1, 2 and 4 pixels end at median errors of 0.012, 0.010, 0.012 and 0.012
-degrees clean, and of 0.051, 0.038, 0.047 and 0.045 with network-like labels."""
+"""Pixels less than this from one of another class count a tenth: pairs that mean nothing but a border near by would
+blur the table of pointwise mutual information. On six drives of ten frames, without a band and with this one, median
+errors are 0.012 and 0.010 degrees with clean labels, 0.011 and 0.009 with things dilated by two pixels, 0.021 and 0.011
+with things eroded by as much, 0.051 and 0.038 with network-like labels; wider bands gain less."""
 
 
 @dataclass(frozen=True)

@@ -124,9 +124,11 @@ def run_process(command: list[str]) -> tuple[float, float]:
     begin = perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
-    complaint = process.stderr.read()
+    with process.stderr as errors:
+        complaint = errors.read()
+    # Not `wait`, which does not tell the memory.
     _, status, usage = os.wait4(process.pid, 0)
-    code = os.waitstatus_to_exitcode(status)
+    code = process.returncode = os.waitstatus_to_exitcode(status)
     if code not in (0, 3):
         raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(complaint.split()[-30:])}")
     return perf_counter() - begin, usage.ru_maxrss / 2**20

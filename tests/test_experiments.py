@@ -1,0 +1,110 @@
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import STREET, make_pose
+
+from semcal_cli.cli import semcal
+from semcal_cli.errors import CalibrationError
+from semcal_cli.experiments import accuracy, runner, speed
+from semcal_cli.experiments.runner import Result, run_cases, summarise, write_results
+from semcal_cli.metrics import compare_poses
+
+
+@dataclass(frozen=True)
+class Case:
+    seed: int
+
+
+def result(seed: int) -> Result:
+    return Result("row", seed, "exact", 0.01 * seed, float(seed), "trusted", 0.1, 1.0, 2.0)
+
+
+def run(case: Case) -> list[Result]:
+    return [result(case.seed)]
+
+
+def run_until_five(case: Case) -> list[Result]:
+    if case.seed == 5:
+        raise KeyboardInterrupt
+    return run(case)
+
+
+def test_what_was_stopped_goes_on_where_it_was(tmp_path: Path) -> None:
+    cases = [Case(seed) for seed in range(8)]
+    progress: list[tuple[int, int]] = []
+    with pytest.raises(KeyboardInterrupt):
+        run_cases(cases, run_until_five, tmp_path, 1, lambda done, total: None)
+    with (tmp_path / "results.jsonl").open("a") as file:
+        file.write('{"case": "half a li')
+    found = run_cases(cases, run, tmp_path, 1, lambda done, total: progress.append((done, total)))
+    assert progress[0] == (5, 8)
+    assert found == [result(seed) for seed in range(8)]
+    assert all(json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines())
+
+
+def test_results_of_another_version_are_measured_again(tmp_path: Path) -> None:
+    run_cases([Case(1)], run, tmp_path, 1, lambda done, total: None)
+    file = tmp_path / "results.jsonl"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"version": "0.0"}) + "\n")
+    progress: list[int] = []
+    run_cases([Case(1)], run, tmp_path, 1, lambda done, total: progress.append(done))
+    assert progress == [0, 1]
+
+
+def test_summary_and_files(tmp_path: Path) -> None:
+    results = [result(seed) for seed in range(1, 22)]
+    (summary,) = summarise(results)
+    assert summary.rotation_deg == pytest.approx((0.11, 0.2, 0.21))
+    write_results("accuracy", results, tmp_path)
+    assert (tmp_path / "results.csv").read_text().count("\n") == 22
+    assert json.loads((tmp_path / "summary.json").read_text())["rows"][0]["n"] == 21
+    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+    assert "| row | exact | 21 | 0.1100, 0.2000, 0.2100 |" in (tmp_path / "table.md").read_text()
+
+
+def test_every_row_on_every_seed_and_starts_on_more() -> None:
+    cases = accuracy.cases(range(100, 104))
+    assert len(cases) == len(set(cases))
+    assert {case.row for case in cases} == set(accuracy.ROWS)
+    assert sum(case.row == "start 20 degrees and 0.5 m off" for case in cases) == 10
+    assert sum(case.row == "16 channels" for case in cases) == 4
+
+
+def test_a_start_is_as_far_off_as_it_says() -> None:
+    truth = make_pose((0.4, -1.0, 0.2), (0.5, 0.1, -0.7))
+    error = compare_poses(accuracy.off(truth, 20.0, 0.5, np.random.default_rng(0)), truth)
+    assert error.rotation_deg == pytest.approx(20.0)
+    assert error.camera_center_cm == pytest.approx(50.0)
+
+
+def test_one_case_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "POOL_FRAMES", STREET.num_frames)
+    small = {"width": STREET.width, "height": STREET.height}
+    monkeypatch.setitem(accuracy.RIGS, "default", small)
+    row = "20 % wrong labels on both sides"
+    found = accuracy.run(runner.Pool(tmp_path), ("exact", "mine"), accuracy.Case(row, STREET.seed))
+    assert [r.estimator for r in found] == ["exact", "mine"]
+    for measured in found:
+        assert measured.rotation_deg < 0.2
+        assert measured.row == row
+
+
+def test_processes_are_timed_and_failures_are_errors(tmp_path: Path) -> None:
+    seconds, peak_gib = speed.run_process([*speed.SEMCAL, "--version"])
+    assert seconds > 0.0
+    assert 0.005 < peak_gib < 1.0
+    with pytest.raises(CalibrationError, match=r"exit code 1: .*no such file"):
+        speed.run_process([*speed.SEMCAL, "calibrate", str(tmp_path / "nowhere")])
+
+
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    found = CliRunner().invoke(
+        semcal, ["experiment", "accuracy", "--seeds", "1", "-o", str(tmp_path / "file")]
+    )
+    assert found.exit_code != 0
+    assert "cannot be made" in str(found.exception)

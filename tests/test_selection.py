@@ -1,0 +1,30 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semcal_cli.drive import read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.selection import farthest_points, select_frames
+
+
+def test_rows_that_differ_are_chosen_before_rows_that_repeat() -> None:
+    same, near, far = np.zeros(10), np.eye(10)[0], np.ones(10)
+    rows = np.array([same, same, near, same, far]).astype(np.uint16)
+    assert farthest_points(rows, 2) == [0, 4]
+    assert farthest_points(rows, 3) == [0, 2, 4]
+    assert farthest_points(rows, 5) == [0, 1, 2, 3, 4]
+
+
+def test_a_long_drive_keeps_its_order_and_a_short_one_everything(street: Path) -> None:
+    drive = read_drive(street)
+    assert select_frames(drive, 4) is drive
+    twice = drive.model_copy(update={"frames": drive.frames[:2] + drive.frames[:2] + drive.frames[2:]})
+    assert select_frames(twice, 4).frames == drive.frames
+
+
+def test_a_missing_label_image_is_named(street: Path) -> None:
+    drive = read_drive(street)
+    frames = (*drive.frames[:3], drive.frames[3].model_copy(update={"image_labels": None}))
+    with pytest.raises(InputError, match=r"frames\[3\].image_labels: found nothing, needed"):
+        select_frames(drive.model_copy(update={"frames": frames}), 2)
