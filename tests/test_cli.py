@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,11 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.calibration import read_calibration
+from semcal_cli.calibration import Calibration, read_calibration
 from semcal_cli.cli import EXIT_FAILURE, main
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.metrics import compare_poses
+from semcal_cli.polish import PolishConfig
 from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
 
 EXIT_USAGE = 2
@@ -196,6 +198,11 @@ def test_what_is_wrong_is_said_before_the_work_begins(
         ["initialize", "d", "--max-baseline-m", "inf"],
         ["calibrate", "d", "--seed", "-1"],
         ["refine", "d"],
+        ["refine", "d", "--init", "t", "--edge-band", "-1"],
+        ["calibrate", "d", "--device", "cuda"],
+        ["calibrate", "d", "--max-frames", "0"],
+        ["experiment"],
+        ["experiment", "accuracy", "--seeds", "0"],
         ["no-command"],
     ],
 )
@@ -282,6 +289,73 @@ def test_a_runner_up_that_is_close_is_not_trusted(
         r"\d+\.\d\d standard errors apart, needed 1000\.00; add frames",
         reason,
     )
+
+
+def test_what_the_polish_did_is_told(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = tmp_path / "out.yaml"
+
+    def refine(*options: str) -> tuple[Calibration, str]:
+        code, _, err = run(capfd, "refine", street, "--init", street, "-o", result, *options)
+        assert code == 0
+        return read_calibration(result), err
+
+    polished, err = refine()
+    assert polished.polish is not None
+    assert polished.polish.accepted
+    assert list(polished.stages) == ["initial", "refined", "polished"]
+    assert re.search(r"polished .* accepted: held out [+-]0\.\d{4} \+- 0\.\d{4} nats", err)
+    plain, _ = refine("--no-polish")
+    assert plain.polish is None
+    assert list(plain.stages) == ["initial", "refined"]
+    np.testing.assert_allclose(plain.pose, plain.stages["refined"].T_camera_lidar, atol=1e-12)
+    # As if held-out data had to get better by a lot.
+    monkeypatch.setattr("semcal_cli.pipeline.PolishConfig", partial(PolishConfig, max_loss=-1e6))
+    rejected, err = refine()
+    assert rejected.polish is not None
+    assert not rejected.polish.accepted
+    np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
+    assert "rejected, the refined pose stays" in err
+
+
+def test_a_long_drive_is_cut_to_the_frames_that_differ(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = drive / "drive.yaml"
+    document = yaml.safe_load(path.read_text())
+    document["frames"] = [dict(document["frames"][0]) for _ in range(3)] + document["frames"]
+    path.write_text(yaml.safe_dump(document))
+    result = tmp_path / "out.yaml"
+    code, _, err = run(capfd, "refine", drive, "--init", drive, "--max-frames", "4", "-o", result)
+    calibration = read_calibration(result)
+    assert code == 0
+    assert "4 of 7 frames" in err
+    assert [frame.points for frame in calibration.input.frames] == [f"points/{i:06d}.bin" for i in range(4)]
+    assert sum("/0" in name for name in calibration.input.sha256) == 3 * 4  # the files of the frames used
+
+
+def test_the_exact_estimator_never_imports_torch(street: Path, tmp_path: Path) -> None:
+    script = (
+        "import sys; from semcal_cli.cli import semcal\n"
+        "try: semcal(sys.argv[1:], standalone_mode=False)\n"
+        "except SystemExit as stop: assert not stop.code\n"
+        "assert 'torch' not in sys.modules"
+    )
+    arguments = ["calibrate", street, "-o", tmp_path / "out.yaml", "-q"]
+    subprocess.run([sys.executable, "-c", script, *map(str, arguments)], check=True)
+
+
+def test_mine_needs_cuda_only_where_it_is_asked_for(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    torch = pytest.importorskip("torch")
+    if torch.cuda.is_available():
+        pytest.skip("there is a CUDA device")
+    arguments = ("refine", street, "--init", street, "--estimator", "mine", "-o", tmp_path / "out.yaml")
+    code, _, err = run(capfd, *arguments, "--device", "cuda")
+    assert code == EXIT_FAILURE
+    assert "--device cuda: PyTorch finds no CUDA device here" in err
 
 
 def test_help_loads_nothing_heavy(tmp_path: Path) -> None:

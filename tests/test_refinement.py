@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+import torch
 from conftest import make_pose
 
 from semcal_cli.drive import Camera
@@ -125,6 +126,14 @@ def test_points_that_leave_the_picture_raise_nothing(
     start = make_pose((0.0, 0.05, 0.0), (0.0, 0.0, 0.0)) @ street_truth  # a seventh of the crop to the side
     refinement = refine(cropped, start, make_climb(estimator, cropped), FROM_AFAR)
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < 0.5
+
+
+def test_cuda_gives_the_same_answer(street_observations: Observations, street_truth: Pose) -> None:
+    if not torch.cuda.is_available():
+        pytest.skip("no CUDA device")
+    climb = MineClimb(street_observations, MineConfig(), seed=0, device="cuda")
+    refinement = refine(street_observations, BAD_START @ street_truth, climb, FROM_AFAR)
+    assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
 
 @pytest.mark.parametrize(
