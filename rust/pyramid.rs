@@ -248,8 +248,9 @@ fn add_shares<'a>(
     entries: &mut Vec<Share>,
 ) {
     let Some(first) = lines.clone().next().map(|(line, _)| line[0]) else { return };
-    let is_whole =
-        |(line, band): (&[u8], Option<&[bool]>)| band.is_none() && line.iter().all(|&id| id == first);
+    let is_whole = |(line, band): (&[u8], Option<&[bool]>)| {
+        band.is_none_or(|band| !band.contains(&true)) && line.iter().all(|&id| id == first)
+    };
     if first != NO_CLASS && lines.clone().all(is_whole) {
         entries.push(WHOLE[usize::from(first)]);
         return;
@@ -283,16 +284,21 @@ fn add_shares<'a>(
 /// Whether each pixel lies less than `width` pixels from one of another class, along rows and columns.
 fn band(image: &LabelImage<u8>, width: usize) -> Vec<bool> {
     let (columns, rows) = (image.width, image.height);
+    let width = width.min(columns.max(rows));
+    let differ = |a: usize, b: usize| {
+        let (a, b) = (image.ids[a], image.ids[b]);
+        a != b && a != NO_CLASS && b != NO_CLASS
+    };
     let mut near = vec![false; image.ids.len()];
     // Between two neighbours of different classes runs a border, with `width` pixels to either side.
     for row in 0..rows {
         for column in 0..columns {
             let index = row * columns + column;
-            if column + 1 < columns && image.ids[index] != image.ids[index + 1] {
+            if column + 1 < columns && differ(index, index + 1) {
                 let first = column.saturating_sub(width - 1);
                 near[row * columns + first..row * columns + (column + width + 1).min(columns)].fill(true);
             }
-            if row + 1 < rows && image.ids[index] != image.ids[index + columns] {
+            if row + 1 < rows && differ(index, index + columns) {
                 (row.saturating_sub(width - 1)..(row + width + 1).min(rows))
                     .for_each(|row| near[row * columns + column] = true);
             }

@@ -66,6 +66,7 @@ fn affine(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix3x4<f64>> {
     Ok(Matrix3x4::from_fn(|i, j| m[[i, j]]))
 }
 
+/// `T_camera_lidar`, which is taken to be rigid.
 fn isometry(matrix: &PyReadonlyArray2<f64>) -> PyResult<Isometry3<f64>> {
     let m = affine(matrix)?;
     let rotation = Rotation3::from_matrix_unchecked(m.fixed_columns::<3>(0).into_owned());
@@ -562,6 +563,11 @@ mod _core {
         after: PyReadonlyArray2<f64>,
     ) -> PyResult<(f64, f64)> {
         let (before, after) = (isometry(&before)?, isometry(&after)?);
+        let num_classes =
+            |observations: &Observations| (observations.num_point_classes, observations.num_image_classes);
+        if num_classes(&observations.0) != num_classes(&held_out.0) {
+            return Err(value_error("the held-out observations have other numbers of classes"));
+        }
         let gain = detached(py, || measure_gain(&observations.0, &held_out.0, &before, &after));
         Ok((gain.mean, gain.sigma))
     }
@@ -586,6 +592,11 @@ mod _core {
         seed: u64,
     ) -> PyResult<Vec<AlignedTuple<'py>>> {
         check_factor(factor, &observations.0.camera)?;
+        if batch_size == 0 || max_points == 0 {
+            return Err(value_error(format!(
+                "batch_size {batch_size} and max_points {max_points} need to be at least 1"
+            )));
+        }
         let starts = t_camera_lidar.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
         let config = AlignmentConfig {
             factor,

@@ -1,7 +1,8 @@
 //! Isolated wrong labels of a picture, mended by their neighbours.
 //!
 //! A label that hardly any neighbour shares says nothing of where a border runs, and each such pixel would pull at every
-//! point beside it. Wires and poles one pixel wide keep their labels: there, two of eight neighbours agree.
+//! point beside it. Wires and poles one pixel wide keep their labels, but for the pixel at either end: along them, two of
+//! eight neighbours agree.
 
 use crate::label_image::LabelImage;
 use crate::observation::NO_CLASS;

@@ -1,7 +1,8 @@
-"""Wrong labels, as experiments need them: independent ones, and such as a segmentation network makes."""
+"""Labels as experiments need them: wrong ones, ragged ones, a segmentation network's, and of another ontology."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,6 +23,22 @@ BLOB_RADIUS_PX = (5.0, 40.0)
 """... with radii in this range."""
 POINT_SHARE = 0.06
 """A network labels so many points wrongly."""
+
+THINGS = (
+    *("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "rider"),
+    *("pole", "traffic_light", "traffic_sign"),
+)
+"""What annotators draw too large or too small, in front of the rest."""
+MERGED_POINT_CLASSES = {
+    **{"road_line": "road", "truck": "car", "bus": "car", "rider": "pedestrian"},
+    **{"traffic_light": "pole", "traffic_sign": "pole"},
+}
+"""One ontology does not tell these from their neighbours ..."""
+MERGED_IMAGE_CLASSES = {
+    **{"wall": "building", "fence": "building", "terrain": "vegetation", "sidewalk": "road"},
+    **{"motorcycle": "bicycle", "rider": "bicycle"},
+}
+"""... and the other not these."""
 
 
 def mislabel(
@@ -60,16 +77,51 @@ def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Obs
     return replace(observations, point_classes=points, image_classes=images)
 
 
-def with_disjoint_ids(observations: Observations, rng: np.random.Generator) -> Observations:
-    """Shuffle the ids of the pictures and take their names away, so that the two sides share nothing."""
-    count = len(observations.image_class_names)
-    table = np.full(256, NO_CLASS, np.uint8)
-    table[:count] = rng.permutation(count)
+def with_ragged_things(observations: Observations, grow_px: int) -> Observations:
+    """Dilate whatever stands in front of the rest by some pixels, or erode it where `grow_px` is negative."""
+    names = observations.image_class_names
+    things = [index for index, name in enumerate(names) if name in THINGS]
     return replace(
         observations,
-        image_classes=[table[image] for image in observations.image_classes],
-        image_class_names=tuple(f"image class {index}" for index in range(count)),
+        image_classes=[_with_grown(image, things, grow_px) for image in observations.image_classes],
     )
+
+
+def with_disjoint_ontologies(observations: Observations, rng: np.random.Generator) -> Observations:
+    """Merge some classes of the points and others of the pictures, shuffle the ids and take the names away."""
+    points, num_points = _without_names(observations.point_class_names, MERGED_POINT_CLASSES, rng)
+    images, num_images = _without_names(observations.image_class_names, MERGED_IMAGE_CLASSES, rng)
+    return replace(
+        observations,
+        point_classes=[points[ids] for ids in observations.point_classes],
+        image_classes=[images[ids] for ids in observations.image_classes],
+        point_class_names=tuple(f"point class {index}" for index in range(num_points)),
+        image_class_names=tuple(f"image class {index}" for index in range(num_images)),
+    )
+
+
+def _without_names(
+    names: Sequence[str], merged: Mapping[str, str], rng: np.random.Generator
+) -> tuple[Labels, int]:
+    """A table of new ids, (256,), and how many there are."""
+    kept = sorted({merged.get(name, name) for name in names})
+    ids = dict(zip(kept, rng.permutation(len(kept)), strict=True))
+    table = np.full(256, NO_CLASS, np.uint8)
+    table[: len(names)] = [ids[merged.get(name, name)] for name in names]
+    return table, len(kept)
+
+
+def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
+    from scipy.ndimage import grey_dilation
+
+    grows = np.isin(image, things) == (grow_px > 0)
+    # Zero is nothing, so that whatever grows covers it.
+    reach = 2 * abs(grow_px) + 1
+    above: npt.NDArray[np.int16] = grey_dilation(
+        np.where(grows, image.astype(np.int16) + 1, 0), (reach, reach)
+    )
+    grown: Labels = np.where(~grows & (above > 0), above - 1, image).astype(np.uint8)
+    return grown
 
 
 def _with_moved_borders(image: Labels, rng: np.random.Generator) -> Labels:

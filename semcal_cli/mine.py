@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from semcal_cli import _core
-from semcal_cli.errors import InputError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.observations import Observations
 from semcal_cli.poses import Pose, nearest_rigid
 from semcal_cli.refinement import EDGE_BAND_PX, MAX_BASELINE_M, Level
@@ -48,6 +48,8 @@ class MineConfig:
     """Of the running mean in the bias-corrected gradient."""
     max_baseline_m: float = MAX_BASELINE_M
     edge_band_px: int = EDGE_BAND_PX
+    min_points: int = 50
+    """A level with fewer tells nothing; the pose stays as it is."""
 
 
 class StatisticsNetwork(torch.nn.Module):
@@ -165,7 +167,6 @@ class MineClimb:
         """
         if device == "cuda" and not torch.cuda.is_available():
             raise InputError("--device cuda: PyTorch finds no CUDA device here")
-        torch.set_num_threads(TORCH_THREADS)
         self.observations, self.config, self.device = observations, config, torch.device(device)
         self.generator = torch.Generator().manual_seed(seed)
         self.num_classes = len(observations.point_class_names), len(observations.image_class_names)
@@ -176,6 +177,14 @@ class MineClimb:
 
     def __call__(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Climb one level of the pyramid."""
+        before = torch.get_num_threads()
+        torch.set_num_threads(TORCH_THREADS)
+        try:
+            return self._climb(factor, T_start, visible_only)
+        finally:
+            torch.set_num_threads(before)
+
+    def _climb(self, factor: int, T_start: Pose, visible_only: bool) -> Level:
         config = self.config
         points = _core.AnchoredPoints(
             self.observations.core,
@@ -186,8 +195,8 @@ class MineClimb:
         )
         classes = torch.from_numpy(points.classes).long()
         weights = torch.from_numpy(points.weights)
-        if len(classes) == 0:
-            return Level(factor, T_start, 0.0, 0.0, 0)
+        if len(classes) < config.min_points:
+            return Level(factor, T_start, 0.0, math.inf, len(classes))
         anchor, unit = torch.from_numpy(T_start), torch.from_numpy(points.unit_motions)
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
         pose = torch.optim.Adam([v], config.learning_rate_pose, betas=(0.9, 0.99))
@@ -227,6 +236,8 @@ class MineClimb:
         y, x = shares.float().to(self.device), x.to(self.device)
         # A point that is on no labelled pixel any more counts for nothing.
         weights = (weights * (shares.detach().sum(1) > 0.0)).to(self.device)
+        if not weights.sum() > 0.0:
+            raise CalibrationError("no overlap: the refinement left no labelled point on a labelled pixel")
         p_x = torch.bincount(x, weights, minlength=self.num_classes[0]) / weights.sum()
         bound: Tensor
         bound, ascent = self.bound(self.network(y), x, p_x, weights)

@@ -15,6 +15,7 @@ from torch.nn import functional
 
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Camera
+from semcal_cli.errors import CalibrationError
 from semcal_cli.observations import Observations
 from semcal_cli.projection import Projection
 
@@ -50,7 +51,11 @@ class MutualInformation(torch.nn.Module):
         super().__init__()
         self.projection = Projection(camera)
         self.size = camera.width, camera.height
-        self.points, self.x, self.y = list(points), list(x), list(y)
+        self.num_frames = len(points)
+        for frame, tensors in enumerate(zip(points, x, y, strict=True)):
+            for name, tensor in zip(("points", "x", "y"), tensors, strict=True):
+                # Buffers, so that they follow the module to another device; they are data, not its state.
+                self.register_buffer(f"{name}_{frame}", tensor, persistent=False)
         self.statistics = statistics
         self._generator = torch.Generator().manual_seed(seed)
         self._anchored: list[Tensor] | None = None
@@ -74,6 +79,14 @@ class MutualInformation(torch.nn.Module):
         ]
         return cls(observations.camera, points, x, y)
 
+    @property
+    def frames(self) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """Points, x and y of each frame."""
+        return [
+            (getattr(self, f"points_{frame}"), getattr(self, f"x_{frame}"), getattr(self, f"y_{frame}"))
+            for frame in range(self.num_frames)
+        ]
+
     def anchor(self, T_camera_lidar: Tensor) -> int:
         """Choose the points that lie in the picture at a pose, and tell how many; they count until the next call.
 
@@ -81,14 +94,20 @@ class MutualInformation(torch.nn.Module):
         out raises nothing.
         """
         with torch.no_grad():
-            self._anchored = [self._inside(points, T_camera_lidar) for points in self.points]
+            self._anchored = [self._inside(points, T_camera_lidar) for points, _, _ in self.frames]
         return int(sum(inside.sum() for inside in self._anchored))
 
     def forward(self, T_camera_lidar: Tensor) -> Tensor:
-        """Estimate the mutual information at a pose (4, 4) float64, as a scalar; anchors there if nothing has."""
+        """Estimate the mutual information at a pose (4, 4) float64, as a scalar; anchors there if nothing has.
+
+        Raises:
+            CalibrationError: no anchored point, or none of them on a labelled pixel.
+        """
         if self._anchored is None:
             self.anchor(T_camera_lidar)
         x, y = self.pairs(T_camera_lidar)
+        if len(y) == 0:
+            raise CalibrationError("no overlap: no point lands on the pictures")
         if self.statistics is not None:
             order = torch.randperm(len(y), generator=self._generator).to(y.device)
             shuffled = self.statistics(x, y[order])
@@ -97,6 +116,8 @@ class MutualInformation(torch.nn.Module):
             return bound
         # Pixels without a class leave a share of less than one; pairs add up to their labelled share.
         joint = x.T @ y
+        if not joint.sum() > 0.0:
+            raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")
         joint = joint / joint.sum()
         independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
         seen = joint > 0.0
@@ -106,10 +127,9 @@ class MutualInformation(torch.nn.Module):
     def pairs(self, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
         """What the anchored points carry (N, C_x), and the pixels under them (N, C_y), bilinear between pixels."""
         assert self._anchored is not None
-        found = zip(self.points, self.x, self.y, self._anchored, strict=True)
         pairs = [
             (x[chosen], self._sample(y, self._pixels(points[chosen], T_camera_lidar)))
-            for points, x, y, chosen in found
+            for (points, x, y), chosen in zip(self.frames, self._anchored, strict=True)
         ]
         return torch.cat([x for x, _ in pairs]), torch.cat([y for _, y in pairs])
 

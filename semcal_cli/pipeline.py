@@ -197,8 +197,10 @@ class Run:
             f"{'settled' if refinement.converged else 'not settled'}"
         )
         self._finish("refined", start, observations, T_camera_lidar, note)
-        if config.is_polished:
-            return self._polish(observations, T_camera_lidar, config)
+        polished = self._polish(observations, T_camera_lidar, config) if config.is_polished else None
+        if polished is not None and polished.is_accepted:
+            self.reasons += _polish_reasons(polished)
+            return polished.T_camera_lidar
         self.reasons += _convergence_reasons(refinement)
         return T_camera_lidar
 
@@ -214,7 +216,7 @@ class Run:
         climb = MineClimb(observations, mine, self.seed, config.device)
         return climb, {"mine": asdict(mine), "device": config.device}
 
-    def _polish(self, observations: Observations, T_camera_lidar: Pose, config: RefinementConfig) -> Pose:
+    def _polish(self, observations: Observations, T_camera_lidar: Pose, config: RefinementConfig) -> Polish:
         self.progress("polishing")
         start = perf_counter()
         settings = PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
@@ -227,8 +229,7 @@ class Run:
         verdict = "accepted" if polished.is_accepted else "rejected, the refined pose stays"
         note = f"{verdict}: held out {polished.gain_nats:+.4f} +- {polished.sigma_nats:.4f} nats"
         self._finish("polished", start, observations, polished.T_camera_lidar, note)
-        self.reasons += _polish_reasons(polished)
-        return polished.T_camera_lidar
+        return polished
 
     def result(self, observations: Observations, T_camera_lidar: Pose, folder: Path) -> Calibration:
         """Assess a pose and put everything into a calibration."""
@@ -285,6 +286,8 @@ def _convergence_reasons(refinement: Refinement) -> list[str]:
 def _polish_reasons(polished: Polish) -> list[str]:
     if polished.is_settled:
         return []
+    if not math.isfinite(polished.moved_px):
+        return ["the polish found no direction in which the pose changes the labels' agreement"]
     return [
         f"the polish had not settled: its last round still moved points by {polished.moved_px:.2f} pixels"
     ]

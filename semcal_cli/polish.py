@@ -6,6 +6,7 @@ pointwise mutual information, paired over parts of the pictures. A polish that h
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,7 +30,9 @@ class PolishConfig:
     max_steps: int = 8
     """Newton steps for each choice."""
     tolerance_px: float = 0.01
-    """Settled means that a round moved the points by less than this, root mean square."""
+    """Rounds end when one moved the points by less than this, root mean square."""
+    settled_px: float = 0.1
+    """Settled means that the last round moved them, or wanted to and gained nothing, by no more than this."""
     max_baseline_m: float = MAX_BASELINE_M
     edge_band_px: int = EDGE_BAND_PX
     min_frames: int = 6
@@ -66,11 +69,12 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     kept, held_out = split(observations, config)
     T_kept, moved_px = _climb(kept, T_camera_lidar, config)
     gain, sigma = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, T_kept)
-    is_accepted = not gain < -config.max_loss * sigma
+    # Without a standard error, nothing speaks for it.
+    is_accepted = math.isfinite(sigma) and gain >= -config.max_loss * sigma
     T_polished = T_camera_lidar
     if is_accepted:
         T_polished, moved_px = _climb(observations, T_kept, config)
-    return Polish(T_polished, is_accepted, moved_px <= config.tolerance_px, moved_px, gain, sigma)
+    return Polish(T_polished, is_accepted, moved_px <= config.settled_px, moved_px, gain, sigma)
 
 
 def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:

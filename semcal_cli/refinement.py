@@ -5,10 +5,13 @@ the estimator's. With MINE, the weights of a statistics network climb the Donske
 twist of the pose (`semcal_cli.mine`). With discrete labels the bound is reached by a table of pointwise mutual
 information, so `ExactClimb` needs no network and no torch.
 
+Every level has the same number of steps, whose lengths fall to a twentieth: on mini-batches, when to stop earlier would
+be told by noise. Whether the pose has settled by then is measured, and said.
+
 Overlap: the points of a level are those that lie inside the picture at the level's start, with the weights that they
-have there, and they keep counting when they leave it, with the class at the nearest border. So within a level, pushing
-points out of the picture cannot raise the objective. (A penalty on the share of points that are left, or a class for
-"outside", would move the optimum.)
+have there, and while the lens still projects them they keep counting when they leave it, with the class at the nearest
+border. So within a level, pushing points out of the picture cannot raise the objective. (A penalty on the share of
+points that are left, or a class for "outside", would move the optimum.)
 """
 
 from __future__ import annotations

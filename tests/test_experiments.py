@@ -1,4 +1,5 @@
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from conftest import STREET, make_pose
 from semcal_cli.cli import semcal
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments import accuracy, runner, speed
-from semcal_cli.experiments.runner import Result, run_cases, summarise, write_results
+from semcal_cli.experiments.runner import Result, run_cases, summarise, write_accuracy
 from semcal_cli.metrics import compare_poses
 
 
@@ -20,7 +21,7 @@ class Case:
 
 
 def result(seed: int) -> Result:
-    return Result("row", seed, "exact", 0.01 * seed, float(seed), "trusted", 0.1, 1.0, 2.0)
+    return Result("row", seed, "exact", 0.01 * seed, float(seed), seed <= 18, "trusted", 0.1, 1.0, 2.0)
 
 
 def run(case: Case) -> list[Result]:
@@ -37,33 +38,35 @@ def test_what_was_stopped_goes_on_where_it_was(tmp_path: Path) -> None:
     cases = [Case(seed) for seed in range(8)]
     progress: list[tuple[int, int]] = []
     with pytest.raises(KeyboardInterrupt):
-        run_cases(cases, run_until_five, tmp_path, 1, lambda done, total: None)
+        run_cases(cases, run_until_five, Result, tmp_path, 1, lambda done, total: None)
     with (tmp_path / "results.jsonl").open("a") as file:
         file.write('{"case": "half a li')
-    found = run_cases(cases, run, tmp_path, 1, lambda done, total: progress.append((done, total)))
+    found = run_cases(cases, run, Result, tmp_path, 1, lambda done, total: progress.append((done, total)))
     assert progress[0] == (5, 8)
     assert found == [result(seed) for seed in range(8)]
     assert all(json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines())
 
 
 def test_results_of_another_version_are_measured_again(tmp_path: Path) -> None:
-    run_cases([Case(1)], run, tmp_path, 1, lambda done, total: None)
+    run_cases([Case(1)], run, Result, tmp_path, 1, lambda done, total: None)
     file = tmp_path / "results.jsonl"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"version": "0.0"}) + "\n")
     progress: list[int] = []
-    run_cases([Case(1)], run, tmp_path, 1, lambda done, total: progress.append(done))
+    run_cases([Case(1)], run, Result, tmp_path, 1, lambda done, total: progress.append(done))
     assert progress == [0, 1]
 
 
 def test_summary_and_files(tmp_path: Path) -> None:
-    results = [result(seed) for seed in range(1, 22)]
+    results = [result(seed) for seed in range(1, 21)]
+    results.append(accuracy._failed(accuracy.Case("row", 21), "exact", CalibrationError("no overlap")))
     (summary,) = summarise(results)
-    assert summary.rotation_deg == pytest.approx((0.11, 0.2, 0.21))
-    write_results("accuracy", results, tmp_path)
+    assert summary.rotation_deg == pytest.approx((0.11, 0.2, math.inf))
+    assert (summary.num_right, summary.num_missed, summary.num_failed) == (18, 2, 1)
+    write_accuracy(results, 1, tmp_path)
     assert (tmp_path / "results.csv").read_text().count("\n") == 22
     assert json.loads((tmp_path / "summary.json").read_text())["rows"][0]["n"] == 21
     assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
-    assert "| row | exact | 21 | 0.1100, 0.2000, 0.2100 |" in (tmp_path / "table.md").read_text()
+    assert "| row | exact | 21 | 0.1100, 0.2000, inf |" in (tmp_path / "table.md").read_text()
 
 
 def test_every_row_on_every_seed_and_starts_on_more() -> None:
@@ -72,6 +75,9 @@ def test_every_row_on_every_seed_and_starts_on_more() -> None:
     assert {case.row for case in cases} == set(accuracy.ROWS)
     assert sum(case.row == "start 20 degrees and 0.5 m off" for case in cases) == 10
     assert sum(case.row == "16 channels" for case in cases) == 4
+    assert accuracy.cases(range(3), ["16 channels"]) == [
+        accuracy.Case("16 channels", seed) for seed in range(3)
+    ]
 
 
 def test_a_start_is_as_far_off_as_it_says() -> None:
@@ -86,7 +92,8 @@ def test_one_case_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     small = {"width": STREET.width, "height": STREET.height}
     monkeypatch.setitem(accuracy.RIGS, "default", small)
     row = "20 % wrong labels on both sides"
-    found = accuracy.run(runner.Pool(tmp_path), ("exact", "mine"), accuracy.Case(row, STREET.seed))
+    run = accuracy.Experiment(runner.Pool(tmp_path), ("exact", "mine"))
+    found = run(accuracy.Case(row, STREET.seed))
     assert [r.estimator for r in found] == ["exact", "mine"]
     for measured in found:
         assert measured.rotation_deg < 0.2
@@ -99,6 +106,30 @@ def test_processes_are_timed_and_failures_are_errors(tmp_path: Path) -> None:
     assert 0.005 < peak_gib < 1.0
     with pytest.raises(CalibrationError, match=r"exit code 1: .*no such file"):
         speed.run_process([*speed.SEMCAL, "calibrate", str(tmp_path / "nowhere")])
+
+
+def test_the_ratio_is_that_of_the_medians(tmp_path: Path) -> None:
+    experiment = speed.Experiment(tmp_path, tmp_path / "plain_torch.py")
+    cases = experiment.cases(3)
+    assert len(cases) == len(set(cases)) == 3 * (7 + 4)
+    seconds = {"refine, exact": 2.0, "plain torch, exact": 30.0}
+    timings = [
+        speed.Timing(c.name, c.num_pairs, seconds.get(c.name, 1.0) + c.repeat, 0.5, 0.01, 0.1) for c in cases
+    ]
+    summaries = {(s.name, s.num_pairs): s for s in speed.write_speed(timings, tmp_path)}
+    assert summaries["refine, exact", 20].against_plain_torch == pytest.approx(31.0 / 3.0)
+    assert summaries["calibrate, exact", 20].against_plain_torch is None
+    assert (
+        "| refine, exact | 20 | 3 | 3.00, 4.00 | 0.50 | 0.0100 deg, 0.10 cm | 10.3 |"
+        in (tmp_path / "table.md").read_text()
+    )
+    assert (tmp_path / "plot.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_row_that_is_not_there_is_an_error(tmp_path: Path) -> None:
+    found = CliRunner().invoke(semcal, ["experiment", "accuracy", "--row", "nothing", "-o", str(tmp_path)])
+    assert found.exit_code == 2
+    assert "found 'nothing', needed one of: clean labels, 20 pairs" in found.output
 
 
 def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:

@@ -1,13 +1,17 @@
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
 from semcal_cli.classes import NO_CLASS
+from semcal_cli.drive import Camera
 from semcal_cli.label_noise import (
     BLOB_SHARE,
     POINT_SHARE,
     as_by_a_network,
     mislabel,
-    with_disjoint_ids,
+    with_disjoint_ontologies,
+    with_ragged_things,
     with_wrong_labels,
 )
 from semcal_cli.observations import Observations, mend
@@ -46,9 +50,53 @@ def test_a_networks_labels_are_wrong_at_borders_and_in_blobs(street_observations
     assert points == pytest.approx(POINT_SHARE, abs=0.01)
 
 
-def test_disjoint_ids_are_a_permutation(street_observations: Observations) -> None:
-    disjoint = with_disjoint_ids(street_observations, np.random.default_rng(3))
-    assert not set(disjoint.image_class_names) & set(street_observations.point_class_names)
-    before, after = street_observations.image_classes[0], disjoint.image_classes[0]
-    pairs = set(zip(before.ravel().tolist(), after.ravel().tolist(), strict=True))
-    assert len(pairs) == len(np.unique(before)) == len(np.unique(after))
+def test_disjoint_ontologies_share_nothing_and_merge_otherwise(street_observations: Observations) -> None:
+    disjoint = with_disjoint_ontologies(street_observations, np.random.default_rng(3))
+    assert not set(disjoint.image_class_names) & set(disjoint.point_class_names)
+
+    def merged(
+        before: list[np.ndarray], after: list[np.ndarray], names: Sequence[str]
+    ) -> set[frozenset[str]]:
+        """Names that got the same id."""
+        pairs = set(
+            zip(np.concatenate(before).ravel().tolist(), np.concatenate(after).ravel().tolist(), strict=True)
+        )
+        groups = {
+            frozenset(names[old] for old, new in pairs if new == found and old != NO_CLASS)
+            for found in {new for _, new in pairs}
+        }
+        return {group for group in groups if len(group) > 1}
+
+    points = merged(
+        list(street_observations.point_classes),
+        list(disjoint.point_classes),
+        street_observations.point_class_names,
+    )
+    images = merged(
+        [image.ravel() for image in street_observations.image_classes],
+        [image.ravel() for image in disjoint.image_classes],
+        street_observations.image_class_names,
+    )
+    assert {"road", "road_line"} in points
+    assert {"vegetation", "terrain"} in images
+    assert not points & images
+
+
+@pytest.mark.parametrize("grow_px", [2, -2])
+def test_ragged_things_grow_or_shrink_by_so_much(grow_px: int) -> None:
+    image = np.zeros((20, 30), np.uint8)
+    image[5:15, 10:20] = 1
+    observations = Observations(
+        camera=Camera(
+            model="plumb_bob", width=30, height=20, K=((9.0, 0.0, 15.0), (0.0, 9.0, 10.0), (0.0, 0.0, 1.0))
+        ),
+        lidar=None,
+        points=[np.zeros((2, 3), np.float32)],
+        point_classes=[np.array([0, 1], np.uint8)],
+        image_classes=[image],
+        point_class_names=("road", "car"),
+        image_class_names=("road", "car"),
+    )
+    expected = np.zeros_like(image)
+    expected[5 - grow_px : 15 + grow_px, 10 - grow_px : 20 + grow_px] = 1
+    np.testing.assert_array_equal(with_ragged_things(observations, grow_px).image_classes[0], expected)

@@ -6,6 +6,7 @@ import torch
 from conftest import make_pose
 
 from semcal_cli import _core
+from semcal_cli.errors import CalibrationError
 from semcal_cli.objective import MutualInformation
 from semcal_cli.observations import Observations
 from semcal_cli.poses import Pose
@@ -45,6 +46,32 @@ def test_the_value_is_that_of_the_core(street_observations: Observations, street
     assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(num_points, rel=1e-3)
 
 
+def test_its_gradient_is_that_of_differences(street_observations: Observations, street_truth: Pose) -> None:
+    objective = MutualInformation.from_observations(street_observations)
+    off = torch.from_numpy(make_pose((0.003, 0.004, -0.002), (0.02, 0.0, 0.03)) @ street_truth)
+    objective.anchor(off)
+    v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
+    objective(exp_se3(v) @ off).backward()
+    assert v.grad is not None
+    step = 1e-3  # sampling is piecewise bilinear: wide enough to average over many points
+    for axis in torch.eye(6, dtype=torch.float64)[3:] * step:
+        with torch.no_grad():
+            difference = objective(exp_se3(axis) @ off) - objective(exp_se3(-axis) @ off)
+        assert (v.grad @ axis / step).item() == pytest.approx(difference.item() / (2.0 * step), rel=0.3)
+
+
+def test_nothing_in_the_picture_is_an_error(street_observations: Observations) -> None:
+    objective = MutualInformation.from_observations(street_observations)
+    with pytest.raises(CalibrationError, match="no overlap"):
+        objective(torch.eye(4, dtype=torch.float64))  # into the sky
+
+
+def test_its_data_follow_it(street_observations: Observations) -> None:
+    objective = MutualInformation.from_observations(street_observations).to("meta")
+    assert {buffer.device.type for buffer in objective.buffers()} == {"meta"}
+    assert all(name.startswith("projection.") for name in objective.state_dict())
+
+
 def test_its_gradient_leads_uphill(street_observations: Observations, street_truth: Pose) -> None:
     objective = MutualInformation.from_observations(street_observations)
     off = torch.from_numpy(make_pose((0.0, 0.01, 0.0), (0.0, 0.0, 0.0)) @ street_truth)
@@ -63,7 +90,7 @@ def test_a_network_bounds_the_plug_in_from_below(
 ) -> None:
     exact = MutualInformation.from_observations(street_observations)
     T = torch.from_numpy(street_truth)
-    (points, *_), (x, *_), (y, *_) = exact.points, exact.x, exact.y
+    points, x, y = exact.frames[0]
     points, x = points[::10], x[::10]
     exact = MutualInformation(street_observations.camera, [points], [x], [y])
     network = Bilinear(x.shape[1], y.shape[0])

@@ -1,15 +1,18 @@
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import make_pose
 
-from semcal_cli import _core
+from semcal_cli import _core, pipeline
 from semcal_cli.classes import NO_CLASS
+from semcal_cli.drive import read_drive
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations
-from semcal_cli.polish import PolishConfig, polish, split
+from semcal_cli.polish import Polish, PolishConfig, polish, split
 from semcal_cli.poses import Pose, rotation_error_deg
+from semcal_cli.refinement import Level, Refinement
 
 CONFIG = PolishConfig()
 PIXEL_OFF = make_pose((0.002, -0.003, 0.002), (0.01, 0.01, -0.01))
@@ -83,6 +86,37 @@ def test_threads_do_not_change_a_bit(street_observations: Observations, street_t
     assert found[0].gain_nats == found[1].gain_nats
 
 
-def test_it_starts_where_it_may_be_rejected_to(street_observations: Observations, street_truth: Pose) -> None:
+def test_at_the_truth_it_stays_there(street_observations: Observations, street_truth: Pose) -> None:
     again = polish(street_observations, street_truth, CONFIG)
     assert rotation_error_deg(again.T_camera_lidar, street_truth) < MAX_ROTATION_DEG
+
+
+@pytest.mark.parametrize(
+    ("accepted", "settled", "converged", "reasons"),
+    [
+        (True, True, True, []),
+        (True, True, False, []),
+        (True, False, True, ["the polish had not settled"]),
+        (False, True, True, []),
+        (False, False, True, []),
+        (False, True, False, ["the refinement had not settled"]),
+    ],
+)
+def test_the_pose_that_counts_is_the_one_that_has_to_settle(
+    street: Path,
+    street_observations: Observations,
+    street_truth: Pose,
+    monkeypatch: pytest.MonkeyPatch,
+    accepted: bool,
+    settled: bool,
+    converged: bool,
+    reasons: list[str],
+) -> None:
+    level = Level(1, street_truth, 1.0, 0.0 if converged else 2.0, 1000)
+    polished = Polish(PIXEL_OFF @ street_truth, accepted, settled, 0.01 if settled else 3.0, 0.1, 0.01)
+    monkeypatch.setattr(pipeline, "refine", lambda *_: Refinement(street_truth, (level,), converged))
+    monkeypatch.setattr(pipeline, "polish", lambda *_: polished)
+    run = pipeline.Run(read_drive(street), seed=0)
+    pose = run.refine(street_observations, street_truth, pipeline.RefinementConfig())
+    np.testing.assert_array_equal(pose, polished.T_camera_lidar if accepted else street_truth)
+    assert [reason[: len(wanted)] for reason, wanted in zip(run.reasons, reasons, strict=True)] == reasons

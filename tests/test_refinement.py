@@ -26,6 +26,7 @@ MAX_ROTATION_DEG = 0.1
 MAX_CENTER_CM = 1.5
 
 BAD_START = make_pose((0.12, -0.15, 0.1), (0.3, -0.3, 0.2))  # 12 degrees and half a metre
+A_METRE_OFF = make_pose((0.05, -0.05, 0.05), (0.7, -0.5, 0.5))  # and 5 degrees
 FROM_AFAR = PyramidConfig(coarsest_block_deg=FAR_DEG)
 SHORT = MineConfig(steps_per_level=20, warm_up_steps=10)
 
@@ -38,12 +39,13 @@ def make_climb(
     return MineClimb(observations, mine or MineConfig(), seed)
 
 
+@pytest.mark.parametrize("start", [BAD_START, A_METRE_OFF], ids=["12 degrees", "a metre"])
 @pytest.mark.parametrize("estimator", ["exact", "mine"])
 def test_a_bad_start_ends_at_the_truth(
-    street_observations: Observations, street_truth: Pose, estimator: str
+    street_observations: Observations, street_truth: Pose, estimator: str, start: Pose
 ) -> None:
     climb = make_climb(estimator, street_observations)
-    refinement = refine(street_observations, BAD_START @ street_truth, climb, FROM_AFAR)
+    refinement = refine(street_observations, start @ street_truth, climb, FROM_AFAR)
     error = compare_poses(refinement.T_camera_lidar, street_truth)
     assert error.rotation_deg < MAX_ROTATION_DEG
     assert error.camera_center_cm < MAX_CENTER_CM

@@ -90,7 +90,7 @@ fn climb(
     let num_batches = samples.len().div_ceil(config.batch_size);
     let mut batches = samples.chunks(samples.len().div_ceil(num_batches)).cycle();
     let Some(motions) = level.unit_motions(&samples, &pose) else {
-        return (pose, 0.0);
+        return (pose, f64::INFINITY);
     };
     let constant = level.empty_joint();
     let mut adam = Adam::default();

@@ -80,7 +80,8 @@ pub struct Slope {
 }
 
 impl Level {
-    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. Points are thinned to at most `max_points` over all frames and directions.
+    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. Points
+    /// are thinned to at most `max_points` over all frames and directions.
     pub fn new(observations: Arc<Observations>, factor: usize, edge_band: usize, max_points: usize) -> Self {
         let frames = &observations.frames;
         let maps =

@@ -15,11 +15,7 @@ ESTIMATORS = ("exact", "mine")
 
 @click.group()
 def experiment() -> None:
-    """Measure what the README's tables say, on synthetic drives.
-
-    Writes results.csv, summary.json, table.md and plot.png into a folder of the experiment's name, and keeps its drives
-    in a pool beside it, about 45 MB each. An experiment that was stopped goes on where it was.
-    """
+    """Measure what the README's tables say, on synthetic drives."""
 
 
 out_option = click.option(
@@ -62,26 +58,54 @@ out_option = click.option(
     show_default=True,
     help="What to compare; may be given twice.",
 )
+@click.option(
+    "--row",
+    "rows",
+    multiple=True,
+    metavar="NAME",
+    help="Only this row of the table, as 'network-like labels'; may be given again.",
+)
+@click.option("--edge-band", type=click.IntRange(0), metavar="PX", help="As in `calibrate`.")
 @out_option
-def accuracy(seeds: int, first_seed: int, jobs: int, estimators: tuple[str, ...], out: Path) -> None:
+def accuracy(
+    seeds: int,
+    first_seed: int,
+    jobs: int,
+    estimators: tuple[str, ...],
+    rows: tuple[str, ...],
+    edge_band: int | None,
+    out: Path,
+) -> None:
     """Compare calibrations with the truth, over sensors, lenses, labels and starts.
 
-    Takes about a minute for each seed and job.
+    Takes about two minutes for each seed. Writes results.csv, summary.json, table.md and plot.png into a folder of DIR,
+    and keeps its drives in a pool beside it, about 45 MB each. When it was stopped it goes on where it was.
     """
     from semcal_cli.cli.session import make_console
     from semcal_cli.experiments import accuracy, runner
-    from semcal_cli.refinement import Estimator
+    from semcal_cli.refinement import EDGE_BAND_PX, Estimator
 
-    chosen: list[Estimator] = [name for name in get_args(Estimator) if name in estimators]
-    folder = runner.make_folder(out, f"accuracy_{'_'.join(chosen)}" if len(chosen) == 1 else "accuracy")
+    for row in rows:
+        if row not in accuracy.ROWS:
+            raise click.BadParameter(
+                f"found {row!r}, needed one of: {', '.join(accuracy.ROWS)}", param_hint="--row"
+            )
+    band = EDGE_BAND_PX if edge_band is None else edge_band
+    chosen: tuple[Estimator, ...] = tuple(name for name in get_args(Estimator) if name in estimators)
     console = make_console(quiet=False)
 
     def progress(done: int, total: int) -> None:
         console.print(f"{done} of {total} cases", end="\r" if console.is_terminal else "\n")
 
-    cases = accuracy.cases(range(first_seed, first_seed + seeds))
-    results = runner.run_cases(cases, accuracy.make_run(out / "pool", chosen), folder, jobs, progress)
-    summaries = runner.write_results("accuracy", results, folder)
+    # Runs that measure something else go on where they were, each in its own folder.
+    name = "_".join(
+        ["accuracy", *(chosen if len(chosen) == 1 else ()), *(() if edge_band is None else (f"band{band}",))]
+    )
+    folder = runner.make_folder(out, name)
+    cases = accuracy.cases(range(first_seed, first_seed + seeds), rows or tuple(accuracy.ROWS))
+    run = accuracy.Experiment(runner.Pool(out / "pool"), chosen, band)
+    results = runner.run_cases(cases, run, runner.Result, folder, jobs, progress)
+    summaries = runner.write_accuracy(results, jobs, folder)
     click.echo(runner.markdown(summaries), nl=False)
 
 
@@ -104,7 +128,8 @@ def accuracy(seeds: int, first_seed: int, jobs: int, estimators: tuple[str, ...]
 def speed(repeats: int, plain_torch: Path | None, out: Path) -> None:
     """Time whole processes, and compare the refinement with the same in plain torch.
 
-    Wants an idle machine; takes about three minutes for each repeat.
+    Wants an idle machine; takes about three minutes for each repeat. Writes what `accuracy` writes, and goes on
+    where it was when it was stopped.
     """
     from semcal_cli.cli.session import make_console
     from semcal_cli.errors import InputError
@@ -112,6 +137,15 @@ def speed(repeats: int, plain_torch: Path | None, out: Path) -> None:
 
     if plain_torch is not None and not plain_torch.is_file():
         raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
+    folder = runner.make_folder(out, "speed")
     console = make_console(quiet=False)
-    timings = speed.measure(runner.make_folder(out, "speed"), repeats, plain_torch, console.print)
-    click.echo(speed.markdown(timings), nl=False)
+    experiment = speed.Experiment(folder, plain_torch and plain_torch.resolve())
+    timings = runner.run_cases(
+        experiment.cases(repeats),
+        experiment,
+        speed.Timing,
+        folder,
+        1,
+        lambda done, total: console.print(f"{done} of {total} runs"),
+    )
+    click.echo(speed.markdown(speed.write_speed(timings, folder)), nl=False)

@@ -5,14 +5,18 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 import platform
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, fields, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from importlib.metadata import version
+from multiprocessing import get_context
 from pathlib import Path
-from typing import TypeVar
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
@@ -23,12 +27,17 @@ from semcal_cli.errors import InputError
 from semcal_cli.synthesis import synthesize
 from semcal_cli.synthesis_config import SynthConfig
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 POOL_FRAMES = 20
 """Frames of each drive in the pool, which experiments cut down."""
 
 
 Case = TypeVar("Case")
 """What an experiment runs once; cases are told apart by their `repr`."""
+Found = TypeVar("Found")
+"""What it finds: a dataclass of numbers and strings."""
 
 
 @dataclass(frozen=True)
@@ -39,11 +48,20 @@ class Result:
     seed: int
     estimator: str
     rotation_deg: float
+    """Infinite, as the other errors are, where the calibration failed."""
     camera_center_cm: float
+    is_right: bool
+    """The errors are no larger than the row allows."""
     status: str
+    """The calibration's, or why it failed."""
     initial_deg: float
     initial_cm: float
     refine_s: float
+
+    @property
+    def is_missed(self) -> bool:
+        """The calibration is wrong and does not say so."""
+        return not self.is_right and math.isfinite(self.rotation_deg) and self.status != "not_trusted"
 
 
 @dataclass(frozen=True)
@@ -57,10 +75,15 @@ class Pool:
         path = self.folder / f"{rig}_{seed:06d}"
         if not (path / DRIVE_FILE).exists():
             config = replace(SynthConfig(num_frames=POOL_FRAMES, seed=seed), **changes)  # type: ignore[arg-type]
-            synthesize(config, path, force=True)
-            # Nothing computes on the pictures, which are most of the bytes.
-            for picture in (path / "images").iterdir():
-                picture.unlink()
+            # Other processes may want it, too: whoever is first puts it in place.
+            with TemporaryDirectory(dir=self.folder) as folder:
+                made = Path(folder) / "drive"
+                synthesize(config, made)
+                # Nothing computes on the pictures, which are most of the bytes.
+                for picture in (made / "images").iterdir():
+                    picture.unlink()
+                with suppress(OSError):
+                    made.rename(path)
         return path
 
 
@@ -81,26 +104,37 @@ def make_folder(out: Path, name: str) -> Path:
 
 def run_cases(
     cases: Sequence[Case],
-    run: Callable[[Case], list[Result]],
+    run: Callable[[Case], list[Found]],
+    kind: type[Found],
     folder: Path,
     num_jobs: int,
     progress: Callable[[int, int], None],
-) -> list[Result]:
+) -> list[Found]:
     """Run each case that has no results in `folder` yet; a run that was stopped goes on where it was.
 
     With several jobs, each computes on one thread.
+
+    Args:
+        cases: What to run.
+        run: Runs one; it is sent to other processes.
+        kind: The class of what it finds.
+        folder: Where `results.jsonl` is, or will be.
+        num_jobs: Cases at a time.
+        progress: Called with how many cases are done, and how many there are.
     """
     file = folder / "results.jsonl"
-    done = _read(file)
+    done = _read(file, kind)
     missing = [case for case in cases if repr(case) not in done]
     progress(len(cases) - len(missing), len(cases))
     with (
         file.open("a") as out,
-        ProcessPoolExecutor(num_jobs, initializer=_start, initargs=(num_jobs,)) as pool,
+        # Not forked: the core's threads would be missing there.
+        ProcessPoolExecutor(num_jobs, get_context("spawn"), _start, (num_jobs,)) as pool,
     ):
         for case, results in zip(missing, pool.map(run, missing), strict=True):
             done[repr(case)] = results
-            line = {"case": repr(case), "version": version("semcal"), "results": [asdict(r) for r in results]}
+            found: list[dict[str, Any]] = [vars(result) for result in results]
+            line = {"case": repr(case), "version": version("semcal"), "results": found}
             out.write(json.dumps(line) + "\n")
             out.flush()
             progress(sum(repr(case) in done for case in cases), len(cases))
@@ -112,15 +146,15 @@ def _start(num_jobs: int) -> None:
         _core.set_num_threads(1)
 
 
-def _read(file: Path) -> dict[str, list[Result]]:
+def _read(file: Path, kind: type[Found]) -> dict[str, list[Found]]:
     """Results so far; half a line is what was being written when the run was stopped."""
     if not file.exists():
         return {}
-    done = {}
+    done: dict[str, list[Found]] = {}
     whole = [line for line in file.read_text().splitlines(keepends=True) if line.endswith("\n")]
     for line in map(json.loads, whole):
         if line["version"] == version("semcal"):
-            done[line["case"]] = [Result(**result) for result in line["results"]]
+            done[line["case"]] = [kind(**result) for result in line["results"]]
     write_text("".join(whole), file)
     return done
 
@@ -135,7 +169,12 @@ class Summary:
     rotation_deg: tuple[float, float, float]
     """Median, 95 % quantile, worst."""
     camera_center_cm: tuple[float, float, float]
+    num_right: int
+    """Within the row's errors."""
     num_not_trusted: int
+    num_missed: int
+    """Wrong, and not said to be."""
+    num_failed: int
     refine_s: float
     """Median seconds from the initial pose to the end."""
 
@@ -152,7 +191,10 @@ def summarise(results: Iterable[Result]) -> list[Summary]:
             len(found),
             _distribution([r.rotation_deg for r in found]),
             _distribution([r.camera_center_cm for r in found]),
+            sum(r.is_right for r in found),
             sum(r.status == "not_trusted" for r in found),
+            sum(r.is_missed for r in found),
+            sum(not math.isfinite(r.rotation_deg) for r in found),
             float(np.median([r.refine_s for r in found])),
         )
         for (row, estimator), found in groups.items()
@@ -160,21 +202,24 @@ def summarise(results: Iterable[Result]) -> list[Summary]:
 
 
 def _distribution(values: list[float]) -> tuple[float, float, float]:
-    return float(np.median(values)), float(np.quantile(values, 0.95)), max(values)
+    # Not between two values: one may be infinite.
+    quantile = np.quantile(values, 0.95, method="higher")
+    return float(np.median(values)), float(quantile), max(values)
 
 
 def markdown(summaries: Sequence[Summary]) -> str:
     """Give the table."""
     lines = [
         "| | estimator | n | rotation, deg: median, 95 %, worst | camera centre, cm: median, 95 %, worst "
-        "| not trusted | refinement, s |",
-        "|---|---|---|---|---|---|---|",
+        "| right | not trusted | wrong, not said | failed | refinement, s |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for s in summaries:
         rotation = ", ".join(f"{x:.4f}" for x in s.rotation_deg)
         center = ", ".join(f"{x:.2f}" for x in s.camera_center_cm)
         lines.append(
-            f"| {s.row} | {s.estimator} | {s.n} | {rotation} | {center} | {s.num_not_trusted} | {s.refine_s:.1f} |"
+            f"| {s.row} | {s.estimator} | {s.n} | {rotation} | {center} | {s.num_right} | {s.num_not_trusted} "
+            f"| {s.num_missed} | {s.num_failed} | {s.refine_s:.1f} |"
         )
     return "\n".join(lines) + "\n"
 
@@ -199,21 +244,36 @@ def _processor() -> str:
     return names[0] if names else platform.machine()
 
 
-def write_results(name: str, results: Sequence[Result], folder: Path) -> list[Summary]:
+def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> list[Summary]:
     """Write CSV, JSON, table and plot into a folder."""
     summaries = summarise(results)
-    with (folder / "results.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Result)])
-        writer.writeheader()
-        writer.writerows(asdict(result) for result in results)
-    document = {"experiment": name, "machine": machine(), "rows": [asdict(s) for s in summaries]}
-    write_text(json.dumps(document, indent=2) + "\n", folder / "summary.json")
-    write_text(markdown(summaries), folder / "table.md")
-    write_bytes(_plot(results), folder / "plot.png")
+    document = {"experiment": "accuracy", "machine": machine(), "jobs": num_jobs}
+    write_results(document, results, summaries, markdown(summaries), _plot(results), folder)
     return summaries
 
 
-def _plot(results: Sequence[Result]) -> bytes:
+def write_results(
+    document: dict[str, object],
+    results: Sequence[Any],
+    summaries: Sequence[Any],
+    table: str,
+    figure: Figure,
+    folder: Path,
+) -> None:
+    """Write an experiment's files: results.csv, summary.json (`document` and rows), table.md and plot.png."""
+    with (folder / "results.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(vars(results[0])))
+        writer.writeheader()
+        writer.writerows(vars(result) for result in results)
+    rows = [vars(summary) for summary in summaries]
+    write_text(json.dumps(document | {"rows": rows}, indent=2) + "\n", folder / "summary.json")
+    write_text(table, folder / "table.md")
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=120)
+    write_bytes(buffer.getvalue(), folder / "plot.png")
+
+
+def _plot(results: Sequence[Result]) -> Figure:
     from matplotlib.figure import Figure
 
     rows = list(dict.fromkeys(result.row for result in results))
@@ -225,7 +285,11 @@ def _plot(results: Sequence[Result]) -> bytes:
     for ax, (key, label) in zip(axes, measures, strict=True):
         for number, estimator in enumerate(estimators):
             found = [
-                [getattr(r, key) for r in results if r.row == row and r.estimator == estimator]
+                [
+                    value
+                    for r in results
+                    if r.row == row and r.estimator == estimator and math.isfinite(value := getattr(r, key))
+                ]
                 for row in rows
             ]
             places = [index + (number - 0.5 * (len(estimators) - 1)) * height for index in range(len(rows))]
@@ -246,6 +310,4 @@ def _plot(results: Sequence[Result]) -> bytes:
     axes[0].set_yticks(range(len(rows)), rows)
     axes[0].invert_yaxis()
     axes[1].legend(loc="lower right")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=120)
-    return buffer.getvalue()
+    return figure

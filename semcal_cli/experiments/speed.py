@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,30 +17,56 @@ from semcal_cli.documents import document_text, read_document, write_text
 from semcal_cli.drive import DRIVE_FILE
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.accuracy import off
-from semcal_cli.experiments.runner import machine
+from semcal_cli.experiments.runner import machine, write_results
 from semcal_cli.formats import read_transform
 from semcal_cli.metrics import compare_poses
 from semcal_cli.poses import Pose
 from semcal_cli.synthesis import synthesize
 from semcal_cli.synthesis_config import SynthConfig
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ESTIMATORS = ("exact", "mine")
 SEED = 10_000
 LONG_DRIVE = 1000
 MAKE_FRAMES = 70
-"""Frames that are rendered; the long drive names them again and again."""
+"""Frames that are rendered; the long drive names them again and again, but each is read and looked at anew."""
 START = 5.0, 0.3
 """Degrees and metres off the truth, for what only refines."""
 SEMCAL = [sys.executable, "-c", "from semcal_cli.cli import main; main()"]
 
 
 @dataclass(frozen=True)
+class Case:
+    """A process, and which of its runs this is."""
+
+    name: str
+    num_pairs: int
+    repeat: int
+
+
+@dataclass(frozen=True)
 class Timing:
-    """A process, run several times."""
+    """One run of a process."""
 
     name: str
     num_pairs: int
     seconds: float
-    """Median."""
+    peak_gib: float
+    rotation_deg: float
+    camera_center_cm: float
+
+
+@dataclass(frozen=True)
+class Summary:
+    """All runs of a process."""
+
+    name: str
+    num_pairs: int
+    n: int
+    seconds: tuple[float, float]
+    """Median, worst."""
     peak_gib: float
     rotation_deg: float
     camera_center_cm: float
@@ -48,71 +74,99 @@ class Timing:
     """How many times faster than the plain-torch process of the same estimator and pairs."""
 
 
-def measure(
-    folder: Path, repeats: int, plain_torch: Path | None, progress: Callable[[str], None]
-) -> list[Timing]:
-    """Time everything on synthetic drives in a folder.
+@dataclass(frozen=True)
+class Experiment:
+    """Processes on synthetic drives in a folder; calling it runs one."""
 
-    Args:
-        folder: Where drives and results go.
-        repeats: Runs of each process; rivals take turns, so that a busy machine slows both.
-        plain_torch: The script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None.
-        progress: Called with what is about to run.
-    """
-    drives = {count: _make_drive(folder, count) for count in (1, 20, MAKE_FRAMES, LONG_DRIVE)}
-    truth = read_transform(drives[1])
-    start = _make_start(drives[1], off(truth, *START, np.random.default_rng(0)))
-    output = folder / "out.yaml"
-    commands: dict[tuple[str, int], list[str]] = {}
-    for count, drive in drives.items():
-        estimators = ("exact", "mine") if count <= MAKE_FRAMES else ("exact",)
-        for estimator in estimators:
-            options = ["calibrate", str(drive), "--estimator", estimator, "-o", str(output), "-q"]
-            commands[f"calibrate, {estimator}", count] = [*SEMCAL, *options]
-    for estimator in ("exact", "mine"):
-        options = [
-            "refine",
-            str(drives[20]),
-            "--estimator",
-            estimator,
-            "--init",
-            str(start),
-            "-o",
-            str(output),
-            "-q",
+    folder: Path
+    plain_torch: Path | None
+    """The script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None."""
+
+    def cases(self, repeats: int) -> list[Case]:
+        """Give all runs; rivals take turns, so that a busy machine slows both."""
+        processes = [
+            *(
+                (f"calibrate, {estimator}", count)
+                for count in (1, 20, MAKE_FRAMES)
+                for estimator in ESTIMATORS
+            ),
+            ("calibrate, exact", LONG_DRIVE),
         ]
-        commands[f"refine, {estimator}", 20] = [*SEMCAL, *options]
-        if plain_torch is not None:
-            script = [str(plain_torch), str(drives[20]), str(start), "--estimator", estimator]
-            commands[f"plain torch, {estimator}", 20] = [
-                sys.executable,
-                *script,
-                "-o",
-                str(folder / "out.npy"),
-            ]
-    runs: dict[tuple[str, int], list[tuple[float, float, float, float]]] = {key: [] for key in commands}
-    for _ in range(repeats):
-        for key, command in commands.items():
-            progress(f"{key[0]}, {key[1]} pairs")
-            seconds, peak_gib = run_process(command)
-            T = np.load(folder / "out.npy") if key[0].startswith("plain") else read_transform(output)
-            error = compare_poses(T, truth)
-            runs[key].append((seconds, peak_gib, error.rotation_deg, error.camera_center_cm))
-    medians = {key: float(np.median([run[0] for run in found])) for key, found in runs.items()}
-    timings = []
-    for (name, count), found in runs.items():
-        plain = (
-            medians.get((name.replace("refine", "plain torch"), count)) if name.startswith("refine") else None
+        for estimator in ESTIMATORS:
+            processes.append((f"refine, {estimator}", 20))
+            if self.plain_torch is not None:
+                processes.append((f"plain torch, {estimator}", 20))
+        return [Case(*process, repeat) for repeat in range(repeats) for process in processes]
+
+    def __call__(self, case: Case) -> list[Timing]:
+        """Run a process, and compare what it gives with the truth."""
+        drive = make_drive(self.folder, case.num_pairs)
+        truth = read_transform(drive)
+        command, estimator = case.name.split(", ")
+        start = _make_start(drive, off(truth, *START, np.random.default_rng(0)))
+        output = self.folder / ("out.npy" if command == "plain torch" else "out.yaml")
+        options = [str(drive), "--estimator", estimator, "-o", str(output)]
+        if command == "calibrate":
+            process = [*SEMCAL, command, *options, "-q"]
+        elif command == "refine":
+            process = [*SEMCAL, command, *options, "-q", "--init", str(start)]
+        else:
+            process = [sys.executable, str(self.plain_torch), *options, "--init", str(start)]
+        seconds, peak_gib = run_process(process)
+        T = np.load(output) if command == "plain torch" else read_transform(output)
+        error = compare_poses(T, truth)
+        return [
+            Timing(case.name, case.num_pairs, seconds, peak_gib, error.rotation_deg, error.camera_center_cm)
+        ]
+
+
+def summarise(timings: Sequence[Timing]) -> list[Summary]:
+    """Sum the runs of each process up."""
+    groups: dict[tuple[str, int], list[Timing]] = {}
+    for timing in timings:
+        groups.setdefault((timing.name, timing.num_pairs), []).append(timing)
+    medians = {key: float(np.median([t.seconds for t in found])) for key, found in groups.items()}
+    summaries = []
+    for (name, num_pairs), found in groups.items():
+        seconds = medians[name, num_pairs]
+        plain = medians.get((name.replace("refine", "plain torch"), num_pairs)) if "refine" in name else None
+        summaries.append(
+            Summary(
+                name,
+                num_pairs,
+                len(found),
+                (seconds, max(t.seconds for t in found)),
+                max(t.peak_gib for t in found),
+                max(t.rotation_deg for t in found),
+                max(t.camera_center_cm for t in found),
+                None if plain is None else plain / seconds,
+            )
         )
-        ratio = None if plain is None else plain / medians[name, count]
-        _, peaks, degrees, centimetres = np.max(found, axis=0)
-        timings.append(
-            Timing(name, count, medians[name, count], float(peaks), float(degrees), float(centimetres), ratio)
-        )
-    document = {"experiment": "speed", "machine": machine(), "rows": [asdict(timing) for timing in timings]}
-    write_text(json.dumps(document, indent=2) + "\n", folder / "summary.json")
-    write_text(markdown(timings), folder / "table.md")
-    return timings
+    return summaries
+
+
+def write_speed(timings: Sequence[Timing], folder: Path) -> list[Summary]:
+    """Write CSV, JSON, table and plot into a folder."""
+    summaries = summarise(timings)
+    document: dict[str, object] = {"experiment": "speed", "machine": machine()}
+    write_results(document, timings, summaries, markdown(summaries), _plot(timings), folder)
+    return summaries
+
+
+def _plot(timings: Sequence[Timing]) -> Figure:
+    from matplotlib.figure import Figure
+
+    names = [f"{t.name}, {t.num_pairs:,} pairs" for t in timings]
+    rows = list(dict.fromkeys(names))
+    figure = Figure(figsize=(9.0, 1.5 + 0.35 * len(rows)), layout="constrained")
+    ax = figure.subplots()
+    ax.plot([t.seconds for t in timings], [rows.index(name) for name in names], "o", alpha=0.6)
+    ax.set_yticks(range(len(rows)), rows)
+    ax.set_xscale("log")
+    ax.set_xlabel("whole process, seconds")
+    ax.grid(axis="x", alpha=0.3)
+    ax.invert_yaxis()
+    return figure
 
 
 def run_process(command: list[str]) -> tuple[float, float]:
@@ -134,23 +188,27 @@ def run_process(command: list[str]) -> tuple[float, float]:
     return perf_counter() - begin, usage.ru_maxrss / 2**20
 
 
-def markdown(timings: list[Timing]) -> str:
+def markdown(summaries: Sequence[Summary]) -> str:
     """Give the table."""
     lines = [
-        "| process | pairs | seconds | peak memory, GiB | error | times faster than plain torch |",
-        "|---|---|---|---|---|---|",
+        "| process | pairs | n | seconds: median, worst | peak memory, GiB | error | times faster than plain torch |",
+        "|---|---|---|---|---|---|---|",
     ]
-    for t in timings:
-        ratio = "" if t.against_plain_torch is None else f"{t.against_plain_torch:.1f}"
-        error = f"{t.rotation_deg:.4f} deg, {t.camera_center_cm:.2f} cm"
+    for s in summaries:
+        ratio = "" if s.against_plain_torch is None else f"{s.against_plain_torch:.1f}"
+        seconds = ", ".join(f"{x:.2f}" for x in s.seconds)
+        error = f"{s.rotation_deg:.4f} deg, {s.camera_center_cm:.2f} cm"
         lines.append(
-            f"| {t.name} | {t.num_pairs:,} | {t.seconds:.2f} | {t.peak_gib:.2f} | {error} | {ratio} |"
+            f"| {s.name} | {s.num_pairs:,} | {s.n} | {seconds} | {s.peak_gib:.2f} | {error} | {ratio} |"
         )
     return "\n".join(lines) + "\n"
 
 
-def _make_drive(folder: Path, count: int) -> Path:
-    """Give a drive of so many pairs: the first of one that is rendered once, or all of it again and again."""
+def make_drive(folder: Path, count: int) -> Path:
+    """Give a drive of so many pairs.
+
+    Frames are rendered once; a shorter drive has the first of them, a longer one all of them as often as it takes.
+    """
     rendered = folder / "drive"
     if not (rendered / DRIVE_FILE).exists():
         synthesize(SynthConfig(num_frames=MAKE_FRAMES, seed=SEED), rendered, force=True)

@@ -1,9 +1,10 @@
 """The refinement in plain torch, which `semcal experiment speed` compares with: one-hot maps, grid_sample, autograd.
 
-python tests/benchmarks/plain_torch.py DRIVE INIT --estimator exact -o pose.npy
+python tests/benchmarks/plain_torch.py DRIVE --init FILE --estimator exact -o pose.npy
 
 Float maps are averaged over blocks level by level and sampled bilinearly; Adam climbs the twist of the pose on
-mini-batches of 12,000 points, 150 steps a level. Nothing is dropped for being hidden, and nothing is polished.
+mini-batches. Levels, steps and batch sizes are those of semcal's estimator, so that kernels are compared and not
+schedules; but nothing is dropped for being hidden, and nothing is polished.
 """
 
 from __future__ import annotations
@@ -19,22 +20,17 @@ from torch.nn import functional
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import read_drive
 from semcal_cli.formats import read_transform
-from semcal_cli.mine import DonskerVaradhan, StatisticsNetwork
+from semcal_cli.mine import DonskerVaradhan, MineConfig, StatisticsNetwork
 from semcal_cli.observations import load_observations
 from semcal_cli.projection import Projection
-from semcal_cli.refinement import FAR_DEG, PyramidConfig, pyramid_factors
+from semcal_cli.refinement import FAR_DEG, ExactConfig, PyramidConfig, pyramid_factors
 from semcal_cli.se3 import exp_se3
-
-STEPS = 150
-WARM_UP_STEPS = 50
-BATCH_SIZE = 12_000
-LEARNING_RATE = 0.1
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("drive", type=Path)
-    parser.add_argument("init", type=Path)
+    parser.add_argument("--init", type=Path, required=True)
     parser.add_argument("--estimator", choices=["exact", "mine"], default="exact")
     parser.add_argument("-o", "--output", type=Path, required=True)
     arguments = parser.parse_args()
@@ -53,9 +49,18 @@ def main() -> None:
     camera = observations.camera
     projection = Projection(camera)
     size = torch.tensor([camera.width, camera.height], dtype=torch.float64)
-    network = StatisticsNetwork(num_x, num_y, 32, torch.Generator().manual_seed(0))
-    bound = DonskerVaradhan(0.9)
-    theta = torch.optim.Adam(network.parameters(), 1e-2)
+    exact, mine = ExactConfig(), MineConfig()
+    is_mine = arguments.estimator == "mine"
+    steps, batch_size = (
+        (mine.steps_per_level, mine.batch_size) if is_mine else (exact.steps, exact.batch_size)
+    )
+    rate, last = (
+        (mine.learning_rate_pose, mine.final_rate) if is_mine else (exact.step_size, exact.final_step)
+    )
+    warm_up = mine.warm_up_steps if is_mine else 0
+    network = StatisticsNetwork(num_x, num_y, mine.num_hidden, torch.Generator().manual_seed(0))
+    bound = DonskerVaradhan(mine.mean_decay)
+    theta = torch.optim.Adam(network.parameters(), mine.learning_rate_theta)
     pose = torch.from_numpy(read_transform(arguments.init))
     for factor in pyramid_factors(camera, PyramidConfig(coarsest_block_deg=FAR_DEG)):
         level = functional.avg_pool2d(maps, factor)
@@ -66,12 +71,11 @@ def main() -> None:
         unit[:3] = p_camera[inside].norm(dim=1).median()
         unit *= factor / camera.K[0][0]
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
-        adam = torch.optim.Adam([v], LEARNING_RATE, betas=(0.9, 0.99))
-        warm_up = WARM_UP_STEPS if arguments.estimator == "mine" else 0
-        for step in range(warm_up + STEPS):
-            progress = max(step - warm_up, 0) / STEPS
-            adam.param_groups[0]["lr"] = LEARNING_RATE * (0.05 + 0.475 * (1 + math.cos(math.pi * progress)))
-            chosen = inside[torch.randint(len(inside), (BATCH_SIZE,))]
+        adam = torch.optim.Adam([v], rate, betas=(0.9, 0.99))
+        for step in range(warm_up + steps):
+            cosine = 0.5 * (1.0 + math.cos(math.pi * max(step - warm_up, 0) / steps))
+            adam.param_groups[0]["lr"] = rate * (last + (1.0 - last) * cosine)
+            chosen = inside[torch.randint(len(inside), (batch_size,))]
             chosen = chosen[frames[chosen].argsort()]
             T = exp_se3(v * unit) @ pose
             pixels, _ = projection(points[chosen] @ T[:3, :3].T + T[:3, 3])
@@ -85,7 +89,7 @@ def main() -> None:
                 if len(part)
             ]
             y, x = torch.cat(sampled), classes[chosen]
-            if arguments.estimator == "exact":
+            if not is_mine:
                 joint = functional.one_hot(x, num_x).float().T @ y
                 joint = joint / joint.sum()
                 independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
@@ -101,6 +105,7 @@ def main() -> None:
                 adam.step()
             adam.zero_grad()
             theta.zero_grad()
+        warm_up = mine.warm_up_steps // 3 if is_mine else 0
         pose = (exp_se3(v * unit) @ pose).detach()
     np.save(arguments.output, pose.numpy())
 
