@@ -117,6 +117,11 @@ impl Camera {
     /// The same with the Jacobian of the pixel with respect to the point, pixels a metre.
     pub fn project_with_jacobian(&self, point: &Vector3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
         let pixel = self.project(point)?;
+        Some((pixel, self.jacobian(point)))
+    }
+
+    /// The Jacobian of the pixel of a point that the camera projects, pixels a metre.
+    pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         let jacobian = match &self.lens {
             Lens::Polynomial(c) => {
                 let (x, y, inverse) = (point.x / point.z, point.y / point.z, 1.0 / point.z);
@@ -125,7 +130,7 @@ impl Camera {
             }
             Lens::Fisheye(c) => fisheye_jacobian(c, point),
         };
-        Some((pixel, Matrix2::from_diagonal(&self.focal) * jacobian))
+        Matrix2::from_diagonal(&self.focal) * jacobian
     }
 
     /// The unit ray (camera frame) that lands on a pixel; `None` where the lens reaches no such pixel.

@@ -19,8 +19,8 @@ pub struct ShareMap {
 enum Blocks {
     /// Blocks of one pixel.
     Pixels(Vec<u8>),
-    /// Blocks of one pixel, and whether each lies in the band along the borders of classes.
-    Banded(Vec<u8>, Vec<bool>),
+    /// Blocks of one pixel, and how much each counts, in 1/255.
+    Banded(Vec<u8>, Vec<u8>),
     Shares {
         /// Where the entries of each block begin; one more for the end.
         starts: Vec<u32>,
@@ -36,12 +36,26 @@ impl Blocks {
                 let class = usize::from(ids[index]);
                 &WHOLE[class..class + usize::from(class < WHOLE.len())]
             }
-            Self::Banded(ids, band) => {
-                let (class, shares) = (usize::from(ids[index]), if band[index] { &FAINT } else { &WHOLE });
+            Self::Banded(ids, amounts) => {
+                let shares = if amounts[index] == u8::MAX { &WHOLE } else { &FAINT };
+                let class = usize::from(ids[index]);
                 &shares[class..class + usize::from(class < shares.len())]
             }
             Self::Shares { starts, entries } => &entries[starts[index] as usize..starts[index + 1] as usize],
         }
+    }
+
+    /// The class of blocks that are all of it; `None` where that is not so, or not told by a look at pixels.
+    #[inline]
+    fn only_class(&self, around: [usize; 4]) -> Option<u8> {
+        let (Self::Pixels(ids) | Self::Banded(ids, _)) = self else { return None };
+        if let Self::Banded(_, amounts) = self
+            && around.iter().any(|&index| amounts[index] != u8::MAX)
+        {
+            return None;
+        }
+        let ids = around.map(|index| ids[index]);
+        (ids[0] != NO_CLASS && ids.iter().all(|&id| id == ids[0])).then_some(ids[0])
     }
 }
 
@@ -77,19 +91,19 @@ impl ShareMap {
     /// class count little.
     pub fn new(image: &LabelImage<u8>, factor: usize, edge_band: usize) -> Self {
         let (columns, rows) = (image.width / factor, image.height / factor);
-        let band = if edge_band > 0 { band(image, edge_band) } else { Vec::new() };
         let blocks = if factor == 1 && edge_band > 0 {
-            Blocks::Banded(image.ids.clone(), band)
+            Blocks::Banded(image.ids.clone(), amounts(image, edge_band))
         } else if factor == 1 {
             Blocks::Pixels(image.ids.clone())
         } else {
+            let amounts = amounts(image, edge_band);
             let (mut starts, mut entries) = (vec![0], Vec::new());
             let mut counts = [0; NO_CLASS as usize];
             for index in 0..rows * columns {
                 let (row, column) = (index / columns, index % columns);
                 let start = row * factor * image.width + column * factor;
                 let lines = (0..factor).map(|line| start + line * image.width);
-                let line = |from: usize| (&image.ids[from..][..factor], band.get(from..from + factor));
+                let line = |from: usize| (&image.ids[from..][..factor], &amounts[from..][..factor]);
                 add_shares(lines.map(line), &mut counts, &mut entries);
                 starts.push(entries.len() as u32);
             }
@@ -105,13 +119,12 @@ impl ShareMap {
         let (column, right) = Self::between(pixel.x, self.factor, self.columns);
         let (row, down) = Self::between(pixel.y, self.factor, self.rows);
         let (next_column, next_row) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
-        let block = |row: usize, column: usize| self.blocks.at(row * self.columns + column);
-        let corners = [
-            block(row, column),
-            block(row, next_column),
-            block(next_row, column),
-            block(next_row, next_column),
-        ];
+        let (above, below) = (row * self.columns, next_row * self.columns);
+        let around = [above + column, above + next_column, below + column, below + next_column];
+        if let Some(class) = self.blocks.only_class(around) {
+            return Sampled::Uniform(class);
+        }
+        let corners = around.map(|index| self.blocks.at(index));
         if let [[a], [b], [c], [d]] = corners
             && [b, c, d].iter().all(|share| share.class == a.class)
             && [a, b, c, d].iter().all(|share| share.amount == u8::MAX)
@@ -151,7 +164,8 @@ impl ShareMap {
         let place = (pixel + 0.5) / factor as f64 - 0.5;
         let last = (count - 1) as f64;
         if place > 0.0 && place < last {
-            (place as usize, Some(place.fract()))
+            let before = place as usize;
+            (before, Some(place - before as f64))
         } else {
             (if place > 0.0 { count - 1 } else { 0 }, None)
         }
@@ -240,16 +254,17 @@ impl Shares<'_> {
     }
 }
 
-/// Adds the shares of the classes in the lines of a block, lowest class first: ids, and whether they lie in the band, if
-/// there is one. `counts` is zero before and after.
+/// Adds the shares of the classes in the lines of a block, lowest class first: ids, and how much each pixel counts.
+/// `counts` is zero before and after.
 fn add_shares<'a>(
-    lines: impl Iterator<Item = (&'a [u8], Option<&'a [bool]>)> + Clone,
+    lines: impl Iterator<Item = (&'a [u8], &'a [u8])> + Clone,
     counts: &mut [u32; NO_CLASS as usize],
     entries: &mut Vec<Share>,
 ) {
     let Some(first) = lines.clone().next().map(|(line, _)| line[0]) else { return };
-    let is_whole = |(line, band): (&[u8], Option<&[bool]>)| {
-        band.is_none_or(|band| !band.contains(&true)) && line.iter().all(|&id| id == first)
+    // Without a branch within a line.
+    let is_whole = |(line, amounts): (&[u8], &[u8])| {
+        line.iter().zip(amounts).fold(0, |differs, (id, amount)| differs | (id ^ first) | !amount) == 0
     };
     if first != NO_CLASS && lines.clone().all(is_whole) {
         entries.push(WHOLE[usize::from(first)]);
@@ -257,14 +272,14 @@ fn add_shares<'a>(
     }
     let begun = entries.len();
     let mut num_pixels = 0;
-    for (line, band) in lines {
+    for (line, amounts) in lines {
         num_pixels += line.len();
-        for (index, &id) in line.iter().enumerate().filter(|&(_, &id)| id != NO_CLASS) {
+        for (&id, &amount) in line.iter().zip(amounts).filter(|&(&id, _)| id != NO_CLASS) {
             let count = &mut counts[usize::from(id)];
             if *count == 0 {
                 entries.push(Share { class: id, amount: 0 });
             }
-            *count += u32::from(if band.is_some_and(|band| band[index]) { FAINT_AMOUNT } else { u8::MAX });
+            *count += u32::from(amount);
         }
     }
     entries[begun..].sort_unstable_by_key(|share| share.class);
@@ -281,30 +296,38 @@ fn add_shares<'a>(
     entries.truncate(kept);
 }
 
-/// Whether each pixel lies less than `width` pixels from one of another class, along rows and columns.
-fn band(image: &LabelImage<u8>, width: usize) -> Vec<bool> {
+/// How much each pixel counts, in 1/255: little if it lies less than `width` pixels from one of another class, along rows
+/// and columns.
+fn amounts(image: &LabelImage<u8>, width: usize) -> Vec<u8> {
     let (columns, rows) = (image.width, image.height);
-    let width = width.min(columns.max(rows));
-    let differ = |a: usize, b: usize| {
-        let (a, b) = (image.ids[a], image.ids[b]);
-        a != b && a != NO_CLASS && b != NO_CLASS
+    let mut amounts = vec![u8::MAX; image.ids.len()];
+    if width == 0 {
+        return amounts;
+    }
+    let most = |a: u8, b: u8| if a != b && a != NO_CLASS && b != NO_CLASS { FAINT_AMOUNT } else { u8::MAX };
+    let lower = |amounts: &mut [u8], limits: &[u8]| {
+        amounts.iter_mut().zip(limits).for_each(|(amount, &limit)| *amount = limit.min(*amount));
     };
-    let mut near = vec![false; image.ids.len()];
+    let line = |row: usize| &image.ids[row * columns..][..columns];
+    let mut limits = vec![u8::MAX; columns];
     // Between two neighbours of different classes runs a border, with `width` pixels to either side.
     for row in 0..rows {
-        for column in 0..columns {
-            let index = row * columns + column;
-            if column + 1 < columns && differ(index, index + 1) {
-                let first = column.saturating_sub(width - 1);
-                near[row * columns + first..row * columns + (column + width + 1).min(columns)].fill(true);
-            }
-            if row + 1 < rows && differ(index, index + columns) {
-                (row.saturating_sub(width - 1)..(row + width + 1).min(rows))
-                    .for_each(|row| near[row * columns + column] = true);
+        let (left, right) = (&line(row)[..columns - 1], &line(row)[1..]);
+        limits.iter_mut().zip(left.iter().zip(right)).for_each(|(limit, (&a, &b))| *limit = most(a, b));
+        let amounts_here = &mut amounts[row * columns..][..columns];
+        for reach in 0..width.min(columns - 1) {
+            lower(&mut amounts_here[..columns - 1 - reach], &limits[reach..]);
+            lower(&mut amounts_here[1 + reach..], &limits);
+        }
+        if row + 1 < rows {
+            let below = line(row).iter().zip(line(row + 1));
+            limits.iter_mut().zip(below).for_each(|(limit, (&a, &b))| *limit = most(a, b));
+            for near in (row + 1).saturating_sub(width)..rows.min(row.saturating_add(width) + 1) {
+                lower(&mut amounts[near * columns..][..columns], &limits);
             }
         }
     }
-    near
+    amounts
 }
 
 #[cfg(test)]
@@ -344,7 +367,8 @@ mod tests {
     fn pixels_along_borders_count_little() {
         let ids = vec![0, 0, 0, 0, 1, 1, 1, 1];
         let image = LabelImage { width: 8, height: 1, ids };
-        assert_eq!(band(&image, 2), [false, false, true, true, true, true, false, false]);
+        let (all, few) = (u8::MAX, FAINT_AMOUNT);
+        assert_eq!(amounts(&image, 2), [all, all, few, few, few, few, all, all]);
         let map = ShareMap::new(&image, 1, 2);
         let total = |u: f64| map.at(&Point2::new(u, 0.0)).total();
         assert_eq!((total(0.0), total(3.0)), (1.0, f64::from(FAINT_AMOUNT) / 255.0));

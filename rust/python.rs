@@ -56,7 +56,6 @@ fn value_error(message: impl Into<String>) -> PyErr {
     PyValueError::new_err(message.into())
 }
 
-/// A rigid transform from its 4 x 4 matrix.
 /// The first three rows of `T_camera_lidar`.
 fn affine(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix3x4<f64>> {
     let m = matrix.as_array();
@@ -658,6 +657,13 @@ mod _core {
             landings.iter().map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into())).collect();
         let ranges: Vec<f64> = landings.iter().map(|l| l.map_or(f64::NAN, |l| l.range)).collect();
         Ok((to_array2(py, &pixels)?, ranges.into_pyarray(py), hidden.into_pyarray(py)))
+    }
+
+    #[pyfunction]
+    fn quaternion(t: PyReadonlyArray2<f64>) -> PyResult<[f64; 4]> {
+        let rotation = isometry(&t)?.rotation.into_inner().normalize();
+        let canonical = if rotation.w < 0.0 { -rotation } else { rotation };
+        Ok(canonical.coords.into())
     }
 
     #[pyfunction]

@@ -8,41 +8,54 @@ use crate::label_image::LabelImage;
 use crate::observation::NO_CLASS;
 
 /// A pixel is isolated if no more than this number of its eight neighbours have its class.
-const MOST_ALIKE: usize = 1;
+const MOST_ALIKE: u8 = 1;
 
 /// Gives isolated pixels the class that most of their neighbours have that are not isolated themselves (the lowest class
 /// of several; its own if there is none), and counts the isolated pixels.
 pub fn despeckled(image: &LabelImage<u8>) -> (LabelImage<u8>, usize) {
-    let isolated: Vec<bool> = (0..image.ids.len()).map(|index| is_isolated(image, index)).collect();
-    let count = isolated.iter().filter(|&&is_isolated| is_isolated).count();
-    let mended = |index: usize| {
-        let id = image.ids[index];
-        if !isolated[index] {
-            return id;
-        }
+    let isolated = isolated(image);
+    let mut ids = image.ids.clone();
+    let mut count = 0;
+    for index in (0..ids.len()).filter(|&index| isolated[index]) {
         let mut found = [NO_CLASS; 8];
         let sound = neighbours(image, index).filter(|&i| !isolated[i] && image.ids[i] != NO_CLASS);
-        let count = found.iter_mut().zip(sound).map(|(class, i)| *class = image.ids[i]).count();
-        let classes = &found[..count];
+        let num_sound = found.iter_mut().zip(sound).map(|(class, i)| *class = image.ids[i]).count();
+        let classes = &found[..num_sound];
         let votes = |class: u8| classes.iter().filter(|&&c| c == class).count();
-        classes.iter().copied().max_by_key(|&class| (votes(class), NO_CLASS - class)).unwrap_or(id)
-    };
-    let ids = (0..image.ids.len()).map(mended).collect();
+        let most = classes.iter().copied().max_by_key(|&class| (votes(class), NO_CLASS - class));
+        ids[index] = most.unwrap_or(ids[index]);
+        count += 1;
+    }
     (LabelImage { ids, ..*image }, count)
 }
 
-fn is_isolated(image: &LabelImage<u8>, index: usize) -> bool {
-    let id = image.ids[index];
-    let alike = neighbours(image, index).filter(|&i| image.ids[i] == id);
-    id != NO_CLASS && alike.take(MOST_ALIKE + 1).count() <= MOST_ALIKE
+fn isolated(image: &LabelImage<u8>) -> Vec<bool> {
+    let (width, height) = (image.width, image.height);
+    let line = |v: usize| &image.ids[v * width..][..width];
+    let mut isolated = Vec::with_capacity(image.ids.len());
+    let mut alike = vec![0u8; width];
+    for v in 0..height {
+        alike.fill(0);
+        // Whole lines against lines that are shifted: what a compiler makes vectors of.
+        for (right, down) in AROUND {
+            let Some(other) = v.checked_add_signed(down).filter(|&v| v < height).map(line) else { continue };
+            let (from, to) = (usize::from(right < 0), width - usize::from(right > 0));
+            let shifted = &other[from.wrapping_add_signed(right)..];
+            for ((count, a), b) in alike[from..to].iter_mut().zip(&line(v)[from..to]).zip(shifted) {
+                *count += u8::from(a == b);
+            }
+        }
+        let is_isolated = |(&count, &id): (&u8, &u8)| count <= MOST_ALIKE && id != NO_CLASS;
+        isolated.extend(alike.iter().zip(line(v)).map(is_isolated));
+    }
+    isolated
 }
 
 /// The indices of the up to eight pixels around one.
-#[inline]
 fn neighbours(image: &LabelImage<u8>, index: usize) -> impl Iterator<Item = usize> {
     let (width, height) = (image.width, image.height);
     let (u, v) = (index % width, index / width);
-    AROUND.iter().filter_map(move |&(right, down)| {
+    AROUND.into_iter().filter_map(move |(right, down)| {
         let (u, v) = (u.wrapping_add_signed(right), v.wrapping_add_signed(down));
         (u < width && v < height).then_some(v * width + u)
     })

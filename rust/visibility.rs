@@ -27,13 +27,18 @@ const ROUND_OFF: f64 = 1e-9;
 
 /// Projects points (metres, LiDAR frame); `None` for those outside the picture.
 pub fn land(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<Option<Landing>> {
+    let rotation = t_camera_lidar.rotation.to_rotation_matrix();
     let land = |point: &[f32; 3]| {
         let p_lidar = to_f64(point);
-        let p_camera = t_camera_lidar.rotation * p_lidar + t_camera_lidar.translation.vector;
-        let pixel = camera.project(&p_camera)?;
-        let (direction_lidar, direction_camera) = (p_lidar.normalize(), p_camera.normalize());
-        let landing = Landing { pixel, range: p_camera.norm(), direction_lidar, direction_camera };
-        camera.contains(&pixel).then_some(landing)
+        let p_camera = rotation * p_lidar + t_camera_lidar.translation.vector;
+        let pixel = camera.project(&p_camera).filter(|pixel| camera.contains(pixel))?;
+        let range = p_camera.norm();
+        Some(Landing {
+            pixel,
+            range,
+            direction_lidar: p_lidar.normalize(),
+            direction_camera: p_camera / range,
+        })
     };
     points.iter().map(land).collect()
 }

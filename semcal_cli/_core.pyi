@@ -27,6 +27,7 @@ __all__ = [
     "held_out_gain",
     "land",
     "polish",
+    "quaternion",
     "read_label_images",
     "read_label_thumbnails",
     "read_point_clouds",
@@ -296,6 +297,9 @@ def land(
     camera: Camera, points: _Float32, t_camera_lidar: _Float64
 ) -> tuple[_Float64, _Float64, NDArray[np.bool_]]:
     """Where points land: pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; who is hidden."""
+
+def quaternion(t: _Float64) -> list[float]:
+    """The rotation of a rigid transform (4, 4) as a unit quaternion x, y, z, w with w >= 0."""
 
 def synthetic_classes() -> list[tuple[int, str]]:
     """Ids and names of the classes of synthetic streets, which are CARLA's."""

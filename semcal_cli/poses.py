@@ -1,4 +1,7 @@
-"""Rigid transforms as 4 x 4 matrices: `p_a = T_a_b @ p_b`, float64, metres."""
+"""Rigid transforms as 4 x 4 matrices: `p_a = T_a_b @ p_b`, float64, metres.
+
+What every calibration needs comes from the core, since loading SciPy takes longer than many a stage.
+"""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +9,8 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from semcal_cli import _core
 
 Pose: TypeAlias = NDArray[np.float64]
 """(4, 4) rigid transform."""
@@ -59,6 +63,8 @@ def pose_from_quaternion(quaternion_xyzw: Sequence[float], translation: Sequence
     norm = math.hypot(*quaternion_xyzw)
     if not abs(norm - 1.0) <= RIGID_TOLERANCE:
         raise ValueError(f"found a quaternion of norm {norm:.6g}, needed norm 1 within {RIGID_TOLERANCE}")
+    from scipy.spatial.transform import Rotation
+
     T = np.eye(4)
     T[:3, :3] = Rotation.from_quat(quaternion_xyzw).as_matrix()
     T[:3, 3] = translation
@@ -73,6 +79,8 @@ def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> P
             URDF: R = Rz(yaw) Ry(pitch) Rx(roll). Yaw turns to the left, pitch looks down, roll leans to the right.
         center_m: The camera's centre, LiDAR frame.
     """
+    from scipy.spatial.transform import Rotation
+
     T_lidar_camera = np.eye(4)
     T_lidar_camera[:3, :3] = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix() @ OPTICAL_AXES
     T_lidar_camera[:3, 3] = center_m
@@ -81,7 +89,7 @@ def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> P
 
 def quaternion_xyzw(T: Pose) -> Vector:
     """Give the rotation as the unit quaternion (4,) with w >= 0."""
-    return Rotation.from_matrix(T[:3, :3]).as_quat(canonical=True)
+    return np.array(_core.quaternion(T))
 
 
 def inverse(T_a_b: Pose) -> Pose:
@@ -99,7 +107,10 @@ def camera_center(T_camera_lidar: Pose) -> Vector:
 
 def rotation_difference(T_a: Pose, T_b: Pose) -> Vector:
     """Give log(R_a R_b^T), the rotation vector (3,) in radians that takes T_b's rotation to T_a's."""
-    return Rotation.from_matrix(T_a[:3, :3] @ T_b[:3, :3].T).as_rotvec()
+    *axis, w = quaternion_xyzw(T_a @ inverse(T_b))
+    sine = math.hypot(*axis)
+    scale = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
+    return scale * np.array(axis)
 
 
 def rotation_error_deg(T_a: Pose, T_b: Pose) -> float:

@@ -2,9 +2,17 @@ import numpy as np
 import pytest
 from conftest import make_pose, poses
 from hypothesis import given
+from scipy.spatial.transform import Rotation
 
 from semcal_cli.metrics import compare_poses
-from semcal_cli.poses import Pose, camera_center, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.poses import (
+    Pose,
+    camera_center,
+    inverse,
+    pose_from_quaternion,
+    quaternion_xyzw,
+    rotation_difference,
+)
 
 REFERENCE = make_pose((0.3, -1.0, 2.0), (0.4, -0.1, 0.2))
 EXACT = 1e-9  # degrees or centimetres: round-off of poses within 100 m
@@ -41,6 +49,23 @@ def test_error_does_not_depend_on_the_lidar_frame(T: Pose, T_reference: Pose, T_
     assert moved.camera_center_cm == pytest.approx(error.camera_center_cm, abs=EXACT)
     assert np.linalg.norm(error.rotation_xyz_deg) == pytest.approx(error.rotation_deg)
     assert np.linalg.norm(error.camera_center_xyz_cm) == pytest.approx(error.camera_center_cm)
+
+
+@given(T_a=poses, T_b=poses)
+def test_rotations_are_scipys(T_a: Pose, T_b: Pose) -> None:
+    quaternion = Rotation.from_matrix(T_a[:3, :3]).as_quat(canonical=True)
+    assert abs(quaternion @ quaternion_xyzw(T_a)) == pytest.approx(1.0, abs=1e-12)
+    turn = Rotation.from_matrix(T_a[:3, :3] @ T_b[:3, :3].T)
+    found = Rotation.from_rotvec(rotation_difference(T_a, T_b))
+    assert (found * turn.inv()).magnitude() < 1e-7
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-7, 1e-3, 3.0, np.pi - 1e-9])
+def test_small_and_large_turns_are_told_exactly(angle: float) -> None:
+    turned = make_pose((0.0, angle, 0.0), (0.0, 0.0, 0.0))
+    np.testing.assert_allclose(
+        rotation_difference(turned, np.eye(4)), [0.0, angle, 0.0], rtol=1e-8, atol=1e-16
+    )
 
 
 @given(T=poses)

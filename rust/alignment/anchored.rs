@@ -82,8 +82,8 @@ impl Anchored {
             let sample = &self.samples[index];
             if let (p_camera, Some(Sampled::Mixed(shares))) = self.sampled(sample, t_camera_lidar)
                 && shares.total() > 0.0
-                && let Some((_, jacobian)) = self.level.observations.camera.project_with_jacobian(&p_camera)
             {
+                let jacobian = self.level.observations.camera.jacobian(&p_camera);
                 let force: Vector3<f64> = jacobian.tr_mul(&shares.slope(values));
                 pulled += force * sample.position.push(1.0).transpose();
             }

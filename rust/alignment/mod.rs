@@ -15,7 +15,7 @@ mod polish;
 
 use std::sync::Arc;
 
-use nalgebra::{Isometry3, Matrix2x6, Matrix6, Vector3, Vector6};
+use nalgebra::{Isometry3, Matrix2x6, Matrix6, Point2, Vector3, Vector6};
 use rayon::prelude::*;
 
 use crate::mutual_information::JointHistogram;
@@ -68,6 +68,16 @@ pub struct Level {
     factor: usize,
     /// One point of so many is looked at.
     stride: usize,
+}
+
+/// A sample where it lands.
+#[derive(Clone, Copy, Debug)]
+struct Landed {
+    class: u8,
+    frame: u32,
+    weight: f32,
+    p_camera: Vector3<f64>,
+    pixel: Point2<f64>,
 }
 
 /// The mutual information at a pose and where it grows.
@@ -139,20 +149,7 @@ impl Level {
 
     /// The joint histogram of the points' classes and the blocks on which they land.
     pub fn joint(&self, samples: &[Sample], pose: &Isometry3<f64>) -> JointHistogram {
-        let to_camera = to_camera(pose);
-        let of_chunk = |chunk: &[Sample]| {
-            let mut joint = self.empty_joint();
-            for sample in chunk {
-                if let Some(sampled) = self.sampled(sample, &to_camera(&sample.position)) {
-                    sampled.add_to(joint.row_mut(sample.class), f64::from(sample.weight));
-                }
-            }
-            joint
-        };
-        let chunks: Vec<JointHistogram> = samples.par_chunks(CHUNK).map(of_chunk).collect();
-        let mut joint = self.empty_joint();
-        chunks.iter().for_each(|chunk| joint.merge(chunk));
-        joint
+        self.joint_and_mixed(samples, pose, |_| ()).0
     }
 
     /// The joint histogram of `constant` pairs and those of the points, and the gradient of its mutual information with
@@ -161,29 +158,53 @@ impl Level {
     /// `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from
     /// the marginals cancel.
     pub fn slope(&self, samples: &[Sample], constant: &JointHistogram, pose: &Isometry3<f64>) -> Slope {
-        let mut joint = self.joint(samples, pose);
+        let (mut joint, mixed) = self.joint_and_mixed(samples, pose, |landed| landed);
         joint.merge(constant);
         let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
-        let to_camera = to_camera(pose);
-        let of_chunk = |chunk: &[Sample]| {
+        let of_chunk = |chunk: &Vec<Landed>| {
             let mut gradient = Vector6::zeros();
-            for sample in chunk {
-                let p_camera = to_camera(&sample.position);
-                let Some(Sampled::Mixed(shares)) = self.sampled(sample, &p_camera) else { continue };
-                if shares.total() > 0.0
-                    && let Some((_, jacobian)) = self.observations.camera.project_with_jacobian(&p_camera)
-                {
-                    let slope = shares.slope(&pointwise[joint.index(sample.class, 0)..]);
-                    let force: Vector3<f64> = jacobian.tr_mul(&slope) * f64::from(sample.weight);
+            for Landed { class, frame, weight, p_camera, pixel } in chunk {
+                if let Sampled::Mixed(shares) = self.maps[*frame as usize].at(pixel) {
+                    let slope = shares.slope(&pointwise[joint.index(*class, 0)..]);
+                    let jacobian = self.observations.camera.jacobian(p_camera);
+                    let force: Vector3<f64> = jacobian.tr_mul(&slope) * f64::from(*weight);
                     let torque = p_camera.cross(&force);
                     gradient += Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
                 }
             }
             gradient
         };
-        let chunks: Vec<Vector6<f64>> = samples.par_chunks(CHUNK).map(of_chunk).collect();
+        let chunks: Vec<Vector6<f64>> = mixed.par_iter().map(of_chunk).collect();
         let gradient = chunks.iter().sum::<Vector6<f64>>() / f64::max(joint.total(), 1.0);
         Slope { joint, gradient }
+    }
+
+    /// The joint histogram, and in chunks what `keep` makes of the points on several classes, by which it changes.
+    fn joint_and_mixed<T: Send>(
+        &self,
+        samples: &[Sample],
+        pose: &Isometry3<f64>,
+        keep: impl Fn(Landed) -> T + Sync,
+    ) -> (JointHistogram, Vec<Vec<T>>) {
+        let to_camera = to_camera(pose);
+        let of_chunk = |chunk: &[Sample]| {
+            let (mut joint, mut mixed) = (self.empty_joint(), Vec::new());
+            for &Sample { position, class, frame, weight } in chunk {
+                let p_camera = to_camera(&position);
+                let Some(pixel) = self.observations.camera.project(&p_camera) else { continue };
+                let sampled = self.maps[frame as usize].at(&pixel);
+                sampled.add_to(joint.row_mut(class), f64::from(weight));
+                if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
+                    mixed.push(keep(Landed { class, frame, weight, p_camera, pixel }));
+                }
+            }
+            (joint, mixed)
+        };
+        let (chunks, mixed): (Vec<JointHistogram>, Vec<Vec<T>>) =
+            samples.par_chunks(CHUNK).map(of_chunk).unzip();
+        let mut joint = self.empty_joint();
+        chunks.iter().for_each(|chunk| joint.merge(chunk));
+        (joint, mixed)
     }
 
     #[inline]

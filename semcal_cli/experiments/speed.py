@@ -109,7 +109,8 @@ class Experiment:
         if command == "calibrate":
             process = [*SEMCAL, command, *options, "-q"]
         elif command == "refine":
-            process = [*SEMCAL, command, *options, "-q", "--init", str(start)]
+            # The rival does not polish, either.
+            process = [*SEMCAL, command, *options, "-q", "--no-polish", "--init", str(start)]
         else:
             process = [sys.executable, str(self.plain_torch), *options, "--init", str(start)]
         seconds, peak_gib = run_process(process)
