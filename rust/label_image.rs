@@ -9,6 +9,8 @@ use rayon::prelude::*;
 use crate::error::{Error, Result};
 use crate::file::{extension, read_bytes};
 use crate::npy::{self, class_ids};
+use crate::observation::NO_CLASS;
+use crate::probabilities;
 
 /// A row-major image of ids: raw (`u16`) as read, dense (`u8`) in the pipeline.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,16 +61,19 @@ pub fn read_thumbnails(
     thumbnails.into_iter().collect()
 }
 
-/// Reads a single-channel PNG (palette indices as stored) or an H x W `.npy` of ids.
+/// Reads a single-channel PNG (palette indices as stored), an H x W `.npy` of ids, or the likeliest classes of an `.npz` of
+/// probabilities.
 ///
 /// # Errors
 /// The file cannot be read, has more than one channel, or is not of the camera's `(width, height)`.
 pub fn read(path: &Path, size: (usize, usize)) -> Result<LabelImage<u16>> {
     let ids = match extension(path).as_str() {
         "npy" => read_npy(path, size),
+        "npz" => read_npz(path, size),
         "png" => read_png(path, size),
         other => {
-            Err(Error::file(path, format!("label image format '{other}' is not known, needs .png or .npy")))
+            let reason = format!("label image format '{other}' is not known, needs .png, .npy or .npz");
+            Err(Error::file(path, reason))
         }
     }?;
     let (width, height) = size;
@@ -90,6 +95,11 @@ fn read_npy(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
     };
     check_size(path, (width, height), size)?;
     class_ids(path, &array.values)
+}
+
+fn read_npz(path: &Path, (width, height): (usize, usize)) -> Result<Vec<u16>> {
+    let classes = probabilities::read(path, &[height, width])?.classes();
+    Ok(classes.into_iter().map(|class| if class == NO_CLASS { u16::MAX } else { class.into() }).collect())
 }
 
 fn read_png(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {

@@ -5,6 +5,7 @@
 pub mod agreement;
 pub mod alignment;
 pub mod camera;
+pub mod class_shares;
 pub mod correspondences;
 pub mod error;
 pub mod file;
@@ -14,6 +15,7 @@ pub mod npy;
 pub mod observation;
 pub mod point_cloud;
 pub mod powell;
+pub mod probabilities;
 pub mod pyramid;
 pub mod registration;
 pub mod se3;

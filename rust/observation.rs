@@ -1,6 +1,7 @@
 //! What the pipeline works on: labelled points and label images with dense class ids.
 
 use crate::camera::Camera;
+use crate::class_shares::ClassShares;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 
@@ -16,6 +17,11 @@ pub struct Frame {
     pub point_classes: Vec<u8>,
     /// One class for each pixel.
     pub image_classes: LabelImage<u8>,
+    /// Shares of classes of each point, where a network gave them; the classes are then the largest. What is of
+    /// [`NO_CLASS`] carries no information, whatever its shares are.
+    pub point_shares: Option<ClassShares>,
+    /// Shares of classes of each pixel; likewise.
+    pub image_shares: Option<ClassShares>,
 }
 
 /// All frames of a drive, seen by one camera.
@@ -58,6 +64,10 @@ impl Observations {
                 format!("a point's class is not below {num_point_classes}")
             } else if !in_range(&image.ids, num_image_classes) {
                 format!("a pixel's class is not below {num_image_classes}")
+            } else if !fits(frame.point_shares.as_ref(), points, num_point_classes) {
+                format!("{points} points need as many shares of classes below {num_point_classes}")
+            } else if !fits(frame.image_shares.as_ref(), image.ids.len(), num_image_classes) {
+                format!("{} pixels need as many shares of classes below {num_image_classes}", image.ids.len())
             } else {
                 continue;
             };
@@ -65,6 +75,12 @@ impl Observations {
         }
         Ok(Self { camera, frames, num_point_classes, num_image_classes })
     }
+}
+
+fn fits(shares: Option<&ClassShares>, count: usize, num_classes: usize) -> bool {
+    shares.is_none_or(|shares| {
+        shares.len() == count && shares.entries().iter().all(|share| usize::from(share.class) < num_classes)
+    })
 }
 
 fn in_range(ids: &[u8], num_classes: usize) -> bool {

@@ -13,11 +13,13 @@ use rayon::prelude::*;
 use crate::agreement::{held_out_gain as measure_gain, measure as measure_agreement};
 use crate::alignment::{self, AlignmentConfig, Anchored, Counted, PolishConfig};
 use crate::camera::Camera;
+use crate::class_shares::ClassShares;
 use crate::correspondences::{self, Correspondence};
 use crate::error::{Error, Result};
 use crate::label_image::{self, LabelImage};
 use crate::observation::{Frame, Observations};
 use crate::point_cloud;
+use crate::probabilities;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
 use crate::speckle::despeckled;
 use crate::spherical::{self, SphericalGrid, SphericalImages};
@@ -146,12 +148,47 @@ impl PyCamera {
     }
 }
 
+#[pyclass(name = "ClassShares", frozen)]
+struct PyClassShares(ClassShares);
+
+#[pymethods]
+impl PyClassShares {
+    #[staticmethod]
+    fn certain(classes: PyReadonlyArray1<u8>) -> Self {
+        Self(ClassShares::certain(classes.as_array().iter().copied()))
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    #[getter]
+    fn ids<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u16>> {
+        let mut ids: Vec<u16> = self.0.entries().iter().map(|share| share.class.into()).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids.into_pyarray(py)
+    }
+
+    #[getter]
+    fn classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+        self.0.classes().into_pyarray(py)
+    }
+
+    fn renamed(&self, py: Python<'_>, table: PyReadonlyArray1<u8>) -> PyResult<Self> {
+        let table = table.as_array().to_vec().try_into();
+        let table: [u8; 256] = table.map_err(|_| value_error("table needs 256 classes"))?;
+        Ok(Self(detached(py, || self.0.renamed(&table))))
+    }
+}
+
 #[pyclass(name = "Observations", frozen)]
 struct PyObservations(Arc<Observations>);
 
 #[pymethods]
 impl PyObservations {
     #[new]
+    #[allow(clippy::too_many_arguments)]
     fn new(
         camera: &PyCamera,
         points: Vec<PyReadonlyArray2<f32>>,
@@ -159,16 +196,22 @@ impl PyObservations {
         image_classes: Vec<PyReadonlyArray2<u8>>,
         num_point_classes: usize,
         num_image_classes: usize,
+        point_shares: Vec<Option<PyRef<'_, PyClassShares>>>,
+        image_shares: Vec<Option<PyRef<'_, PyClassShares>>>,
     ) -> PyResult<Self> {
-        if points.len() != point_classes.len() || points.len() != image_classes.len() {
-            return Err(value_error("points, point_classes and image_classes differ in length"));
+        let lengths = [point_classes.len(), image_classes.len(), point_shares.len(), image_shares.len()];
+        if lengths.iter().any(|&length| length != points.len()) {
+            return Err(value_error("points, classes and shares differ in length"));
         }
+        let shares = |of: &Option<PyRef<'_, PyClassShares>>| of.as_ref().map(|shares| shares.0.clone());
         let frames: PyResult<Vec<Frame>> = (0..points.len())
             .map(|i| {
                 Ok(Frame {
                     points: rows("points", &points[i])?,
                     point_classes: point_classes[i].as_array().to_vec(),
                     image_classes: dense_image(&image_classes[i]),
+                    point_shares: shares(&point_shares[i]),
+                    image_shares: shares(&image_shares[i]),
                 })
             })
             .collect();
@@ -380,7 +423,9 @@ mod _core {
     #[pymodule_export]
     use super::PyAnchoredPoints;
     #[pymodule_export]
-    use super::{PyAgreement, PyCamera, PyHypothesis, PyObservations, PyRenderer, PySphericalImages};
+    use super::{
+        PyAgreement, PyCamera, PyClassShares, PyHypothesis, PyObservations, PyRenderer, PySphericalImages,
+    };
 
     #[pyfunction]
     fn set_num_threads(num_threads: usize) -> PyResult<()> {
@@ -433,6 +478,16 @@ mod _core {
         let images = detached(py, || label_image::read_thumbnails(&paths, (width, height), (columns, rows)))?;
         let ids: Vec<u16> = images.into_iter().flat_map(|image| image.ids).collect();
         ids.into_pyarray(py).reshape([paths.len(), rows, columns])
+    }
+
+    #[pyfunction]
+    fn read_class_shares(
+        py: Python<'_>,
+        paths: Vec<PathBuf>,
+        shape: Vec<usize>,
+    ) -> PyResult<Vec<PyClassShares>> {
+        let shares = detached(py, || probabilities::read_all(&paths, &shape))?;
+        Ok(shares.into_iter().map(PyClassShares).collect())
     }
 
     #[pyfunction]

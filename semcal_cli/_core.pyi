@@ -16,6 +16,7 @@ __all__ = [
     "Agreement",
     "AnchoredPoints",
     "Camera",
+    "ClassShares",
     "Hypothesis",
     "Observations",
     "Renderer",
@@ -28,6 +29,7 @@ __all__ = [
     "land",
     "polish",
     "quaternion",
+    "read_class_shares",
     "read_label_images",
     "read_label_thumbnails",
     "read_point_clouds",
@@ -55,6 +57,26 @@ class Camera:
         """Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach."""
 
 @final
+class ClassShares:
+    """Shares of classes of many pixels or points, in 1/255, as networks give them."""
+
+    @staticmethod
+    def certain(classes: NDArray[np.uint8]) -> ClassShares:
+        """Those of items (N,) that are each all of one class, or of none."""
+
+    def __len__(self) -> int: ...
+    @property
+    def ids(self) -> NDArray[np.uint16]:
+        """The classes that any of them has a share of, ascending."""
+
+    @property
+    def classes(self) -> NDArray[np.uint8]:
+        """(N,) the class of the largest share of each; 255 where less than half is labelled."""
+
+    def renamed(self, table: NDArray[np.uint8]) -> ClassShares:
+        """The same with other classes: `table` (256,) gives the new one of each, 255 takes its share away."""
+
+@final
 class Observations:
     """All frames, as the core keeps them; raises `InputError` where counts, sizes or classes disagree."""
 
@@ -66,6 +88,8 @@ class Observations:
         image_classes: Sequence[NDArray[np.uint8]],
         num_point_classes: int,
         num_image_classes: int,
+        point_shares: Sequence[ClassShares | None],
+        image_shares: Sequence[ClassShares | None],
     ) -> Observations: ...
 
 @final
@@ -203,6 +227,13 @@ def read_label_thumbnails(
     paths: Sequence[PathLike[str]], width: int, height: int, columns: int, rows: int
 ) -> NDArray[np.uint16]:
     """Ids (N, rows, columns) of evenly spread pixels of label images, read in parallel; raises `InputError`."""
+
+def read_class_shares(paths: Sequence[PathLike[str]], shape: tuple[int, ...]) -> list[ClassShares]:
+    """Read `.npz` files of class probabilities: of pixels, shape (H, W), or of points, shape (N,).
+
+    Raises:
+        InputError: a file cannot be read or holds something else.
+    """
 
 def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[np.uint8], int]]:
     """Give isolated pixels of label images (H, W) the class around them, and count them."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,9 @@ from semcal_cli.camera import core_camera
 from semcal_cli.classes import ClassTable, class_table
 from semcal_cli.drive import Camera, Drive, Lidar
 from semcal_cli.errors import CalibrationError, InputError
+
+Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
+"""Raw ids of pixels or points as read, or their probabilities."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +35,10 @@ class Observations:
     """(H, W) of each frame: an index into `image_class_names`, or `NO_CLASS`."""
     point_class_names: Sequence[str]
     image_class_names: Sequence[str]
+    point_shares: Sequence[_core.ClassShares | None] = ()
+    """Of each frame whose points have class probabilities; `point_classes` are then the likeliest. Empty: of none."""
+    image_shares: Sequence[_core.ClassShares | None] = ()
+    """Likewise of the pixels."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among pixels of other classes, and took the class around them."""
 
@@ -39,6 +46,17 @@ class Observations:
     def num_frames(self) -> int:
         """How many pairs of sweep and picture there are."""
         return len(self.points)
+
+    def of_frames(self, indices: Sequence[int]) -> Observations:
+        """Give the same of some frames only."""
+        return replace(
+            self,
+            points=[self.points[i] for i in indices],
+            point_classes=[self.point_classes[i] for i in indices],
+            image_classes=[self.image_classes[i] for i in indices],
+            point_shares=[self.point_shares[i] for i in indices] if self.point_shares else (),
+            image_shares=[self.image_shares[i] for i in indices] if self.image_shares else (),
+        )
 
     @cached_property
     def core(self) -> _core.Observations:
@@ -50,6 +68,8 @@ class Observations:
             list(self.image_classes),
             len(self.point_class_names),
             len(self.image_class_names),
+            self.point_shares or [None] * self.num_frames,
+            self.image_shares or [None] * self.num_frames,
         )
 
 
@@ -75,30 +95,62 @@ def read_observations(drive: Drive) -> Observations:
             raise InputError(f"{drive.path}: {key}: is not supported yet, needed a drive without it")
     point_paths = [drive.resolve(frame.points) for frame in drive.frames]
     paths = list(zip(point_paths, label_paths(drive, "point_labels"), strict=True))
-    image_paths = label_paths(drive, "image_labels")
     clouds = _core.read_point_clouds(paths)
     point_ids = [labels for _, _, labels, _ in clouds if labels is not None]
-    image_ids = _core.read_label_images(image_paths, drive.camera.width, drive.camera.height)
+    pictures = _read_pictures(label_paths(drive, "image_labels"), drive.camera)
     point_table = _class_table(drive, "points", point_ids)
-    image_table = _class_table(drive, "image", image_ids)
+    image_table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
+    image_classes, image_shares = zip(*(_dense(picture, image_table) for picture in pictures), strict=True)
+    size = drive.camera.height, drive.camera.width
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
         points=[points for points, _, _, _ in clouds],
         point_classes=[point_table(ids) for ids in point_ids],
-        image_classes=[image_table(ids) for ids in image_ids],
+        image_classes=[classes.reshape(size) for classes in image_classes],
         point_class_names=point_table.names,
         image_class_names=image_table.names,
+        image_shares=image_shares if any(image_shares) else (),
     )
 
 
+def _read_pictures(paths: Sequence[Path], camera: Camera) -> list[Labels]:
+    """Read the label images of all frames, ids or probabilities by their suffix."""
+    soft = [path for path in paths if path.suffix.lower() == ".npz"]
+    hard = [path for path in paths if path not in soft]
+    shares: Iterator[Labels] = iter(_core.read_class_shares(soft, (camera.height, camera.width)))
+    ids: Iterator[Labels] = iter(_core.read_label_images(hard, camera.width, camera.height))
+    return [next(shares if path in soft else ids) for path in paths]
+
+
+def _ids(labels: Labels) -> npt.NDArray[np.uint16]:
+    return labels.ids if isinstance(labels, _core.ClassShares) else labels
+
+
+def _dense(labels: Labels, table: ClassTable) -> tuple[npt.NDArray[np.uint8], _core.ClassShares | None]:
+    """Classes of all items, and their shares where they were read."""
+    if not isinstance(labels, _core.ClassShares):
+        return table(labels), None
+    shares = labels.renamed(table.lookup[:256])
+    return shares.classes, shares
+
+
 def mend(observations: Observations) -> Observations:
-    """Give isolated pixels of the label images the class around them: see `rust/speckle.rs`."""
+    """Give isolated pixels of the label images the class around them: see `rust/speckle.rs`.
+
+    Pictures with probabilities stay as they are.
+    """
+    shares = observations.image_shares or [None] * observations.num_frames
     mended = _core.despeckle(list(observations.image_classes))
-    num_isolated = sum(count for _, count in mended)
-    num_pixels = sum(image.size for image, _ in mended)
+    chosen = [
+        (image, 0) if soft is not None else found
+        for image, soft, found in zip(observations.image_classes, shares, mended, strict=True)
+    ]
+    num_pixels = sum(image.size for image, _ in chosen)
     return replace(
-        observations, image_classes=[image for image, _ in mended], speckle=num_isolated / num_pixels
+        observations,
+        image_classes=[image for image, _ in chosen],
+        speckle=sum(count for _, count in chosen) / num_pixels,
     )
 
 

@@ -81,7 +81,8 @@ def split(observations: Observations, config: PolishConfig) -> tuple[Observation
     """Divide observations into those to work with and those held out: frames, or regions of the pictures."""
     if observations.num_frames >= config.min_frames:
         is_held_out = np.arange(observations.num_frames) % HELD_OUT == HELD_OUT - 1
-        return _frames(observations, ~is_held_out), _frames(observations, is_held_out)
+        kept, held_out = np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
+        return observations.of_frames(kept.tolist()), observations.of_frames(held_out.tolist())
     height, width = observations.image_classes[0].shape
     side = max(width / config.regions_across, 1.0)
     row, column = np.arange(height)[:, None] // side, np.arange(width) // side
@@ -103,16 +104,6 @@ def _climb(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
         max_baseline=config.max_baseline_m,
     )
     return T_polished, moved_px
-
-
-def _frames(observations: Observations, chosen: np.ndarray) -> Observations:
-    indices = np.flatnonzero(chosen).tolist()
-    return replace(
-        observations,
-        points=[observations.points[i] for i in indices],
-        point_classes=[observations.point_classes[i] for i in indices],
-        image_classes=[observations.image_classes[i] for i in indices],
-    )
 
 
 def _masked(observations: Observations, region: np.ndarray) -> Observations:

@@ -94,8 +94,10 @@ impl Level {
     /// are thinned to at most `max_points` over all frames and directions.
     pub fn new(observations: Arc<Observations>, factor: usize, edge_band: usize, max_points: usize) -> Self {
         let frames = &observations.frames;
-        let maps =
-            frames.par_iter().map(|frame| ShareMap::new(&frame.image_classes, factor, edge_band)).collect();
+        let map = |frame: &Frame| {
+            ShareMap::new(&frame.image_classes, frame.image_shares.as_ref(), factor, edge_band)
+        };
+        let maps = frames.par_iter().map(map).collect();
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
         let stride = stride(num_points, max_points);
         Self { observations, maps, factor, stride }
@@ -111,14 +113,23 @@ impl Level {
                 Counted::Visible => hidden(camera, &land(camera, &frame.points, pose)),
             };
             let seen = |i: &usize| frame.point_classes[*i] != NO_CLASS && !hidden.get(*i).is_some_and(|h| *h);
-            let sample = |i: usize| {
+            let mut samples = Vec::new();
+            for i in thinned(frame.points.len(), self.stride).filter(seen) {
                 let position = to_f64(&frame.points[i]);
-                let pixel = camera.project(&to_camera(&position)).filter(|pixel| camera.contains(pixel))?;
-                let weight = self.maps[index].at(&pixel).total() as f32;
-                let class = frame.point_classes[i];
-                (weight > 0.0).then_some(Sample { position, class, frame: index as u32, weight })
-            };
-            thinned(frame.points.len(), self.stride).filter(seen).filter_map(sample).collect::<Vec<_>>()
+                let pixel = camera.project(&to_camera(&position)).filter(|pixel| camera.contains(pixel));
+                let weight = pixel.map_or(0.0, |pixel| self.maps[index].at(&pixel).total() as f32);
+                let sample = Sample { position, class: frame.point_classes[i], frame: index as u32, weight };
+                match &frame.point_shares {
+                    _ if weight <= 0.0 => {}
+                    None => samples.push(sample),
+                    // The joint histogram is linear in a point's shares: one sample for each of its classes.
+                    Some(shares) => samples.extend(shares.at(i).iter().map(|share| {
+                        let weight = f32::from(share.amount) / 255.0 * weight;
+                        Sample { class: share.class, weight, ..sample }
+                    })),
+                }
+            }
+            samples
         };
         let frames: Vec<_> = self.observations.frames.par_iter().enumerate().map(of_frame).collect();
         frames.concat()
@@ -302,7 +313,7 @@ mod tests {
             }
         }
         let image_classes = LabelImage { width: WIDTH, height: HEIGHT, ids };
-        let frame = Frame { points, point_classes, image_classes };
+        let frame = Frame { points, point_classes, image_classes, point_shares: None, image_shares: None };
         Arc::new(Observations::new(camera, vec![frame], 3, 3).expect("valid observations"))
     }
 

@@ -56,6 +56,8 @@ fn frames(count: usize) -> Vec<Frame> {
                 height: SIZE.1,
                 ids: frame.image_labels.iter().map(|&id| class(id)).collect(),
             },
+            point_shares: None,
+            image_shares: None,
         }
     };
     (0..count as u64).map(frame).collect()

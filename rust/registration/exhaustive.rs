@@ -324,7 +324,7 @@ mod tests {
         let at = |i: u16| from_angles(f64::from(i % 90) * 0.035, f64::from(i / 90) * 0.02 - 0.2);
         let points = (0..1800).map(|i| (at(i) * 9.0).cast::<f32>().into()).collect();
         let point_classes = (0..1800).map(|i| u8::from(i % 90 > 50)).collect();
-        let frame = Frame { points, point_classes, image_classes };
+        let frame = Frame { points, point_classes, image_classes, point_shares: None, image_shares: None };
         let observations = Observations::new(camera, vec![frame], 2, 2).expect("valid observations");
         let grid = SphericalGrid::from_scan(20, 180, 0.2, -0.2).expect("a valid scan");
         let images = SphericalImages::new(&observations, grid);

@@ -10,7 +10,6 @@ import os
 import platform
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from multiprocessing import get_context
@@ -82,8 +81,11 @@ class Pool:
                 # Nothing computes on the pictures, which are most of the bytes.
                 for picture in (made / "images").iterdir():
                     picture.unlink()
-                with suppress(OSError):
+                try:
                     made.rename(path)
+                except OSError:
+                    if not (path / DRIVE_FILE).exists():
+                        raise InputError(f"{path}: is in the way of a drive, and none") from None
         return path
 
 

@@ -1,0 +1,147 @@
+//! Shares of classes, as blocks of label images and as networks give them, kept compactly: most items are of one class.
+
+use crate::observation::NO_CLASS;
+
+/// A class, and how much of an item it has, in 1/255.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Share {
+    /// Its class.
+    pub class: u8,
+    /// Its share.
+    pub amount: u8,
+}
+
+/// The shares of many items: pixels, blocks or points.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ClassShares {
+    /// Where the entries of each item begin; one more for the end.
+    starts: Vec<u32>,
+    entries: Vec<Share>,
+}
+
+impl Default for ClassShares {
+    fn default() -> Self {
+        Self { starts: vec![0], entries: Vec::new() }
+    }
+}
+
+impl ClassShares {
+    /// Items that are each all of one class, or of none.
+    pub fn certain(classes: impl Iterator<Item = u8>) -> Self {
+        let mut shares = Self::default();
+        for class in classes {
+            let share = (class != NO_CLASS).then_some(Share { class, amount: u8::MAX });
+            shares.push_with(|entries| entries.extend(share));
+        }
+        shares
+    }
+
+    /// How many items there are.
+    pub fn len(&self) -> usize {
+        self.starts.len() - 1
+    }
+
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The shares of an item, lowest class first.
+    #[inline]
+    pub fn at(&self, index: usize) -> &[Share] {
+        &self.entries[self.starts[index] as usize..self.starts[index + 1] as usize]
+    }
+
+    /// The shares of all items, one after the other.
+    pub fn entries(&self) -> &[Share] {
+        &self.entries
+    }
+
+    /// Adds an item with what `add` appends.
+    #[inline]
+    pub fn push_with(&mut self, add: impl FnOnce(&mut Vec<Share>)) {
+        add(&mut self.entries);
+        self.starts.push(self.entries.len() as u32);
+    }
+
+    /// Adds an item whose classes `0..values.len()` have shares in proportion to `values`; none if these add up to zero.
+    ///
+    /// # Errors
+    /// A value is negative or not finite: it is returned.
+    pub fn push_proportional(&mut self, values: &[f32]) -> Result<(), f32> {
+        if let Some(&wrong) = values.iter().find(|value| !(value.is_finite() && **value >= 0.0)) {
+            return Err(wrong);
+        }
+        let scale = 255.0 / values.iter().sum::<f32>();
+        self.push_with(|entries| {
+            let amounts = values.iter().map(|value| (value * scale).round() as u8);
+            let shares = amounts.enumerate().map(|(class, amount)| Share { class: class as u8, amount });
+            entries.extend(shares.filter(|share| share.amount > 0));
+        });
+        Ok(())
+    }
+
+    /// The same items with other classes: `table` gives the new class of each, `NO_CLASS` takes its share away. Classes
+    /// that become one add up.
+    pub fn renamed(&self, table: &[u8; 256]) -> Self {
+        let mut renamed = Self::default();
+        for index in 0..self.len() {
+            renamed.push_with(|entries| {
+                let begun = entries.len();
+                for share in self.at(index) {
+                    let class = table[usize::from(share.class)];
+                    match entries[begun..].iter_mut().find(|other| other.class == class) {
+                        _ if class == NO_CLASS => {}
+                        Some(same) => same.amount = same.amount.saturating_add(share.amount),
+                        None => entries.push(Share { class, ..*share }),
+                    }
+                }
+                entries[begun..].sort_unstable_by_key(|share| share.class);
+            });
+        }
+        renamed
+    }
+
+    /// The class of each item that has the largest share, the lowest of several; `NO_CLASS` where less than half is
+    /// labelled.
+    pub fn classes(&self) -> Vec<u8> {
+        let largest = |index: usize| {
+            let shares = self.at(index);
+            let labelled: u32 = shares.iter().map(|share| u32::from(share.amount)).sum();
+            let most = shares.iter().max_by_key(|share| (share.amount, NO_CLASS - share.class));
+            most.filter(|_| 2 * labelled >= 255).map_or(NO_CLASS, |share| share.class)
+        };
+        (0..self.len()).map(largest).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn shares(rows: &[&[f32]]) -> ClassShares {
+        let mut shares = ClassShares::default();
+        rows.iter().for_each(|row| shares.push_proportional(row).expect("valid"));
+        shares
+    }
+
+    #[test]
+    fn probabilities_of_any_scale_become_shares() {
+        let found = shares(&[&[0.2, 0.0, 0.8], &[51.0, 0.0, 204.0], &[0.0, 0.0, 0.0]]);
+        let expected = [Share { class: 0, amount: 51 }, Share { class: 2, amount: 204 }];
+        assert_eq!((found.at(0), found.at(1), found.at(2)), (&expected[..], &expected[..], &[][..]));
+        assert_eq!(found.classes(), [2, 2, NO_CLASS]);
+        assert_eq!(ClassShares::default().push_proportional(&[0.5, -0.5]), Err(-0.5));
+        assert!(ClassShares::default().push_proportional(&[0.5, f32::NAN]).is_err());
+    }
+
+    #[test]
+    fn classes_that_become_one_add_up() {
+        let mut table = [NO_CLASS; 256];
+        (table[0], table[1]) = (4, 4);
+        let renamed = shares(&[&[0.2, 0.4, 0.4], &[0.1, 0.2, 0.7]]).renamed(&table);
+        assert_eq!(renamed.at(0), [Share { class: 4, amount: 153 }]);
+        // What carries no information is most of the second.
+        assert_eq!(renamed.classes(), [4, NO_CLASS]);
+    }
+}

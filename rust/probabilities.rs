@@ -1,0 +1,98 @@
+//! Class probabilities as networks write them: the only array of an `.npz`, with the classes along the last axis; float16,
+//! float32, float64 or uint8, on any scale.
+
+use std::io::{BufReader, Cursor, Read};
+use std::path::{Path, PathBuf};
+
+use npyz::{DType, NpyHeader, Order, TypeChar};
+use rayon::prelude::*;
+use zip::ZipArchive;
+
+use crate::class_shares::ClassShares;
+use crate::error::{Error, Result};
+use crate::file::read_bytes;
+
+/// Raw ids are the places along the last axis; so many of them are told apart.
+const MAX_CLASSES: usize = 255;
+
+/// Reads many files of one shape, in parallel; the first failing one's error wins.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_all(paths: &[PathBuf], shape: &[usize]) -> Result<Vec<ClassShares>> {
+    let shares: Vec<Result<ClassShares>> = paths.par_iter().map(|path| read(path, shape)).collect();
+    shares.into_iter().collect()
+}
+
+/// Reads the shares of classes of `shape` items: `[height, width]` pixels or `[n]` points.
+///
+/// An array is read line by line, so that what a file inflates to is never held as a whole.
+///
+/// # Errors
+/// The file cannot be read, holds no such array or several, or a value is negative or not finite.
+pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
+    let invalid = |e: zip::result::ZipError| Error::file(path, format!("is no readable .npz: {e}"));
+    let mut archive = ZipArchive::new(Cursor::new(read_bytes(path)?)).map_err(invalid)?;
+    if archive.len() != 1 {
+        return Err(Error::file(path, format!("holds {} arrays, needs one", archive.len())));
+    }
+    let array = archive.by_index(0).map_err(invalid)?;
+    read_array(path, BufReader::new(array), shape)
+}
+
+fn read_array(path: &Path, mut file: impl Read, shape: &[usize]) -> Result<ClassShares> {
+    let header =
+        NpyHeader::from_reader(&mut file).map_err(|e| Error::file(path, format!("is no .npy array: {e}")))?;
+    let found: Vec<usize> = header.shape().iter().map(|&n| n as usize).collect();
+    let num_classes = match found.split_last() {
+        Some((&num_classes, items)) if items == shape && (1..=MAX_CLASSES).contains(&num_classes) => {
+            num_classes
+        }
+        _ => {
+            let needed: String = shape.iter().map(|n| format!("{n} x ")).collect();
+            let reason =
+                format!("has shape {found:?}, needs {needed}C probabilities, C at most {MAX_CLASSES}");
+            return Err(Error::file(path, reason));
+        }
+    };
+    if header.order() != Order::C {
+        return Err(Error::file(path, "is Fortran-ordered, needs C order"));
+    }
+    let (size, decode) = decoder(path, &header.dtype())?;
+    let mut record = vec![0; num_classes * size];
+    let mut values = vec![0.0; num_classes];
+    let mut shares = ClassShares::default();
+    for index in 0..shape.iter().product::<usize>() {
+        file.read_exact(&mut record).map_err(|e| Error::file(path, format!("ends early: {e}")))?;
+        values.iter_mut().zip(record.chunks_exact(size)).for_each(|(value, bytes)| *value = decode(bytes));
+        shares.push_proportional(&values).map_err(|wrong| {
+            Error::file(
+                path,
+                format!("item {index}: holds {wrong}, a probability is finite and not negative"),
+            )
+        })?;
+    }
+    Ok(shares)
+}
+
+type Decode = fn(&[u8]) -> f32;
+
+/// Bytes of a number of the array's type, and what reads one.
+fn decoder(path: &Path, dtype: &DType) -> Result<(usize, Decode)> {
+    let unknown = || {
+        Error::file(path, format!("holds type {}, needs float16, float32, float64 or uint8", dtype.descr()))
+    };
+    let DType::Plain(plain) = dtype else { return Err(unknown()) };
+    let is_little = plain.endianness() != npyz::Endianness::Big;
+    let size = plain.size_field() as usize;
+    let decode: Decode = match (plain.type_char(), size, is_little) {
+        (TypeChar::Uint, 1, _) => |b| f32::from(b[0]),
+        (TypeChar::Float, 2, true) => |b| half::f16::from_le_bytes([b[0], b[1]]).to_f32(),
+        (TypeChar::Float, 4, true) => |b| f32::from_le_bytes([b[0], b[1], b[2], b[3]]),
+        (TypeChar::Float, 8, true) => {
+            |b| f64::from_le_bytes([b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7]]) as f32
+        }
+        _ => return Err(unknown()),
+    };
+    Ok((size, decode))
+}

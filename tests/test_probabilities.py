@@ -1,0 +1,143 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.ndimage import uniform_filter
+
+from semcal_cli import _core
+from semcal_cli.documents import document_text, read_document, write_text
+from semcal_cli.drive import DRIVE_FILE, read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.metrics import compare_poses
+from semcal_cli.mine import MineClimb, MineConfig
+from semcal_cli.observations import Observations, load_observations, read_observations
+from semcal_cli.polish import PolishConfig, polish
+from semcal_cli.poses import Pose
+from semcal_cli.refinement import Climb, ExactClimb, ExactConfig, PyramidConfig, refine
+
+NUM_CLASSES = 25  # of the synthetic street's ids, 255 is unlabelled
+
+# Three times what four frames of 640 x 360 with borders blurred over five pixels were measured to end at.
+MAX_ROTATION_DEG = 0.22
+
+
+def one_hot(ids: np.ndarray) -> np.ndarray:
+    """(H, W) ids to (H, W, C), all zero where unlabelled."""
+    return (ids[..., None] == np.arange(NUM_CLASSES)).astype(np.float32)
+
+
+def save(path: Path, *arrays: np.ndarray) -> Path:
+    np.savez_compressed(path, *arrays)
+    return path
+
+
+@pytest.fixture(scope="module")
+def soft_street(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The street with probabilities whose borders are blurred, as a network's are."""
+    folder = tmp_path_factory.mktemp("soft")
+    document = read_document(street / DRIVE_FILE)
+    hard = read_observations(read_drive(street))
+    for index, frame in enumerate(document["frames"]):
+        probabilities = one_hot(hard.image_classes[index])
+        blurred = uniform_filter(probabilities, (5, 5, 1)).astype(np.float16)
+        frame["image_labels"] = str(save(folder / f"{index}.npz", blurred))
+        for key in ("points", "point_labels"):
+            frame[key] = str(street / frame[key])
+        frame.pop("image", None)
+    document.pop("ignore", None)
+    document["ignore"] = {"points": [0]}
+    document.pop("classes", None)
+    write_text(document_text(document, "yaml"), folder / DRIVE_FILE)
+    return folder
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64, np.uint8])
+def test_certain_probabilities_are_ids(tmp_path: Path, dtype: type) -> None:
+    ids = np.random.default_rng(0).integers(0, NUM_CLASSES, (6, 9)).astype(np.uint8)
+    scale = 255 if dtype is np.uint8 else 0.25  # any scale
+    path = save(tmp_path / "a.npz", (one_hot(ids) * scale).astype(dtype))
+    (shares,) = _core.read_class_shares([path], (6, 9))
+    np.testing.assert_array_equal(shares.classes.reshape(6, 9), ids)
+    np.testing.assert_array_equal(shares.ids, np.unique(ids))
+    (read,) = _core.read_label_images([path], 9, 6)
+    np.testing.assert_array_equal(read, ids)
+
+
+def test_certain_shares_give_the_same_pose(street_observations: Observations, street_truth: Pose) -> None:
+    observations = street_observations.of_frames([0, 1])
+    shares = [certain(image) for image in observations.image_classes]
+    soft = dataclasses.replace(observations, image_shares=shares)
+    config = PolishConfig(edge_band_px=0)  # shares have none
+    poses = [polish(each, street_truth, config).T_camera_lidar for each in (observations, soft)]
+    np.testing.assert_allclose(poses[0], poses[1], atol=1e-12)
+
+
+def test_certain_shares_of_points_give_the_same_pose(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    observations = street_observations.of_frames([0, 1])
+    shares = [certain(classes) for classes in observations.point_classes]
+    soft = dataclasses.replace(observations, point_shares=shares)
+    config = ExactConfig(edge_band_px=0)
+    poses = [
+        refine(each, street_truth, ExactClimb(each, config, 0), PyramidConfig()).T_camera_lidar
+        for each in (observations, soft)
+    ]
+    np.testing.assert_array_equal(poses[0], poses[1])
+
+
+def certain(classes: np.ndarray) -> _core.ClassShares:
+    return _core.ClassShares.certain(classes.ravel())
+
+
+@pytest.mark.parametrize("estimator", ["exact", "mine"])
+def test_a_networks_probabilities_end_at_the_truth(
+    soft_street: Path, street_truth: Pose, estimator: str
+) -> None:
+    observations = load_observations(read_drive(soft_street))
+    assert any(observations.image_shares)
+    climb: Climb = (
+        ExactClimb(observations, ExactConfig(), seed=0)
+        if estimator == "exact"
+        else MineClimb(observations, MineConfig(), seed=0)
+    )
+    refinement = refine(observations, street_truth, climb, PyramidConfig())
+    polished = polish(observations, refinement.T_camera_lidar, PolishConfig())
+    error = compare_poses(polished.T_camera_lidar, street_truth)
+    assert error.rotation_deg < MAX_ROTATION_DEG
+
+
+@pytest.mark.parametrize(
+    ("array", "complaint"),
+    [
+        (
+            np.zeros((6, 8, 3), np.float32),
+            r"has shape \[6, 8, 3\], needs 6 x 9 x C probabilities, C at most 255",
+        ),
+        (np.zeros((6, 9), np.float32), r"has shape \[6, 9\], needs 6 x 9 x C"),
+        (np.zeros((6, 9, 256), np.float32), "C at most 255"),
+        (
+            np.full((6, 9, 3), -0.5, np.float32),
+            "item 0: holds -0.5, a probability is finite and not negative",
+        ),
+        (np.full((6, 9, 3), np.nan, np.float32), "item 0: holds NaN"),
+        (np.zeros((6, 9, 3), np.int32), "needs float16, float32, float64 or uint8"),
+        (np.asfortranarray(np.zeros((6, 9, 3), np.float32)), "is Fortran-ordered, needs C order"),
+    ],
+)
+def test_what_are_no_probabilities_is_refused(tmp_path: Path, array: np.ndarray, complaint: str) -> None:
+    path = save(tmp_path / "a.npz", array)
+    with pytest.raises(InputError, match=rf"a\.npz: .*{complaint}"):
+        _core.read_class_shares([path], (6, 9))
+
+
+def test_what_is_no_single_array_is_refused(tmp_path: Path) -> None:
+    two = save(tmp_path / "two.npz", np.zeros(3), np.zeros(3))
+    with pytest.raises(InputError, match=r"two\.npz: holds 2 arrays, needs one"):
+        _core.read_class_shares([two], (6, 9))
+    whole = save(tmp_path / "a.npz", np.ones((6, 9, 3), np.float32)).read_bytes()
+    for end in range(0, len(whole), 7):
+        (tmp_path / "cut.npz").write_bytes(whole[:end])
+        with pytest.raises(InputError, match=r"cut\.npz: "):
+            _core.read_class_shares([tmp_path / "cut.npz"], (6, 9))
