@@ -1,5 +1,6 @@
 //! Label images: one class id a pixel.
 
+use std::collections::HashMap;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
@@ -31,53 +32,72 @@ impl<T: Copy> LabelImage<T> {
     }
 }
 
-/// Reads many label images of one size, in parallel; the first failing frame's error wins.
-///
-/// # Errors
-/// As [`read`].
-pub fn read_all(paths: &[PathBuf], size: (usize, usize)) -> Result<Vec<LabelImage<u16>>> {
-    let images: Vec<Result<LabelImage<u16>>> = paths.par_iter().map(|p| read(p, size)).collect();
-    images.into_iter().collect()
+/// How all label images of a drive are made.
+#[derive(Clone, Debug, Default)]
+pub struct Encoding {
+    /// Columns and rows of the camera.
+    pub size: (usize, usize),
+    /// The colour of each class in colour-coded images: its place is the id. Colours that are not listed have the id
+    /// [`NO_ID`].
+    pub palette: Option<HashMap<[u8; 3], u16>>,
 }
 
-/// Reads many label images of one size, in parallel, and keeps of each `columns x rows` pixels, evenly spread; the first
-/// failing frame's error wins.
-///
-/// # Errors
-/// As [`read`].
-pub fn read_thumbnails(
-    paths: &[PathBuf],
-    size: (usize, usize),
-    (columns, rows): (usize, usize),
-) -> Result<Vec<LabelImage<u16>>> {
-    let place = |index: usize, count: usize, size: usize| (2 * index + 1) * size / (2 * count);
-    let thumbnail = |path: &PathBuf| {
-        let image = read(path, size)?;
-        let pixels = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
-        let ids = pixels.map(|(u, v)| image.at(place(u, columns, size.0), place(v, rows, size.1))).collect();
-        Ok(LabelImage { width: columns, height: rows, ids })
-    };
-    let thumbnails: Vec<Result<LabelImage<u16>>> = paths.par_iter().map(thumbnail).collect();
-    thumbnails.into_iter().collect()
-}
+/// The id of pixels that no class of the encoding has.
+pub const NO_ID: u16 = u16::MAX;
 
-/// Reads a single-channel PNG (palette indices as stored), an H x W `.npy` of ids, or the likeliest classes of an `.npz` of
-/// probabilities.
-///
-/// # Errors
-/// The file cannot be read, has more than one channel, or is not of the camera's `(width, height)`.
-pub fn read(path: &Path, size: (usize, usize)) -> Result<LabelImage<u16>> {
-    let ids = match extension(path).as_str() {
-        "npy" => read_npy(path, size),
-        "npz" => read_npz(path, size),
-        "png" => read_png(path, size),
-        other => {
-            let reason = format!("label image format '{other}' is not known, needs .png, .npy or .npz");
-            Err(Error::file(path, reason))
-        }
-    }?;
-    let (width, height) = size;
-    Ok(LabelImage { width, height, ids })
+impl Encoding {
+    /// Reads many label images, in parallel; the first failing frame's error wins.
+    ///
+    /// # Errors
+    /// As [`Encoding::read`].
+    pub fn read_all(&self, paths: &[PathBuf]) -> Result<Vec<LabelImage<u16>>> {
+        let images: Vec<Result<LabelImage<u16>>> = paths.par_iter().map(|path| self.read(path)).collect();
+        images.into_iter().collect()
+    }
+
+    /// Reads many label images, in parallel, and keeps of each `columns x rows` pixels, evenly spread; the first failing
+    /// frame's error wins.
+    ///
+    /// # Errors
+    /// As [`Encoding::read`].
+    pub fn read_thumbnails(
+        &self,
+        paths: &[PathBuf],
+        (columns, rows): (usize, usize),
+    ) -> Result<Vec<LabelImage<u16>>> {
+        let (width, height) = self.size;
+        let place = |index: usize, count: usize, size: usize| (2 * index + 1) * size / (2 * count);
+        let thumbnail = |path: &PathBuf| {
+            let image = self.read(path)?;
+            let pixels = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
+            let at = |(u, v)| image.at(place(u, columns, width), place(v, rows, height));
+            Ok(LabelImage { width: columns, height: rows, ids: pixels.map(at).collect() })
+        };
+        let thumbnails: Vec<Result<LabelImage<u16>>> = paths.par_iter().map(thumbnail).collect();
+        thumbnails.into_iter().collect()
+    }
+
+    /// Reads a single-channel PNG (palette indices as stored), a PNG of the encoding's colours, an H x W `.npy` of ids, or
+    /// the likeliest classes of an `.npz` of probabilities.
+    ///
+    /// # Errors
+    /// The file cannot be read, has more than one channel and the encoding no colours or the other way round, or is not of
+    /// the camera's size.
+    pub fn read(&self, path: &Path) -> Result<LabelImage<u16>> {
+        let (width, height) = self.size;
+        let ids = match (extension(path).as_str(), &self.palette) {
+            ("png", None) => read_png(path, self.size),
+            ("png", Some(palette)) => read_colors(path, self.size, palette),
+            ("npy", None) => read_npy(path, self.size),
+            ("npz", None) => read_npz(path, self.size),
+            (other, palette) => {
+                let needed =
+                    palette.as_ref().map_or(".png, .npy or .npz", |_| ".png where there is a palette");
+                Err(Error::file(path, format!("label image format '{other}' is not known, needs {needed}")))
+            }
+        }?;
+        Ok(LabelImage { width, height, ids })
+    }
 }
 
 fn check_size(path: &Path, found: (usize, usize), camera: (usize, usize)) -> Result<()> {
@@ -99,27 +119,49 @@ fn read_npy(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
 
 fn read_npz(path: &Path, (width, height): (usize, usize)) -> Result<Vec<u16>> {
     let classes = probabilities::read(path, &[height, width])?.classes();
-    Ok(classes.into_iter().map(|class| if class == NO_CLASS { u16::MAX } else { class.into() }).collect())
+    Ok(classes.into_iter().map(|class| if class == NO_CLASS { NO_ID } else { class.into() }).collect())
 }
 
 fn read_png(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
-    let invalid = |e: png::DecodingError| Error::file(path, format!("is no readable PNG: {e}"));
-    let mut decoder = png::Decoder::new(Cursor::new(read_bytes(path)?));
-    decoder.set_transformations(Transformations::IDENTITY);
-    let mut reader = decoder.read_info().map_err(invalid)?;
-    let info = reader.info();
-    let width = info.width as usize;
-    let (color, depth) = (info.color_type, info.bit_depth);
-    if !matches!(color, ColorType::Grayscale | ColorType::Indexed) {
-        let reason = format!("has {} channels, needs one channel of class ids", color.samples());
+    let (info, lines) = decode_png(path, size, Transformations::IDENTITY)?;
+    if !matches!(info.color_type, ColorType::Grayscale | ColorType::Indexed) {
+        let samples = info.color_type.samples();
+        let reason =
+            format!("has {samples} channels, needs one of class ids, or a palette: of colours in the drive");
         return Err(Error::file(path, reason));
     }
-    check_size(path, (width, reader.info().height as usize), size)?;
+    let rows = lines.chunks_exact(info.line_size);
+    Ok(rows.flat_map(|row| unpack_row(row, info.bit_depth, size.0)).collect())
+}
+
+fn read_colors(path: &Path, size: (usize, usize), palette: &HashMap<[u8; 3], u16>) -> Result<Vec<u16>> {
+    let (info, lines) = decode_png(path, size, Transformations::EXPAND)?;
+    let channels = info.color_type.samples();
+    if !matches!((info.color_type, info.bit_depth), (ColorType::Rgb | ColorType::Rgba, BitDepth::Eight)) {
+        let bits = info.bit_depth as u8;
+        let reason = format!("has {channels} channels of {bits} bits, needs 8-bit colours of the palette");
+        return Err(Error::file(path, reason));
+    }
+    let rows = lines.chunks_exact(info.line_size);
+    let pixels = rows.flat_map(|row| row.chunks_exact(channels).take(size.0));
+    Ok(pixels.map(|pixel| palette.get(&[pixel[0], pixel[1], pixel[2]]).copied().unwrap_or(NO_ID)).collect())
+}
+
+/// The lines of a PNG of the camera's size, and what they hold after `transformations`.
+fn decode_png(
+    path: &Path,
+    size: (usize, usize),
+    transformations: Transformations,
+) -> Result<(png::OutputInfo, Vec<u8>)> {
+    let invalid = |e: png::DecodingError| Error::file(path, format!("is no readable PNG: {e}"));
+    let mut decoder = png::Decoder::new(Cursor::new(read_bytes(path)?));
+    decoder.set_transformations(transformations);
+    let mut reader = decoder.read_info().map_err(invalid)?;
+    check_size(path, (reader.info().width as usize, reader.info().height as usize), size)?;
     let num_bytes = reader.output_buffer_size().ok_or_else(|| Error::file(path, "is too large"))?;
-    let mut bytes = vec![0; num_bytes];
-    reader.next_frame(&mut bytes).map_err(invalid)?;
-    let stride = reader.output_line_size(width as u32).ok_or_else(|| Error::file(path, "is too large"))?;
-    Ok(bytes.chunks_exact(stride).flat_map(|row| unpack_row(row, depth, width)).collect())
+    let mut lines = vec![0; num_bytes];
+    let info = reader.next_frame(&mut lines).map_err(invalid)?;
+    Ok((info, lines))
 }
 
 /// The samples of one PNG row, most significant bits first.
@@ -154,24 +196,56 @@ mod tests {
         path
     }
 
+    fn ids(path: &Path, palette: Option<&[[u8; 3]]>) -> Result<Vec<u16>> {
+        let palette = palette.map(|colors| colors.iter().copied().zip(0..).collect());
+        Encoding { size: (3, 2), palette }.read(path).map(|image| image.ids)
+    }
+
     #[test]
     fn ids_are_read_as_stored() {
         let gray = write("gray", ColorType::Grayscale, BitDepth::Eight, &[1, 2, 3, 4, 5, 255]);
-        assert_eq!(read(&gray, (3, 2)).expect("gray").ids, [1, 2, 3, 4, 5, 255]);
+        assert_eq!(ids(&gray, None).expect("gray"), [1, 2, 3, 4, 5, 255]);
         let wide =
             write("wide", ColorType::Grayscale, BitDepth::Sixteen, &[1, 0, 0, 2, 0, 3, 0, 4, 0, 5, 0, 6]);
-        assert_eq!(read(&wide, (3, 2)).expect("16 bit").ids, [256, 2, 3, 4, 5, 6]);
+        assert_eq!(ids(&wide, None).expect("16 bit"), [256, 2, 3, 4, 5, 6]);
         let palette = write("palette", ColorType::Indexed, BitDepth::Two, &[0b0001_1000, 0b1110_0100]);
-        assert_eq!(read(&palette, (3, 2)).expect("palette").ids, [0, 1, 2, 3, 2, 1]);
+        assert_eq!(ids(&palette, None).expect("palette"), [0, 1, 2, 3, 2, 1]);
+    }
+
+    #[test]
+    fn colours_are_the_ids_of_their_places_in_the_palette() {
+        const RED: [u8; 3] = [200, 0, 0];
+        const BLUE: [u8; 3] = [0, 0, 200];
+        const GRAY: [u8; 3] = [9, 9, 9];
+        let palette = Some(&[BLUE, RED][..]);
+        let rgb = [RED, BLUE, GRAY, RED, RED, BLUE].concat();
+        let path = write("rgb_ids", ColorType::Rgb, BitDepth::Eight, &rgb);
+        assert_eq!(ids(&path, palette).expect("colours"), [1, 0, NO_ID, 1, 1, 0]);
+        let rgba: Vec<u8> = rgb.chunks_exact(3).flat_map(|c| [c[0], c[1], c[2], 7]).collect();
+        let path = write("rgba_ids", ColorType::Rgba, BitDepth::Eight, &rgba);
+        assert_eq!(ids(&path, palette).expect("colours"), [1, 0, NO_ID, 1, 1, 0]);
+        // The palette of the file is black throughout.
+        let path = write("indexed_ids", ColorType::Indexed, BitDepth::Two, &[0b0001_1000, 0b1110_0100]);
+        assert_eq!(ids(&path, Some(&[GRAY, [0; 3]])).expect("colours"), [1; 6]);
+        let path = write("gray_ids", ColorType::Grayscale, BitDepth::Eight, &[0; 6]);
+        let message = ids(&path, palette).expect_err("no colours").to_string();
+        assert!(
+            message.ends_with("has 1 channels of 8 bits, needs 8-bit colours of the palette"),
+            "{message}"
+        );
     }
 
     #[test]
     fn colours_and_wrong_sizes_are_refused() {
         let rgb = write("rgb", ColorType::Rgb, BitDepth::Eight, &[0; 18]);
-        let message = read(&rgb, (3, 2)).expect_err("three channels").to_string();
-        assert!(message.ends_with("has 3 channels, needs one channel of class ids"));
+        let message = ids(&rgb, None).expect_err("three channels").to_string();
+        assert!(
+            message.contains("has 3 channels, needs one of class ids, or a palette: of colours"),
+            "{message}"
+        );
         let gray = write("small", ColorType::Grayscale, BitDepth::Eight, &[0; 6]);
-        let message = read(&gray, (4, 2)).expect_err("wrong size").to_string();
+        let message =
+            Encoding { size: (4, 2), palette: None }.read(&gray).expect_err("wrong size").to_string();
         assert!(message.ends_with("is 3 x 2, the camera is 4 x 2"), "{message}");
     }
 }

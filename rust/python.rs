@@ -16,7 +16,7 @@ use crate::camera::Camera;
 use crate::class_shares::ClassShares;
 use crate::correspondences::{self, Correspondence};
 use crate::error::{Error, Result};
-use crate::label_image::{self, LabelImage};
+use crate::label_image::{Encoding, LabelImage};
 use crate::observation::{Frame, Observations};
 use crate::point_cloud;
 use crate::probabilities;
@@ -455,18 +455,22 @@ mod _core {
     }
 
     #[pyfunction]
+    #[pyo3(signature = (paths, width, height, palette=None))]
     fn read_label_images(
         py: Python<'_>,
         paths: Vec<PathBuf>,
         width: usize,
         height: usize,
+        palette: Option<Vec<[u8; 3]>>,
     ) -> PyResult<Vec<Bound<'_, PyArray2<u16>>>> {
-        let images = detached(py, || label_image::read_all(&paths, (width, height)))?;
+        let encoding = encoding(width, height, palette);
+        let images = detached(py, || encoding.read_all(&paths))?;
         let array = |image: LabelImage<u16>| image.ids.into_pyarray(py).reshape([height, width]);
         images.into_iter().map(array).collect()
     }
 
     #[pyfunction]
+    #[pyo3(signature = (paths, width, height, columns, rows, palette=None))]
     fn read_label_thumbnails(
         py: Python<'_>,
         paths: Vec<PathBuf>,
@@ -474,8 +478,10 @@ mod _core {
         height: usize,
         columns: usize,
         rows: usize,
+        palette: Option<Vec<[u8; 3]>>,
     ) -> PyResult<Bound<'_, PyArray3<u16>>> {
-        let images = detached(py, || label_image::read_thumbnails(&paths, (width, height), (columns, rows)))?;
+        let encoding = encoding(width, height, palette);
+        let images = detached(py, || encoding.read_thumbnails(&paths, (columns, rows)))?;
         let ids: Vec<u16> = images.into_iter().flat_map(|image| image.ids).collect();
         ids.into_pyarray(py).reshape([paths.len(), rows, columns])
     }
@@ -736,6 +742,10 @@ fn check_factor(factor: usize, camera: &Camera) -> PyResult<()> {
 
 fn counted(visible_only: bool) -> Counted {
     if visible_only { Counted::Visible } else { Counted::All }
+}
+
+fn encoding(width: usize, height: usize, palette: Option<Vec<[u8; 3]>>) -> Encoding {
+    Encoding { size: (width, height), palette: palette.map(|colors| colors.into_iter().zip(0..).collect()) }
 }
 
 fn parse_zoom(zoom: &str) -> PyResult<Zoom> {

@@ -199,12 +199,18 @@ def read_point_clouds(
     """
 
 def read_label_images(
-    paths: Sequence[str | PathLike[str]], width: int, height: int
+    paths: Sequence[str | PathLike[str]],
+    width: int,
+    height: int,
+    palette: Sequence[tuple[int, int, int]] | None = None,
 ) -> list[NDArray[np.uint16]]:
     """Read label images (H, W) of raw ids.
 
+    With a palette (red, green, blue of each class) they are colour-coded: ids are places in it, 65535 where it has no
+    such colour.
+
     Raises:
-        InputError: a file cannot be read, has several channels, or has another size.
+        InputError: a file cannot be read, has several channels or is not of the palette's kind, or has another size.
     """
 
 def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> _Grid:
@@ -224,7 +230,12 @@ def spherical_image(points: _Float32, grid: _Grid) -> NDArray[np.uint32]:
     """The index of the nearest return in each pixel; 2^32 - 1 where there is none."""
 
 def read_label_thumbnails(
-    paths: Sequence[PathLike[str]], width: int, height: int, columns: int, rows: int
+    paths: Sequence[PathLike[str]],
+    width: int,
+    height: int,
+    columns: int,
+    rows: int,
+    palette: Sequence[tuple[int, int, int]] | None = None,
 ) -> NDArray[np.uint16]:
     """Ids (N, rows, columns) of evenly spread pixels of label images, read in parallel; raises `InputError`."""
 

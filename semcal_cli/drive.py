@@ -165,7 +165,7 @@ class Drive(StrictModel):
     classes: Classes | None = None
     """Names, and merging of raw ids."""
     palette: dict[str, Color] | None = None
-    """Red, green, blue of each class in colour-coded label images."""
+    """Red, green, blue of each class in colour-coded label images; other colours carry no information."""
     motion: dict[str, Any] | None = None
     """Motion of the rig, for clouds with per-point time."""
     T_camera_lidar: Annotated[Transform, AfterValidator(_orthonormal)] | None = None

@@ -90,14 +90,13 @@ def read_observations(drive: Drive) -> Observations:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
-    for key in ("motion", "palette"):
-        if getattr(drive, key) is not None:
-            raise InputError(f"{drive.path}: {key}: is not supported yet, needed a drive without it")
+    if drive.motion is not None:
+        raise InputError(f"{drive.path}: motion: is not supported yet, needed a drive without it")
     point_paths = [drive.resolve(frame.points) for frame in drive.frames]
     paths = list(zip(point_paths, label_paths(drive, "point_labels"), strict=True))
     clouds = _core.read_point_clouds(paths)
     point_ids = [labels for _, _, labels, _ in clouds if labels is not None]
-    pictures = _read_pictures(label_paths(drive, "image_labels"), drive.camera)
+    pictures = _read_pictures(drive)
     point_table = _class_table(drive, "points", point_ids)
     image_table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
     image_classes, image_shares = zip(*(_dense(picture, image_table) for picture in pictures), strict=True)
@@ -114,12 +113,18 @@ def read_observations(drive: Drive) -> Observations:
     )
 
 
-def _read_pictures(paths: Sequence[Path], camera: Camera) -> list[Labels]:
+def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
+    """Red, green, blue of each class of colour-coded label images, in the palette's order."""
+    return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]
+
+
+def _read_pictures(drive: Drive) -> list[Labels]:
     """Read the label images of all frames, ids or probabilities by their suffix."""
-    soft = [path for path in paths if path.suffix.lower() == ".npz"]
+    paths, camera = label_paths(drive, "image_labels"), drive.camera
+    soft = [path for path in paths if path.suffix.lower() == ".npz"] if drive.palette is None else []
     hard = [path for path in paths if path not in soft]
     shares: Iterator[Labels] = iter(_core.read_class_shares(soft, (camera.height, camera.width)))
-    ids: Iterator[Labels] = iter(_core.read_label_images(hard, camera.width, camera.height))
+    ids: Iterator[Labels] = iter(_core.read_label_images(hard, camera.width, camera.height, colors(drive)))
     return [next(shares if path in soft else ids) for path in paths]
 
 
@@ -172,6 +177,13 @@ def _class_table(
     drive: Drive, side: Literal["points", "image"], ids: Sequence[npt.NDArray[np.uint16]]
 ) -> ClassTable:
     named = getattr(drive.classes, side) if drive.classes else {}
+    if side == "image" and drive.palette is not None:
+        if named or drive.ignore.image:
+            needed = "no ids beside it; colours that are not listed are ignored"
+            raise InputError(
+                f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}"
+            )
+        named = {name: (place,) for place, name in enumerate(drive.palette)}
     try:
         table = class_table(ids, named, getattr(drive.ignore, side))
     except ValueError as error:

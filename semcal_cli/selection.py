@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.drive import Drive
-from semcal_cli.observations import label_paths
+from semcal_cli.observations import colors, label_paths
 
 MAX_FRAMES = 70
 """More make an answer hardly better: its error is then that of the labels' borders."""
@@ -30,7 +30,7 @@ def select_frames(drive: Drive, max_frames: int) -> Drive:
         return drive
     camera = drive.camera
     thumbnails = _core.read_label_thumbnails(
-        label_paths(drive, "image_labels"), camera.width, camera.height, *THUMBNAIL
+        label_paths(drive, "image_labels"), camera.width, camera.height, *THUMBNAIL, colors(drive)
     )
     chosen = farthest_points(thumbnails.reshape(len(thumbnails), -1), max_frames)
     return drive.model_copy(update={"frames": tuple(drive.frames[i] for i in chosen)})

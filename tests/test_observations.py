@@ -1,0 +1,70 @@
+"""What lies on disk becomes the same observations, whatever it is written as."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from semcal_cli.documents import document_text, read_document, write_text
+from semcal_cli.drive import DRIVE_FILE, Drive, read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.observations import load_observations
+from semcal_cli.selection import select_frames
+
+COLORS = np.random.default_rng(0).integers(0, 256, (256, 3)).astype(np.uint8)
+"""Red, green, blue of each id."""
+
+
+@pytest.fixture
+def rewrite(
+    street: Path, tmp_path: Path
+) -> Callable[[Callable[[np.ndarray, Path], Path], dict[str, Any]], Drive]:
+    """Write the street's label images in another way, and its drive.yaml with some changes."""
+
+    def drive(save: Callable[[np.ndarray, Path], Path], changes: dict[str, Any]) -> Drive:
+        document = read_document(street / DRIVE_FILE)
+        for index, frame in enumerate(document["frames"]):
+            ids = cv2.imread(str(street / frame["image_labels"]), cv2.IMREAD_UNCHANGED)
+            frame |= {key: str(street / frame[key]) for key in ("points", "point_labels")}
+            frame["image_labels"] = str(save(ids, tmp_path / str(index)))
+            frame.pop("image", None)
+        document = {key: value for key, value in (document | changes).items() if value is not None}
+        write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+        return read_drive(tmp_path)
+
+    return drive
+
+
+def save_colors(ids: np.ndarray, path: Path) -> Path:
+    file = path.with_suffix(".png")
+    cv2.imwrite(str(file), COLORS[ids][..., ::-1])
+    return file
+
+
+def test_colours_and_ids_are_the_same_observations(street: Path, rewrite: Callable[..., Drive]) -> None:
+    original = read_drive(street)
+    assert original.classes
+    named = {name: ids for name, ids in original.classes.image.items() if len(ids) == 1}
+    palette = {name: COLORS[i].tolist() for name, (i,) in named.items()}
+    classes = read_document(street / DRIVE_FILE)["classes"]
+    changes = {"palette": palette, "classes": {"points": classes["points"]}, "ignore": {"points": [0]}}
+    coloured = load_observations(rewrite(save_colors, changes))
+    expected = load_observations(original)
+    assert coloured.image_class_names == expected.image_class_names
+    np.testing.assert_array_equal(coloured.image_classes, expected.image_classes)
+
+
+def test_the_most_different_frames_are_found_by_colours(street: Path, rewrite: Callable[..., Drive]) -> None:
+    palette = {str(i): COLORS[i].tolist() for i in range(30)}
+    drive = rewrite(save_colors, {"palette": palette, "classes": None, "ignore": None})
+    chosen, expected = select_frames(drive, 2), select_frames(read_drive(street), 2)
+    assert [f.points for f in chosen.frames] == [str(street / f.points) for f in expected.frames]
+
+
+def test_ids_beside_a_palette_are_refused(rewrite: Callable[..., Drive]) -> None:
+    drive = rewrite(save_colors, {"palette": {"a": [1, 2, 3]}, "ignore": {"image": [7]}})
+    with pytest.raises(InputError, match=r"drive\.yaml: palette: found classes\.image or ignore\.image, too"):
+        load_observations(drive)
