@@ -1,5 +1,6 @@
 //! The Python face of the core: checks, copies in, releases the GIL, calls, copies out.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -112,8 +113,17 @@ struct PyCamera(Camera);
 #[pymethods]
 impl PyCamera {
     #[new]
-    fn new(model: &str, width: usize, height: usize, k: [[f64; 3]; 3], distortion: Vec<f64>) -> Result<Self> {
-        Ok(Self(Camera::new(model, (width, height), k, &distortion)?))
+    #[pyo3(signature = (model, width, height, k, distortion, parameters=BTreeMap::new()))]
+    fn new(
+        model: &str,
+        width: usize,
+        height: usize,
+        k: [[f64; 3]; 3],
+        distortion: Vec<f64>,
+        parameters: BTreeMap<String, f64>,
+    ) -> Result<Self> {
+        let parameters: Vec<_> = parameters.into_iter().collect();
+        Ok(Self(Camera::with_parameters(model, (width, height), k, &distortion, &parameters)?))
     }
 
     /// Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold.
@@ -141,10 +151,16 @@ impl PyCamera {
         to_array2(py, &pixels.iter().map(ray).collect::<Vec<_>>())
     }
 
-    /// The largest normalised radius (or, for fisheye, incidence angle) at which the model holds.
+    /// The largest incidence angle, radians, at which the model holds.
     #[getter]
     fn limit(&self) -> f64 {
         self.0.limit()
+    }
+
+    /// Columns a radian on the optical axis.
+    #[getter]
+    fn pixels_per_radian(&self) -> f64 {
+        self.0.pixels_per_radian()
     }
 }
 

@@ -109,12 +109,16 @@ impl<'a> Zoomed<'a> {
         self.fov.x
     }
 
-    /// How far a picture whose axis is level reaches above and below it, radians.
+    /// How far a picture whose axis is level reaches above and below it, radians; all the way where the lens sees beside
+    /// or behind itself, since it then sees the horizon wherever it looks.
     pub fn above_below(&self, roll: f64) -> (f64, f64) {
         let (sin, cos) = roll.sin_cos();
         if self.zoom == Zoom::Paper {
             let half = 0.5 * (self.fov.x * sin.abs() + self.fov.y * cos.abs());
             return (half, half);
+        }
+        if self.border.iter().any(|ray| ray.z <= 0.0) {
+            return (PI, PI);
         }
         let down = Vector3::new(sin, cos, 0.0);
         let below = self.border.iter().map(|ray| ray.dot(&down).atan2(ray.z));
@@ -273,6 +277,15 @@ mod tests {
             prop_assert!((rotation.matrix() * rotation.matrix().transpose() - Matrix3::identity()).norm() < 1e-9);
             prop_assert!((rotation.matrix().determinant() - 1.0).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn a_lens_that_sees_behind_itself_sees_the_horizon_wherever_it_looks() {
+        let k = [[1280.0 / 3.5, 0.0, 639.5], [0.0, 1280.0 / 3.5, 359.5], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("fisheye", (1280, 720), k, &[]).expect("a valid camera");
+        let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
+        assert_eq!(zoomed.above_below(0.1), (PI, PI));
+        assert!((zoomed.horizontal_fov() - 1279.0 / 1280.0 * 3.5).abs() < 1e-6);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 """The numeric core, in Rust. Angles in radians, metres, `(u, v)` pixels; see `rust/` for what each stage does."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from os import PathLike
 from typing import TypeAlias, final
 
@@ -43,14 +43,23 @@ __all__ = [
 
 @final
 class Camera:
-    """A calibrated camera; raises `InputError` for an unknown model or a wrong number of coefficients."""
+    """A calibrated camera; raises `InputError` for an unknown model, wrong coefficients or wrong parameters."""
 
     def __new__(
-        cls, model: str, width: int, height: int, k: Sequence[Sequence[float]], distortion: Sequence[float]
+        cls,
+        model: str,
+        width: int,
+        height: int,
+        k: Sequence[Sequence[float]],
+        distortion: Sequence[float],
+        parameters: Mapping[str, float] = ...,
     ) -> Camera: ...
     @property
     def limit(self) -> float:
-        """The largest normalised radius (or, for fisheye, incidence angle) at which the model holds."""
+        """The largest incidence angle, radians, at which the model holds."""
+    @property
+    def pixels_per_radian(self) -> float:
+        """Columns a radian on the optical axis; with a mirror or a sphere in the lens not the focal length."""
     def project(self, points_camera: _Float64) -> _Float64:
         """Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold."""
     def unproject(self, pixels: _Float64) -> _Float64:

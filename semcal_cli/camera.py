@@ -9,4 +9,5 @@ from semcal_cli.drive import Camera
 def core_camera(camera: Camera) -> _core.Camera:
     """Build the Rust core's camera."""
     K = [list(row) for row in camera.K]
-    return _core.Camera(camera.model, camera.width, camera.height, K, list(camera.distortion))
+    distortion = list(camera.distortion)
+    return _core.Camera(camera.model, camera.width, camera.height, K, distortion, camera.parameters)

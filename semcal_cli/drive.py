@@ -1,12 +1,13 @@
 """The drive: what a calibration reads, described by its `drive.yaml`."""
 
+import math
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator
 
-from semcal_cli.documents import read_document
+from semcal_cli.documents import describe, read_document
 from semcal_cli.poses import nearest_rigid
 from semcal_cli.validation import (
     FileName,
@@ -22,8 +23,58 @@ from semcal_cli.validation import (
 
 DRIVE_FILE = "drive.yaml"
 
-DISTORTION_COUNTS = {"plumb_bob": (0, 4, 5), "rational_polynomial": (0, 8), "fisheye": (0, 4)}
+CameraModel: TypeAlias = Literal[
+    "plumb_bob",
+    "rational_polynomial",
+    "thin_prism",
+    "fisheye",
+    "omnidirectional",
+    "equirectangular",
+    "fov",
+    "double_sphere",
+]
+
+DISTORTION_COUNTS: dict[CameraModel, tuple[int, ...]] = {
+    "plumb_bob": (0, 4, 5),
+    "rational_polynomial": (0, 8),
+    "thin_prism": (0, 12, 14),
+    "fisheye": (0, 4),
+    "omnidirectional": (0, 4),
+    "equirectangular": (0,),
+    "fov": (1,),
+    "double_sphere": (0,),
+}
 """Coefficients that each camera model takes; 0 is a lens without distortion."""
+
+
+class Interval(NamedTuple):
+    """Values that a number may have."""
+
+    low: float
+    high: float
+    is_open: bool = False
+
+    def check(self, name: str, value: float) -> None:
+        """Raise a `ValueError` for a value outside."""
+        inside = self.low < value < self.high or (not self.is_open and value in (self.low, self.high))
+        if not inside:
+            least, most = ("more than", "less than") if self.is_open else ("at least", "at most")
+            raise mismatch(f"{name} {value}", f"{least} {self.low:g} and {most} {self.high:g}")
+
+
+RIGHT_ANGLE = Interval(-math.pi / 2, math.pi / 2, is_open=True)
+
+COEFFICIENTS: dict[CameraModel, dict[int, Interval]] = {
+    "fov": {0: Interval(0.0, math.pi, is_open=True)},
+    "thin_prism": {12: RIGHT_ANGLE, 13: RIGHT_ANGLE},
+}
+"""Coefficients that are angles, by their place."""
+
+PARAMETERS: dict[CameraModel, dict[str, Interval]] = {
+    "omnidirectional": {"xi": Interval(0.0, 100.0)},
+    "double_sphere": {"xi": Interval(-1.0, 1.0, is_open=True), "alpha": Interval(0.0, 1.0)},
+}
+"""What the models need beyond K and distortion."""
 
 Id = Annotated[int, Field(ge=0, le=0xFFFF)]
 Ids = Annotated[tuple[Id, ...], length(0)]
@@ -40,18 +91,21 @@ def _orthonormal(T: Transform) -> Transform:
 class Camera(StrictModel):
     """Picture size, intrinsics and lens."""
 
-    model: Literal["plumb_bob", "rational_polynomial", "fisheye"]
-    """fisheye is Kannala-Brandt; the others are OpenCV's."""
+    model: CameraModel
+    """plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are OpenCV's, omnidirectional is its
+    omnidir (Mei and Rives), fov is Devernay and Faugeras's, double_sphere that of Usenko, Demmel and Cremers."""
     width: PictureSide
     """Columns of the picture."""
     height: PictureSide
     """Rows of the picture."""
     K: Matrix3
-    """Intrinsic matrix in pixels, zero skew; an integer pixel is a pixel centre."""
-    distortion: Annotated[tuple[float, ...], length(0)] = ()
-    """Coefficients in OpenCV's order; absent means none."""
-    parameters: dict[str, float] = {}
-    """What a model needs beyond K and distortion; the present models need nothing."""
+    """Intrinsic matrix in pixels, zero skew; an integer pixel is a pixel centre. The focal lengths of an
+    equirectangular picture are pixels a radian, width / (2 pi) if it goes all round; its principal point is where z
+    points."""
+    distortion: Annotated[tuple[float, ...], length(0), Field(validate_default=True)] = ()
+    """Coefficients in OpenCV's order; absent means none. That of fov is w, in radians."""
+    parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
+    """What a model needs beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
 
     @field_validator("K")
     @classmethod
@@ -67,19 +121,28 @@ class Camera(StrictModel):
 
     @field_validator("distortion")
     @classmethod
-    def _check_count(cls, distortion: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
-        model = info.data.get("model", "")
-        counts = DISTORTION_COUNTS.get(model)
+    def _check_distortion(cls, distortion: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        model = info.data.get("model")
+        counts = DISTORTION_COUNTS.get(model, ()) if model else ()
         if counts and len(distortion) not in counts:
             needed = " or ".join(map(str, counts))
             raise mismatch(f"{len(distortion)} coefficients", f"{needed} for {model}")
+        for place, interval in COEFFICIENTS.get(model, {}).items() if model else ():
+            if place < len(distortion):
+                interval.check(f"[{place}]", distortion[place])
         return distortion
 
     @field_validator("parameters")
     @classmethod
     def _check_parameters(cls, parameters: dict[str, float], info: ValidationInfo) -> dict[str, float]:
-        if parameters and "model" in info.data:
-            raise mismatch(", ".join(map(repr, parameters)), f"none for {info.data['model']}")
+        if "model" not in info.data:
+            return parameters
+        intervals = PARAMETERS.get(info.data["model"], {})
+        if set(parameters) != set(intervals):
+            found, needed = (", ".join(map(describe, names)) or "none" for names in (parameters, intervals))
+            raise mismatch(found, f"{needed} for {info.data['model']}")
+        for name, interval in intervals.items():
+            interval.check(name, parameters[name])
         return parameters
 
 

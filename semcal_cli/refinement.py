@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import Literal, Protocol, TypeAlias
 
 from semcal_cli import _core
+from semcal_cli.camera import core_camera
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Camera
 from semcal_cli.errors import CalibrationError
@@ -153,7 +154,7 @@ def refine(
         CalibrationError: too few labelled points land on labelled pixels.
     """
     factors = pyramid_factors(observations.camera, config)
-    block_deg = math.degrees(1.0 / observations.camera.K[0][0])
+    block_deg = math.degrees(1.0 / core_camera(observations.camera).pixels_per_radian)
     levels: list[Level] = []
     pose = T_init
     for factor in factors:
@@ -172,6 +173,6 @@ def refine(
 
 def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:
     """Block sides in pixels, coarse to fine, down to single pixels."""
-    widest = camera.K[0][0] * math.radians(config.coarsest_block_deg)
+    widest = core_camera(camera).pixels_per_radian * math.radians(config.coarsest_block_deg)
     largest = min(widest, camera.width / config.min_blocks, camera.height / config.min_blocks)
     return [2**level for level in range(int(math.log2(max(largest, 1.0))), -1, -1)]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
 from semcal_cli.documents import document_text, write_text
-from semcal_cli.drive import DRIVE_FILE, Camera
+from semcal_cli.drive import DRIVE_FILE, Camera, CameraModel
 from semcal_cli.errors import InputError
 from semcal_cli.label_noise import mislabel
 from semcal_cli.pictures import write_picture
@@ -38,12 +38,16 @@ CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
 MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS = range(4)
 """The streams of random numbers: what is drawn for one never moves another."""
 
-# Model, distortion in OpenCV's order, horizontal field of view. All are monotone at every radius.
-LENSES: dict[Lens, tuple[str, tuple[float, ...], float]] = {
+# Model, distortion in OpenCV's order, horizontal field of view. All are monotone as far as that.
+LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
     "standard": ("plumb_bob", (0.0, 0.0, 0.0, 0.0, 0.0), 90.0),
     "narrow": ("plumb_bob", (-0.12, 0.05, 0.0008, -0.0005, 0.0), 35.0),
     "wide": ("rational_polynomial", (0.4, 0.02, 0.0005, -0.0003, 0.0, 0.62, 0.06, 0.0), 100.0),
+    "fisheye": ("fisheye", (-0.012, 0.002, -0.0006, 0.0), 200.0),
+    "omnidirectional": ("omnidirectional", (-0.05, 0.01, 0.0005, -0.0003), 190.0),
+    "equirectangular": ("equirectangular", (), 360.0),
 }
+LENS_PARAMETERS: dict[Lens, dict[str, float]] = {"omnidirectional": {"xi": 1.2}}
 
 FOLDERS = {"points": "bin", "point_labels": "label", "image_labels": "png", "images": "png"}
 
@@ -114,13 +118,15 @@ def mounting(config: SynthConfig) -> Pose:
 
 
 def make_camera(config: SynthConfig) -> Camera:
-    """Make the camera whose picture spans the horizontal field of view, through its lens."""
+    """Make the camera whose picture spans the horizontal field of view, through its lens.
+
+    Raises:
+        InputError: the lens does not reach so far.
+    """
     model, distortion, lens_hfov_deg = LENSES[config.lens]
     hfov_deg = lens_hfov_deg if config.hfov_deg is None else config.hfov_deg
-    edge = np.tan(np.radians(0.5 * hfov_deg))
-    lens = _core.Camera(model, 1, 1, np.eye(3).tolist(), list(distortion))
-    left, right = lens.project(np.array([[-edge, 0.0, 1.0], [edge, 0.0, 1.0]]))[:, 0]
-    focal = round(float(config.width / (right - left)), 6)
+    focal = round(config.width / _width_at_unit_focal(config.lens, math.radians(0.5 * hfov_deg)), 6)
+    parameters = LENS_PARAMETERS.get(config.lens)
     return Camera.model_validate(
         {
             "model": model,
@@ -133,7 +139,24 @@ def make_camera(config: SynthConfig) -> Camera:
             ),
             "distortion": distortion,
         }
+        | ({"parameters": parameters} if parameters else {})
     )
+
+
+def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
+    """Columns of a picture of focal length one that spans so much, radians, on either side of the optical axis."""
+    model, distortion, _ = LENSES[lens]
+    if model == "equirectangular":
+        return 2.0 * half_angle
+    camera = _core.Camera(model, 1, 1, np.eye(3).tolist(), distortion, LENS_PARAMETERS.get(lens, {}))
+    across, ahead = math.sin(half_angle), math.cos(half_angle)
+    left, right = camera.project(np.array([[-across, 0.0, ahead], [across, 0.0, ahead]]))[:, 0]
+    width = float(right - left)
+    if not math.isfinite(width):
+        raise InputError(
+            f"--hfov-deg: found {math.degrees(2.0 * half_angle):g}, which the {lens} lens does not reach"
+        )
+    return width
 
 
 def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:

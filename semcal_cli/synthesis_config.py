@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 Pattern: TypeAlias = Literal["spinning", "rosette"]
-Lens: TypeAlias = Literal["standard", "narrow", "wide"]
+Lens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectional", "equirectangular"]
 Ontology: TypeAlias = Literal["shared", "disjoint"]
 
 MIN_BASELINE_M = 0.1

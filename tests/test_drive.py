@@ -25,6 +25,13 @@ def edit(*keys: str | int, to: object) -> Edit:
     return apply
 
 
+def lens(model: str, *distortion: float, **parameters: object) -> Edit:
+    def apply(document: dict[str, Any]) -> None:
+        document["camera"] |= {"model": model, "distortion": list(distortion), "parameters": parameters}
+
+    return apply
+
+
 def write(folder: Path, content: str | bytes) -> Path:
     path = folder / "drive.yaml"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
@@ -94,7 +101,38 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
         (edit("camera", to=None), "camera: found nothing, needed a mapping"),
         (
             edit("camera", "model", to="mei"),
-            "camera.model: found 'mei', needed 'plumb_bob', 'rational_polynomial' or 'fisheye'",
+            "camera.model: found 'mei', needed 'plumb_bob', 'rational_polynomial', 'thin_prism', 'fisheye', "
+            "'omnidirectional', 'equirectangular', 'fov' or 'double_sphere'",
+        ),
+        (lens("omnidirectional"), "camera.parameters: found none, needed 'xi' for omnidirectional"),
+        (
+            lens("double_sphere", xi=0.1, beta=0.5),
+            "camera.parameters: found 'xi', 'beta', needed 'xi', 'alpha' for double_sphere",
+        ),
+        (lens("fisheye", xi=0.1), "camera.parameters: found 'xi', needed none for fisheye"),
+        (
+            lens("double_sphere", xi=-1.0, alpha=0.5),
+            "camera.parameters: found xi -1.0, needed more than -1 and less than 1",
+        ),
+        (
+            lens("double_sphere", xi=0.0, alpha=1.5),
+            "camera.parameters: found alpha 1.5, needed at least 0 and at most 1",
+        ),
+        (
+            lens("omnidirectional", xi=-0.5),
+            "camera.parameters: found xi -0.5, needed at least 0 and at most 100",
+        ),
+        (lens("omnidirectional", xi="2"), "camera.parameters.xi: found '2', needed a number"),
+        (lens("fov"), "camera.distortion: found 0 coefficients, needed 1 for fov"),
+        (lens("fov", 3.5), "camera.distortion: found [0] 3.5, needed more than 0 and less than 3.14159"),
+        (lens("fisheye", 0.1, 0.2), "camera.distortion: found 2 coefficients, needed 0 or 4 for fisheye"),
+        (
+            lens("thin_prism", *[0.0] * 8),
+            "camera.distortion: found 8 coefficients, needed 0 or 12 or 14 for thin_prism",
+        ),
+        (
+            lens("thin_prism", *[0.0] * 13, 1.6),
+            "camera.distortion: found [13] 1.6, needed more than -1.5708 and less than 1.5708",
         ),
         (edit("camera", "width", to="640"), "camera.width: found '640', needed a whole number"),
         (edit("camera", "width", to=True), "camera.width: found true, needed a whole number"),

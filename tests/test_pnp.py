@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from conftest import make_pose
-from test_projection import LENSES, K
+from test_projection import MODELS, incidence, make_camera
 
 from semcal_cli.camera import core_camera
 from semcal_cli.drive import Camera
@@ -9,34 +9,59 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.pnp import PnpConfig, solve_pnp
 
 ROUND_OFF = 1e-5
+NOISE = 5e-3  # about five standard errors of a translation from 400 points with noise of a centimetre
 POSE = make_pose((0.3, -1.1, 0.2), (0.4, -0.2, 0.5))
 
 
 def pairs(camera: Camera, count: int) -> tuple[np.ndarray, np.ndarray]:
     points_camera = np.random.default_rng(2).uniform([-6.0, -4.0, 6.0], [6.0, 4.0, 30.0], (count, 3))
-    pixels = core_camera(camera).project(points_camera)
-    return (points_camera - POSE[:3, 3]) @ POSE[:3, :3], pixels
+    return in_lidar(points_camera), core_camera(camera).project(points_camera)
 
 
-@pytest.mark.parametrize(("model", "distortion"), LENSES.values(), ids=LENSES.keys())
-def test_a_third_of_wrong_pairs_changes_nothing(model: str, distortion: tuple[float, ...]) -> None:
-    camera = Camera(model=model, width=1280, height=720, K=K, distortion=distortion)
+def in_lidar(points_camera: np.ndarray) -> np.ndarray:
+    return (points_camera - POSE[:3, 3]) @ POSE[:3, :3]
+
+
+def wrong_pixels(count: int) -> np.ndarray:
+    return np.random.default_rng(1).uniform([0.0, 0.0], [1279.0, 719.0], (count, 2))
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_a_third_of_wrong_pairs_changes_nothing(name: str) -> None:
+    camera = make_camera(name)
     points, pixels = pairs(camera, 300)
-    pixels[::3] = np.random.default_rng(1).uniform([0.0, 0.0], [1279.0, 719.0], (100, 2))
+    pixels[::3] = wrong_pixels(100)
     T_camera_lidar, num_inliers = solve_pnp(points, pixels, camera, PnpConfig(max_error_deg=0.2))
     np.testing.assert_allclose(T_camera_lidar, POSE, atol=ROUND_OFF)
     assert 200 <= num_inliers < 205
 
 
+@pytest.mark.parametrize("name", ["fisheye", "omnidirectional", "equirectangular", "fov", "double_sphere"])
+@pytest.mark.parametrize("least_deg", [0.0, 80.0])
+def test_pairs_all_round_and_beside_the_camera(name: str, least_deg: float) -> None:
+    """Also where a pinhole sees nothing: from 80 degrees to the lens's limit."""
+    camera = make_camera(name)
+    points_camera = np.random.default_rng(3).uniform(-20.0, 20.0, (3000, 3))
+    angles = incidence(points_camera)
+    within = (np.degrees(angles) >= least_deg) & (angles < 0.98 * core_camera(camera).limit)
+    points_camera = points_camera[within][:600]
+    pixels = core_camera(camera).project(points_camera)
+    pixels[::3] = wrong_pixels(len(pixels[::3]))
+    noise = np.random.default_rng(4).normal(0.0, 0.01, points_camera.shape)
+    T_camera_lidar, num_inliers = solve_pnp(in_lidar(points_camera + noise), pixels, camera, PnpConfig())
+    np.testing.assert_allclose(T_camera_lidar, POSE, atol=NOISE)
+    assert 0.65 * len(pixels) < num_inliers < 0.70 * len(pixels)
+
+
 def test_too_few_pairs() -> None:
-    camera = Camera(model="plumb_bob", width=1280, height=720, K=K)
+    camera = make_camera("no distortion")
     points, pixels = pairs(camera, 11)
     with pytest.raises(CalibrationError, match="PnP: found 11 pairs, needed 12"):
         solve_pnp(points, pixels, camera, PnpConfig())
 
 
 def test_pairs_without_a_pose() -> None:
-    camera = Camera(model="plumb_bob", width=1280, height=720, K=K)
+    camera = make_camera("no distortion")
     points, _ = pairs(camera, 200)
     pixels = np.random.default_rng(5).uniform([0.0, 0.0], [1279.0, 719.0], (200, 2))
     with pytest.raises(CalibrationError, match=r"PnP: found \d+ inliers, needed 50"):
@@ -44,7 +69,7 @@ def test_pairs_without_a_pose() -> None:
 
 
 def test_points_that_determine_no_pose() -> None:
-    camera = Camera(model="plumb_bob", width=1280, height=720, K=K)
+    camera = make_camera("no distortion")
     points, pixels = pairs(camera, 100)
     with pytest.raises(CalibrationError, match="PnP: "):
         solve_pnp(1e-20 * points, pixels, camera, PnpConfig())

@@ -110,7 +110,7 @@ def test_asking_for_one_angle_leaves_the_rest_as_it_was() -> None:
     np.testing.assert_allclose(camera_center(T), camera_center(T_turned), atol=EXACT)
 
 
-@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("lens", ["standard", "narrow", "wide"])
 @pytest.mark.parametrize("hfov_deg", [None, 60.0, 150.0])
 def test_lens_reaches_every_pixel_and_spans_its_angle(lens: str, hfov_deg: float | None) -> None:
     camera = make_camera(SynthConfig(lens=lens, hfov_deg=hfov_deg))
@@ -122,10 +122,28 @@ def test_lens_reaches_every_pixel_and_spans_its_angle(lens: str, hfov_deg: float
     assert span == pytest.approx(hfov_deg or LENSES[lens][2], abs=0.2)  # prisms bend the middle row a little
 
 
+@pytest.mark.parametrize("lens", ["fisheye", "omnidirectional", "equirectangular"])
+@pytest.mark.parametrize("hfov_deg", [None, 120.0])
+def test_a_wide_lens_spans_its_angle(lens: str, hfov_deg: float | None) -> None:
+    camera = core_camera(make_camera(SynthConfig(lens=lens, hfov_deg=hfov_deg)))
+    middle, left, right = camera.unproject(np.array([[639.5, 359.5], [0.0, 359.5], [1279.0, 359.5]]))
+    span = np.degrees(np.arccos(left @ middle) + np.arccos(middle @ right))
+    assert span == pytest.approx(hfov_deg or LENSES[lens][2], abs=0.4)  # less half a pixel on either side
+
+
+def test_a_lens_that_does_not_reach_is_refused() -> None:
+    with pytest.raises(InputError, match="--hfov-deg: found 185, which the standard lens does not reach"):
+        make_camera(SynthConfig(hfov_deg=185.0))
+
+
 def test_visible_points_land_on_pixels_of_their_own_label() -> None:
     agree = total = 0
     for seed, lens in enumerate(LENSES):
-        config = dataclasses.replace(TINY, seed=seed, lens=lens, width=640, height=360, range_noise_m=0.0)
+        # Pixels about as fine as those of the other lenses.
+        width, height = (2048, 1024) if LENSES[lens][2] > 180.0 else (640, 360)
+        config = dataclasses.replace(
+            TINY, seed=seed, lens=lens, width=width, height=height, range_noise_m=0.0
+        )
         T = mounting(config)
         points, labels, visibility, image_labels, *_ = make_renderer(config, T).frame(seed, 0)
         pixels, _, _ = _core.land(core_camera(make_camera(config)), points[:, :3].copy(), T)

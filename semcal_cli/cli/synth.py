@@ -86,9 +86,10 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     "--lens",
     type=click.Choice(get_args(Lens)),
     help="standard: 90 degrees without distortion; narrow: 35 degrees, plumb_bob; "
-    "wide: 100 degrees, rational_polynomial.",
+    "wide: 100 degrees, rational_polynomial; fisheye: 200 degrees; omnidirectional: 190 degrees, xi 1.2; "
+    "equirectangular: all round.",
 )
-@camera_option("--hfov-deg", type=click.FloatRange(5.0, 150.0), help="Other horizontal field of view.")
+@camera_option("--hfov-deg", type=click.FloatRange(5.0, 360.0), help="Other horizontal field of view.")
 @mounting_option(
     "--camera-azimuth-deg",
     type=ANGLE,

@@ -1,0 +1,104 @@
+//! Distortion of normalised image coordinates: OpenCV's polynomials, their inverse, and how far they do not fold.
+
+use std::f64::consts::TAU;
+
+use nalgebra::{Matrix2, Vector2};
+
+use super::radial::invert_monotone;
+
+/// A lens that maps the half-space in front of it is not evaluated past this normalised radius, 87 degrees.
+pub(super) const MAX_RADIUS: f64 = 20.0;
+/// Radii at which, and directions in which, a distortion is checked not to fold.
+const RADII: usize = 4096;
+const DIRECTIONS: usize = 16;
+/// At the limit itself a distortion stands still, and Newton's method does not know where to go.
+const NEAR_LIMIT: f64 = 0.95;
+const NEWTON_STEPS: usize = 50;
+/// Far below a pixel, in normalised image units; where those are large, a share of them, above round-off.
+pub(super) const NEWTON_TOLERANCE: f64 = 1e-12;
+
+/// k1 k2 p1 p2 k3 k4 k5 k6: radial, rational and tangential.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Distortion(pub [f64; 8]);
+
+impl Distortion {
+    #[inline]
+    pub fn at(&self, xy: Vector2<f64>) -> Vector2<f64> {
+        let [_, _, p1, p2, ..] = self.0;
+        let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
+        let tangential = Vector2::new(
+            2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        xy * self.radial_factor(r2) + tangential
+    }
+
+    #[inline]
+    fn radial_factor(&self, r2: f64) -> f64 {
+        let [k1, k2, _, _, k3, k4, k5, k6] = self.0;
+        (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1.0 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    }
+
+    #[inline]
+    pub fn jacobian(&self, xy: Vector2<f64>) -> Matrix2<f64> {
+        let [k1, k2, p1, p2, k3, k4, k5, k6] = self.0;
+        let (x, y, r2) = (xy.x, xy.y, xy.norm_squared());
+        let denominator = 1.0 + r2 * (k4 + r2 * (k5 + r2 * k6));
+        let factor = self.radial_factor(r2);
+        // With respect to r^2.
+        let slope = (k1 + r2 * (2.0 * k2 + r2 * 3.0 * k3) - factor * (k4 + r2 * (2.0 * k5 + r2 * 3.0 * k6)))
+            / denominator;
+        let tangential = Matrix2::new(
+            2.0 * p1 * y + 6.0 * p2 * x,
+            2.0 * p1 * x + 2.0 * p2 * y,
+            2.0 * p1 * x + 2.0 * p2 * y,
+            6.0 * p1 * y + 2.0 * p2 * x,
+        );
+        Matrix2::identity() * factor + xy * xy.transpose() * (2.0 * slope) + tangential
+    }
+}
+
+/// The normalised coordinates, within a radius, that a distortion puts on `distorted`: Newton's method from what would
+/// be right if the distortion were radial.
+pub(super) fn undistort(
+    distort: impl Fn(Vector2<f64>) -> Vector2<f64>,
+    jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>,
+    distorted: &Vector2<f64>,
+    limit: f64,
+) -> Option<Vector2<f64>> {
+    let tolerance = NEWTON_TOLERANCE * (1.0 + distorted.norm());
+    let mut xy = along(&distort, distorted, limit);
+    for _ in 0..NEWTON_STEPS {
+        // From beyond the limit, where the distortion may fold, the way would lead anywhere.
+        xy *= (limit / xy.norm()).min(1.0);
+        let residual = distort(xy) - distorted;
+        if residual.norm() < tolerance {
+            return Some(xy);
+        }
+        xy -= jacobian(xy).lu().solve(&residual)?;
+    }
+    None
+}
+
+/// The place in the direction of `distorted` that is put as far from the middle, or one near the limit.
+fn along(
+    distort: impl Fn(Vector2<f64>) -> Vector2<f64>,
+    distorted: &Vector2<f64>,
+    limit: f64,
+) -> Vector2<f64> {
+    let Some(unit) = distorted.try_normalize(f64::MIN_POSITIVE) else { return *distorted };
+    let radius = invert_monotone(|radius| distort(unit * radius).dot(&unit), distorted.norm(), limit);
+    unit * radius.unwrap_or(NEAR_LIMIT * limit)
+}
+
+/// The radius up to which a distortion with this Jacobian does not fold, in no direction; at most `largest`.
+pub(super) fn unfolded_radius(jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>, largest: f64) -> f64 {
+    let at = |step: usize| largest * step as f64 / RADII as f64;
+    let unit = |i: usize| {
+        let (sin, cos) = (TAU * i as f64 / DIRECTIONS as f64).sin_cos();
+        Vector2::new(cos, sin)
+    };
+    let units: [Vector2<f64>; DIRECTIONS] = std::array::from_fn(unit);
+    let folds = |&step: &usize| units.iter().any(|unit| !(jacobian(unit * at(step)).determinant() > 0.0));
+    (1..=RADII).find(folds).map_or(largest, |step| at(step - 1))
+}

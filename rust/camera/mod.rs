@@ -1,0 +1,128 @@
+//! Camera models: a ray in the camera frame to a pixel, and back.
+//!
+//! A lens turns a point into distorted coordinates, each in a file of its own against one interface, [`Model`]; `K` makes
+//! pixels of them. Coefficients are in OpenCV's order. Pixels are `(u, v)`; an integer pixel is a pixel centre.
+//!
+//! A lens holds up to the incidence angle at which its distortion stops being monotone. Beyond it a point is outside: it
+//! has no pixel, and never one that belongs to another direction.
+
+mod distortion;
+mod double_sphere;
+mod equirectangular;
+mod fisheye;
+mod fov;
+mod lens;
+mod omnidirectional;
+mod polynomial;
+mod radial;
+#[cfg(test)]
+mod tests;
+mod thin_prism;
+
+use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2, Vector3};
+
+use crate::error::{Error, Result};
+use lens::{Lens, Model};
+
+/// A calibrated camera: picture size, focal lengths, principal point and lens.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Camera {
+    /// Columns of the picture.
+    pub width: usize,
+    /// Rows of the picture.
+    pub height: usize,
+    focal: Vector2<f64>,
+    center: Vector2<f64>,
+    lens: Lens,
+}
+
+impl Camera {
+    /// Builds a camera whose model needs nothing beyond `K` and `distortion`: see [`Camera::with_parameters`].
+    ///
+    /// # Errors
+    /// As there.
+    pub fn new(model: &str, size: (usize, usize), k: [[f64; 3]; 3], distortion: &[f64]) -> Result<Self> {
+        Self::with_parameters(model, size, k, distortion, &[])
+    }
+
+    /// Builds a camera.
+    ///
+    /// | `model` | `distortion` | `parameters` |
+    /// |---|---|---|
+    /// | `plumb_bob` | k1 k2 p1 p2, or with k3 | |
+    /// | `rational_polynomial` | k1 k2 p1 p2 k3 k4 k5 k6 | |
+    /// | `thin_prism` | the same and s1 s2 s3 s4, or with tauX tauY | |
+    /// | `fisheye` | k1 k2 k3 k4 on powers of the incidence angle | |
+    /// | `omnidirectional` | k1 k2 p1 p2 | xi |
+    /// | `equirectangular` | | |
+    /// | `fov` | w | |
+    /// | `double_sphere` | | xi, alpha |
+    ///
+    /// No coefficients are a lens without distortion, except that `fov` needs its w. Size and `K` are in pixels. The
+    /// focal lengths of an equirectangular picture are pixels a radian: `width / (2 pi)` for one that goes all round.
+    ///
+    /// # Errors
+    /// The model is unknown, or coefficients or parameters are not the model's, or a number is impossible.
+    pub fn with_parameters(
+        model: &str,
+        (width, height): (usize, usize),
+        k: [[f64; 3]; 3],
+        distortion: &[f64],
+        parameters: &[(String, f64)],
+    ) -> Result<Self> {
+        let mut numbers = k.iter().flatten().chain(distortion).chain(parameters.iter().map(|(_, x)| x));
+        if !numbers.all(|x| x.is_finite()) || k[0][0] <= 0.0 || k[1][1] <= 0.0 {
+            return Err(Error::Input(
+                "camera: K, distortion and parameters need finite numbers and positive focal lengths".into(),
+            ));
+        }
+        let focal = Vector2::new(k[0][0], k[1][1]);
+        let center = Vector2::new(k[0][2], k[1][2]);
+        let lens = Lens::new(model, distortion, parameters, (-0.5 - center.x) / focal.x)?;
+        Ok(Self { width, height, focal, center, lens })
+    }
+
+    /// The pixel of a point (camera frame, metres); `None` where the model does not hold. The pixel may lie outside
+    /// the picture: see [`Camera::contains`].
+    #[inline]
+    pub fn project(&self, point: &Vector3<f64>) -> Option<Point2<f64>> {
+        let distorted = self.lens.project(point)?;
+        Some(Point2::from(self.focal.component_mul(&distorted) + self.center))
+    }
+
+    /// The same with the Jacobian of the pixel with respect to the point, pixels a metre.
+    pub fn project_with_jacobian(&self, point: &Vector3<f64>) -> Option<(Point2<f64>, Matrix2x3<f64>)> {
+        let pixel = self.project(point)?;
+        Some((pixel, self.jacobian(point)))
+    }
+
+    /// The Jacobian of the pixel of a point that the camera projects, pixels a metre.
+    #[inline]
+    pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
+        Matrix2::from_diagonal(&self.focal) * self.lens.jacobian(point)
+    }
+
+    /// The unit ray (camera frame) that lands on a pixel; `None` where the lens reaches no such pixel.
+    pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Vector3<f64>> {
+        self.lens.unproject(&(pixel.coords - self.center).component_div(&self.focal))
+    }
+
+    /// The largest incidence angle, radians, at which the model holds.
+    pub fn limit(&self) -> f64 {
+        self.lens.limit()
+    }
+
+    /// Columns a radian on the optical axis. With a mirror or a sphere in the lens, that is not the focal length.
+    pub fn pixels_per_radian(&self) -> f64 {
+        self.jacobian(&Vector3::z())[(0, 0)]
+    }
+
+    /// Whether a pixel lies inside the picture, whose pixels reach half a pixel beyond their centres.
+    #[inline]
+    pub fn contains(&self, pixel: &Point2<f64>) -> bool {
+        pixel.x >= -0.5
+            && pixel.y >= -0.5
+            && pixel.x < self.width as f64 - 0.5
+            && pixel.y < self.height as f64 - 0.5
+    }
+}
