@@ -123,7 +123,8 @@ def _fisheye(points: Tensor, coefficients: Tensor) -> Tensor:
     angle = torch.atan2(radius, points[:, 2])
     a2 = angle * angle
     distorted = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-    return points[:, :2] * (distorted / radius)[:, None]
+    pixels: Tensor = points[:, :2] * (distorted / radius)[:, None]
+    return pixels
 
 
 def _fov(points: Tensor, coefficients: Tensor) -> Tensor:
@@ -131,7 +132,8 @@ def _fov(points: Tensor, coefficients: Tensor) -> Tensor:
     (w,) = coefficients
     radius = _norm(points[:, :2])
     distorted = torch.atan2(2 * torch.tan(w / 2) * radius, points[:, 2]) / w
-    return points[:, :2] * (distorted / radius)[:, None]
+    pixels: Tensor = points[:, :2] * (distorted / radius)[:, None]
+    return pixels
 
 
 def _omnidirectional(points: Tensor, coefficients: Tensor) -> Tensor:
@@ -145,7 +147,8 @@ def _double_sphere(points: Tensor, coefficients: Tensor) -> Tensor:
     xi, alpha = coefficients
     shifted = xi * _norm(points) + points[:, 2]
     second = _norm(torch.cat([points[:, :2], shifted[:, None]], 1))
-    return points[:, :2] / (alpha * second + (1 - alpha) * shifted)[:, None]
+    pixels: Tensor = points[:, :2] / (alpha * second + (1 - alpha) * shifted)[:, None]
+    return pixels
 
 
 def _equirectangular(points: Tensor, coefficients: Tensor) -> Tensor:
