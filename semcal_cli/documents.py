@@ -71,7 +71,7 @@ def read_document(path: Path) -> dict[Any, Any]:
     Raises:
         InputError: there is no such file, it is not UTF-8 or not well-formed, or holds something else.
     """
-    text = _read_text(path)
+    text = read_text(path)
     try:
         document = _parse_json(text) if path.suffix.lower() == ".json" else yaml.load(text, _Loader)
     except RecursionError:
@@ -144,7 +144,12 @@ def describe(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Read a UTF-8 file, with or without a byte order mark.
+
+    Raises:
+        InputError: there is no such file, or it is not UTF-8.
+    """
     try:
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
