@@ -1,8 +1,8 @@
 """CARLA's sensors as `save_to_disk` writes them: ROOT/ID/000001.ply and ROOT/ID/000001.png, named by frame.
 
-The rig is in ROOT/sensors.json, the list that a leaderboard agent's `sensors()` returns: `id`, `type`, `x y z` in metres,
-`roll pitch yaw` in degrees, and of a camera `width height fov`. All of it, clouds included, is in Unreal's left-handed
-frame (x forward, y right, z up), so that clouds are written anew with y negated.
+The rig is in ROOT/sensors.json, the list that a leaderboard agent's `sensors()` returns: `id`, `type`, `x y z` in
+metres, `roll pitch yaw` in degrees, and of a camera `width height fov`. All of it, clouds included, is in Unreal's
+left-handed frame (x forward, y right, z up), so that clouds are written anew with y negated.
 """
 
 from __future__ import annotations

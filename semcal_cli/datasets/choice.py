@@ -53,13 +53,28 @@ def narrowed(recording: Recording, choice: Choice) -> Recording:
     return replace(recording, frames=frames, remarks=tuple(remarks))
 
 
-def most_varied(drive: Drive, choice: Choice) -> Sequence[int]:
-    """Indices of the frames whose label images differ most, all if `spread` was not asked for."""
+def most_varied(drive: Drive, sources: Sequence[SourceFrame], choice: Choice) -> Sequence[int]:
+    """Indices of the frames whose label images differ most; all if `spread` was not asked for.
+
+    Args:
+        drive: The drive that all frames would make; its folder need not be there yet.
+        sources: Its frames, where they lie.
+        choice: How many.
+    """
     if not choice.spread:
-        return range(len(drive.frames))
-    chosen = select_frames(drive, choice.max_frames or SPREAD_FRAMES).frames
-    kept = {id(frame) for frame in chosen}
-    return [index for index, frame in enumerate(drive.frames) if id(frame) in kept]
+        return range(len(sources))
+    frames = [
+        frame.model_copy(update={"image_labels": str(source.image_labels.absolute())})
+        for frame, source in zip(drive.frames, sources, strict=True)
+        if source.image_labels
+    ]
+    if len(frames) < len(sources):
+        raise InputError("--spread: found frames without label images, needed --image-labels")
+    chosen = select_frames(
+        drive.model_copy(update={"frames": tuple(frames)}), choice.max_frames or SPREAD_FRAMES
+    )
+    kept = set(map(id, chosen.frames))
+    return [index for index, frame in enumerate(frames) if id(frame) in kept]
 
 
 def evenly_spaced(frames: Sequence[SourceFrame], count: int) -> list[SourceFrame]:

@@ -56,7 +56,8 @@ def read(folder: Folder) -> Recording:
 
 
 def _find(option: str, pattern: str) -> list[Path]:
-    found = [Path(name) for name in sorted(glob.glob(pattern, recursive=True)) if Path(name).is_file()]
+    names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
+    found = [Path(name) for name in sorted(names) if Path(name).is_file()]
     if not found:
         raise InputError(f"{option}: {pattern}: found no such files, needed at least one; quote the pattern")
     return found

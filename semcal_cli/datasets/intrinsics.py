@@ -137,14 +137,14 @@ _KALIBR_MODELS: dict[str, Callable[[Path, dict[Any, Any]], dict[str, Any]]] = {
 def _opencv(path: Path) -> dict[str, Any]:
     """What OpenCV's calibration samples write, and their usual variants; or camodocal's MEI camera."""
     storage = Storage(path)
-    if "mirror_parameters" in storage.keys():
+    if "mirror_parameters" in storage.names():
         return read_mei(path)
     K = storage.first(("camera_matrix", "cameraMatrix", "CameraMatrix", "K"))
     if K.size != 9:
         raise InputError(f"{path}: camera_matrix: found {K.size} numbers, needed 9 by rows")
     distortion = storage.first(("distortion_coefficients", "distCoeffs", "dist_coeffs", "D")).tolist()
     models = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
-    fisheye = "fisheye_model" in storage.keys() and storage.number("fisheye_model") != 0.0
+    fisheye = "fisheye_model" in storage.names() and storage.number("fisheye_model") != 0.0
     return {
         "model": "fisheye" if fisheye else models.get(len(distortion), "plumb_bob"),
         "width": int(storage.first(("image_width", "width"))[0]),

@@ -1,8 +1,8 @@
 """KITTI-360: the accumulated points of ROOT/data_3d_semantics cut around each pose, or the raw sweeps.
 
-Calibration (autonomousvision/kitti360Scripts, kitti360scripts/helpers/project.py and devkits/commons/loadCalibration.py):
-calib_cam_to_velo.txt is camera 0 to LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt vehicle to world.
-Camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0), turned by R_rect for the perspective pair.
+calib_cam_to_velo.txt is camera 0 to LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt vehicle to
+world. Camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0), turned by R_rect for the perspective pair
+(autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py, devkits/commons/loadCalibration.py).
 """
 
 from __future__ import annotations

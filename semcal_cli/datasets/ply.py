@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
@@ -17,7 +16,7 @@ def read_vertices(path: Path) -> npt.NDArray[Any]:
     Raises:
         InputError: there is no such file, it is no PLY, or has no vertices.
     """
-    from plyfile import PlyData, PlyParseError
+    from plyfile import PlyData, PlyParseError  # type: ignore[import-untyped]
 
     try:
         vertices: npt.NDArray[Any] = PlyData.read(path)["vertex"].data

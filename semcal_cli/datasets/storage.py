@@ -35,9 +35,9 @@ class Storage:
         except cv2.error as error:
             raise InputError(f"{path}: found no OpenCV FileStorage that can be read: {error.err}") from None
 
-    def keys(self) -> list[str]:
+    def names(self) -> list[str]:
         """Keys at the top level."""
-        return [str(key) for key in self._root.root().keys()]
+        return list(map(str, self._root.root().keys()))
 
     def array(self, *keys: str) -> Array:
         """The numbers of a matrix or a list, in order; of a number, itself.
@@ -67,7 +67,7 @@ class Storage:
         Raises:
             InputError: none is.
         """
-        known = self.keys()
+        known = self.names()
         for name in names:
             if name in known:
                 return self.array(name)

@@ -62,7 +62,7 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
     path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
     recording = narrowed(labelled(_with_options(recording, options)), options.choice)
     drive = _make_drive(recording, path)
-    chosen = [recording.frames[index] for index in most_varied(drive, options.choice)]
+    chosen = [recording.frames[index] for index in most_varied(drive, recording.frames, options.choice)]
     recording = replace(recording, frames=chosen)
     document = _document(recording, path)
     validate(Drive, document, path)
