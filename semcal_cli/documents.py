@@ -71,7 +71,15 @@ def read_document(path: Path) -> dict[Any, Any]:
     Raises:
         InputError: there is no such file, it is not UTF-8 or not well-formed, or holds something else.
     """
-    text = read_text(path)
+    return parse_document(read_text(path), path)
+
+
+def parse_document(text: str, path: Path) -> dict[Any, Any]:
+    """Read a mapping from the text of a JSON file (by its suffix) or a YAML file; `path` is for complaints.
+
+    Raises:
+        InputError: the text is not well-formed, or holds something else.
+    """
     try:
         document = _parse_json(text) if path.suffix.lower() == ".json" else yaml.load(text, _Loader)
     except RecursionError:

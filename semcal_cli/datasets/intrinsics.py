@@ -24,6 +24,8 @@ ROS_MODELS = {
 }
 """sensor_msgs/distortion_models.h, image_geometry, and names that drivers use for the same."""
 KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "none": "plumb_bob"}
+OPENCV_MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
+"""By the count of coefficients."""
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
 )
@@ -55,17 +57,19 @@ def read_intrinsics(path: Path, camera: str | None) -> dict[str, Any]:
 
 def read_mei(path: Path) -> dict[str, Any]:
     """Read the omnidirectional camera of Mei and Rives as camodocal and KITTI-360 write it."""
-    storage = Storage(path)
+    return _mei(Storage(path))
+
+
+def _mei(storage: Storage) -> dict[str, Any]:
     fx, fy, cx, cy = (
         storage.number("projection_parameters", key) for key in ("gamma1", "gamma2", "u0", "v0")
     )
-    distortion = [storage.number("distortion_parameters", key) for key in ("k1", "k2", "p1", "p2")]
     return {
         "model": "omnidirectional",
-        "width": int(storage.number("image_width")),
-        "height": int(storage.number("image_height")),
+        "width": storage.whole_number("image_width"),
+        "height": storage.whole_number("image_height"),
         "K": _intrinsic_matrix(fx, fy, cx, cy),
-        "distortion": distortion,
+        "distortion": [storage.number("distortion_parameters", key) for key in ("k1", "k2", "p1", "p2")],
         "parameters": {"xi": storage.number("mirror_parameters", "xi")},
     }
 
@@ -137,19 +141,18 @@ _KALIBR_MODELS: dict[str, Callable[[Path, dict[Any, Any]], dict[str, Any]]] = {
 def _opencv(path: Path) -> dict[str, Any]:
     """What OpenCV's calibration samples write, and their usual variants; or camodocal's MEI camera."""
     storage = Storage(path)
-    if "mirror_parameters" in storage.names():
-        return read_mei(path)
+    if "mirror_parameters" in storage.document:
+        return _mei(storage)
     K = storage.first(("camera_matrix", "cameraMatrix", "CameraMatrix", "K"))
-    if K.size != 9:
-        raise InputError(f"{path}: camera_matrix: found {K.size} numbers, needed 9 by rows")
-    distortion = storage.first(("distortion_coefficients", "distCoeffs", "dist_coeffs", "D")).tolist()
-    models = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
-    fisheye = "fisheye_model" in storage.names() and storage.number("fisheye_model") != 0.0
+    if len(K) != 9:
+        raise InputError(f"{path}: camera_matrix: found {len(K)} numbers, needed 9 by rows")
+    distortion = storage.first(("distortion_coefficients", "distCoeffs", "dist_coeffs", "D"))
+    fisheye = "fisheye_model" in storage.document and storage.number("fisheye_model") != 0.0
     return {
-        "model": "fisheye" if fisheye else models.get(len(distortion), "plumb_bob"),
-        "width": int(storage.first(("image_width", "width"))[0]),
-        "height": int(storage.first(("image_height", "height"))[0]),
-        "K": K.reshape(3, 3).tolist(),
+        "model": "fisheye" if fisheye else OPENCV_MODELS.get(len(distortion), "plumb_bob"),
+        "width": storage.whole_number("image_width", "width"),
+        "height": storage.whole_number("image_height", "height"),
+        "K": [K[0:3], K[3:6], K[6:9]],
         "distortion": distortion,
     }
 

@@ -1,77 +1,70 @@
-"""OpenCV's FileStorage: YAML whose first line no YAML parser takes, XML or JSON."""
+"""OpenCV's FileStorage as YAML or JSON. OpenCV's own parser aborts the process on many a damaged file.
+
+Its YAML (modules/core/src/persistence_yml.cpp) is YAML but for the first line, `%YAML:1.0`, tags on matrices, and, by
+older versions, no space after a key's colon.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from semcal_cli.documents import read_text
+from semcal_cli.documents import describe, parse_document, read_text
 from semcal_cli.errors import InputError
 
-Array: TypeAlias = npt.NDArray[np.float64]
-
-MARKS = ("%YAML:", "<?xml", "opencv-matrix", "opencv_storage")
+FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
+MATRIX_TAG = re.compile(r"!!opencv-\w+|!<tag:[^>\n]*>")
+TIGHT_COLON = re.compile(r"^(\s*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE)
 
 
 def is_storage(text: str) -> bool:
     """Whether a text was written by OpenCV."""
-    return any(mark in text for mark in MARKS)
+    return text.lstrip().startswith(("%YAML:", "<?xml")) or "opencv-matrix" in text
 
 
 class Storage:
     """A file that OpenCV wrote. Complaints name the file, the key, what was found and what was needed."""
 
     def __init__(self, path: Path):
-        import cv2
-
+        text = read_text(path)
+        if text.lstrip().startswith("<"):
+            raise InputError(f"{path}: found XML, needed a FileStorage in YAML or JSON")
+        for pattern, replacement in ((FIRST_LINE, ""), (MATRIX_TAG, ""), (TIGHT_COLON, r"\1: ")):
+            text = pattern.sub(replacement, text)
         self.path = path
-        flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY
-        try:
-            self._root = cv2.FileStorage(read_text(path), flags)
-        except cv2.error as error:
-            raise InputError(f"{path}: found no OpenCV FileStorage that can be read: {error.err}") from None
+        self.document = parse_document(text, path)
 
-    def names(self) -> list[str]:
-        """Keys at the top level."""
-        return list(map(str, self._root.root().keys()))
-
-    def array(self, *keys: str) -> Array:
+    def numbers(self, *keys: str) -> list[float]:
         """The numbers of a matrix or a list, in order; of a number, itself.
 
         Raises:
-            InputError: there is no such key, or it holds no finite numbers.
+            InputError: there is no such key, or it holds something else.
         """
-        node = self._root.root()
+        node: Any = self.document
         for key in keys:
-            node = node.getNode(key)
-            if node.empty():
-                raise InputError(f"{self.path}: {'.'.join(keys)}: found nothing, needed numbers")
-        if node.isMap():
-            matrix = node.mat()
-            values = np.array([] if matrix is None else matrix, dtype=float).ravel()
-        elif node.isSeq():
-            values = np.array([node.at(i).real() for i in range(node.size())], dtype=float)
-        else:
-            values = np.array([node.real()] if node.isReal() or node.isInt() else [], dtype=float)
-        if not values.size or not np.isfinite(values).all():
-            raise InputError(f"{self.path}: {'.'.join(keys)}: found no finite numbers, needed some")
-        return values
+            node = node.get(key) if isinstance(node, dict) else None
+        if isinstance(node, dict):
+            node = node.get("data")
+        values = node if isinstance(node, list) else [node]
+        if not values or not all(
+            isinstance(value, int | float) and not isinstance(value, bool) for value in values
+        ):
+            raise InputError(f"{self.path}: {'.'.join(keys)}: found {describe(node)}, needed numbers")
+        return [float(value) for value in values]
 
-    def first(self, names: Sequence[str]) -> Array:
+    def first(self, names: Sequence[str]) -> list[float]:
         """The numbers under the first of several names that is there.
 
         Raises:
             InputError: none is.
         """
-        known = self.names()
         for name in names:
-            if name in known:
-                return self.array(name)
-        raise InputError(f"{self.path}: found keys {', '.join(known)}, needed one of: {', '.join(names)}")
+            if name in self.document:
+                return self.numbers(name)
+        known = ", ".join(map(str, self.document))
+        raise InputError(f"{self.path}: found keys {known}, needed one of: {', '.join(names)}")
 
     def number(self, *keys: str) -> float:
         """One number.
@@ -79,7 +72,18 @@ class Storage:
         Raises:
             InputError: there is no such key, or it holds something else.
         """
-        values = self.array(*keys)
-        if values.size != 1:
-            raise InputError(f"{self.path}: {'.'.join(keys)}: found {values.size} numbers, needed one")
-        return float(values[0])
+        values = self.numbers(*keys)
+        if len(values) != 1:
+            raise InputError(f"{self.path}: {'.'.join(keys)}: found {len(values)} numbers, needed one")
+        return values[0]
+
+    def whole_number(self, *names: str) -> int:
+        """A whole number under the first of several names that is there.
+
+        Raises:
+            InputError: there is none.
+        """
+        (value, *others) = self.first(names)
+        if others or not value.is_integer():
+            raise InputError(f"{self.path}: {names[0]}: found {value}, needed a whole number")
+        return int(value)
