@@ -1,11 +1,14 @@
 """`semcal import`, on tiny trees of each data set's real layout, with numbers that can be checked by hand."""
 
 import json
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from conftest import documents
 from dataset_trees import (
     CARLA_PLY,
     FORWARD,
@@ -22,11 +25,14 @@ from dataset_trees import (
     write_ids,
     write_labels,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from semcal_cli.cli import semcal
 from semcal_cli.datasets import DATASETS
 from semcal_cli.datasets.carla import pose_from_unreal
 from semcal_cli.datasets.ontologies import ontology_names, read_ontology
+from semcal_cli.datasets.ply import read_vertices
 from semcal_cli.drive import Drive, read_drive
 from semcal_cli.errors import InputError
 
@@ -306,7 +312,7 @@ def test_a_failed_import_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
     before = (tmp_path / "drive/drive.yaml").read_bytes()
     write(tree.root / "lidar/000018.ply", CARLA_PLY[:-30])
     message = complaint("carla", tree.root, *tree.arguments, "--frames", "1:", "-o", tmp_path / "drive")
-    assert message.startswith(f"{tree.root}/lidar/000018.ply: found no PLY that can be read: ")
+    assert message == f"{tree.root}/lidar/000018.ply: found rows that are not 6 numbers, needed 3 that are"
     assert (tmp_path / "drive/drive.yaml").read_bytes() == before
 
 
@@ -400,3 +406,100 @@ def test_a_wrong_file_is_named(
     if content is not None:
         path.write_text(content)
     assert complaint(name, tree.root, *tree.arguments, "-o", tmp_path / "drive") == f"{path}: {expected}"
+
+
+VERTEX = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty uchar label\nend_header\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("", "found no PLY header, needed one"),
+        ("ply\nformat ascii 1.0\n", "found no PLY header, needed one"),
+        (
+            VERTEX.format("binary", 0),
+            "found format binary, needed one of: binary_little_endian, binary_big_endian, ascii",
+        ),
+        (VERTEX.format("ascii", "-1"), "found first element vertex -1, needed vertex and its number"),
+        (
+            VERTEX.format("ascii", 10**12) + "1 2\n",
+            "found 4 bytes after the header, needed 1,000,000,000,000 vertices",
+        ),
+        (
+            VERTEX.format("binary_little_endian", 2) + "123456789",
+            "found 9 bytes after the header, needed 2 vertices",
+        ),
+        (
+            VERTEX.format("ascii", 2) + "1 2\n3\n",
+            "found rows that are not 2 numbers, needed 2 that are",
+        ),
+        (
+            VERTEX.format("ascii", 1).replace("float x", "list uchar int x"),
+            "found vertices without properties or with lists, needed plain numbers",
+        ),
+        (VERTEX.format("ascii", 1).replace("label", "x"), "found a property twice in x, x, needed each once"),
+    ],
+)
+def test_wrong_ply(tmp_path: Path, content: str, expected: str) -> None:
+    path = tmp_path / "a.ply"
+    path.write_bytes(content.encode())
+    with pytest.raises(InputError) as error:
+        read_vertices(path)
+    assert str(error.value) == f"{path}: {expected}"
+
+
+@pytest.mark.parametrize("form", ["binary_little_endian", "binary_big_endian", "ascii"])
+def test_ply_of_every_format(tmp_path: Path, form: str) -> None:
+    vertices = np.array([(1.5, 7), (-2.0, 255)], dtype=[("x", "<f4"), ("label", "u1")])
+    swapped = vertices.astype([("x", ">f4"), ("label", "u1")]) if "big" in form else vertices
+    body = b"1.5 7\n-2 255\n" if form == "ascii" else swapped.tobytes()
+    (tmp_path / "a.ply").write_bytes(VERTEX.format(form, 2).encode() + body)
+    assert read_vertices(tmp_path / "a.ply").tolist() == vertices.tolist()
+
+
+TEXTS = {".txt", ".json", ".yaml", ".ply"}
+
+
+@pytest.mark.parametrize("name", TREES)
+@settings(max_examples=60)
+@given(data=st.data())
+def test_a_damaged_file_is_one_line_of_input_error(
+    tmp_path_factory: pytest.TempPathFactory, name: str, data: st.DataObject
+) -> None:
+    tree = damaged_tree(name, str(tmp_path_factory.getbasetemp() / f"damaged_{name}"))
+    path = data.draw(st.sampled_from(sorted(p for p in tree.root.rglob("*") if p.suffix in TEXTS)))
+    whole = path.read_bytes()
+    try:
+        path.write_bytes(data.draw(damage(path, whole)))
+        run_import(name, tree.root, *tree.arguments, "-o", tree.root.parent / "drive")
+    except InputError as error:
+        assert len(str(error).splitlines()) == 1  # noqa: PT017
+    finally:
+        path.write_bytes(whole)
+
+
+@cache
+def damaged_tree(name: str, root: str) -> Tree:
+    return TREES[name](Path(root) / "tree")
+
+
+@st.composite
+def damage(draw: st.DrawFn, path: Path, whole: bytes) -> bytes:
+    """Cut something out, put something in, or replace a value of JSON by anything."""
+    if path.suffix == ".json" and draw(st.booleans()):
+        return json.dumps(near_miss(draw, json.loads(whole))).encode()
+    at = draw(st.integers(0, len(whole)))
+    inserted = draw(
+        st.sampled_from([b"", b"nan ", b"-", b"1e999 ", b"[", b"\xff", b"\n"]) | st.binary(max_size=4)
+    )
+    return whole[:at] + inserted + whole[at + draw(st.integers(0, 12)) :]
+
+
+def near_miss(draw: st.DrawFn, document: Any) -> Any:
+    node = document
+    while True:
+        key = draw(st.sampled_from(list(node) if isinstance(node, dict) else range(len(node))))
+        if not isinstance(node[key], dict | list) or not node[key] or draw(st.booleans()):
+            node[key] = draw(documents)
+            return document
+        node = node[key]

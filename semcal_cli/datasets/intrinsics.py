@@ -23,8 +23,8 @@ ROS_MODELS = {
     "kannala_brandt": "fisheye",
 }
 """sensor_msgs/distortion_models.h, image_geometry, and names that drivers use for the same."""
-KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "none": "plumb_bob"}
-OPENCV_MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial"}
+KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"}
+OPENCV_MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
 """By the count of coefficients."""
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"

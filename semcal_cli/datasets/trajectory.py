@@ -37,6 +37,7 @@ def speeds_mps(
     """Speed at each position (N, 3), by central differences; `period_s` lies between two of them."""
     if len(positions) < 2:
         return np.zeros(len(positions))
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1) / period_s
+    with np.errstate(divide="ignore", invalid="ignore"):  # two at one time: not a slow place
+        steps = np.linalg.norm(np.diff(positions, axis=0), axis=1) / period_s
     speeds: npt.NDArray[np.float64] = 0.5 * (np.append(steps, steps[-1]) + np.insert(steps, 0, steps[0]))
     return speeds
