@@ -284,17 +284,17 @@ projection_parameters:
 
 
 def kitti_360_window(path: Path, T_world_lidar: Pose) -> None:
-    """Three points near the LiDAR, the last of them seen by no picture, and one far away."""
+    """Three points near the LiDAR, the last of them seen by no picture; one far away, and one behind the first."""
     properties = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "int semantic"]
     properties += ["int instance", "uchar visible", "float confidence"]
-    vertices = np.zeros(4, dtype="<f4,<f4,<f4,u1,u1,u1,<i4,<i4,u1,<f4")
-    lidar = np.vstack([POINTS[:, :3], [900.0, 0.0, 0.0]]).astype(float)
+    vertices = np.zeros(5, dtype="<f4,<f4,<f4,u1,u1,u1,<i4,<i4,u1,<f4")
+    lidar = np.vstack([POINTS[:, :3], [900.0, 0.0, 0.0], 2.0 * POINTS[0, :3]]).astype(float)
     world = lidar @ T_world_lidar[:3, :3].T + T_world_lidar[:3, 3]
     vertices["f0"], vertices["f1"], vertices["f2"] = world.T
-    vertices["f6"], vertices["f8"] = [7, 26, 26, 11], [1, 1, 0, 1]
+    vertices["f6"], vertices["f8"] = [7, 26, 26, 11, 11], [1, 1, 0, 1, 1]
     header = "".join(f"property {name}\n" for name in properties)
     path.parent.mkdir(parents=True, exist_ok=True)
-    content = f"ply\nformat binary_little_endian 1.0\nelement vertex 4\n{header}end_header\n"
+    content = f"ply\nformat binary_little_endian 1.0\nelement vertex 5\n{header}end_header\n"
     path.write_bytes(content.encode() + vertices.tobytes())
 
 

@@ -124,7 +124,7 @@ def test_kitti_stamps_and_speeds(tmp_path: Path) -> None:
 
 
 def test_kitti_360_points_are_cut_from_the_window_around_the_pose(tmp_path: Path) -> None:
-    """Of the window in whose middle the frame is: near points, in the LiDAR's frame, that a picture shows."""
+    """Of the window in whose middle the frame is: near points that a picture and the LiDAR see, in its frame."""
     tree = TREES["kitti-360"](tmp_path / "tree")
     drive = imported("kitti-360", tree, tmp_path / "drive")
     points, labels = written_cloud(drive)
@@ -314,6 +314,13 @@ def test_a_failed_import_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
     message = complaint("carla", tree.root, *tree.arguments, "--frames", "1:", "-o", tmp_path / "drive")
     assert message == f"{tree.root}/lidar/000018.ply: found rows that are not 6 numbers, needed 3 that are"
     assert (tmp_path / "drive/drive.yaml").read_bytes() == before
+
+
+@pytest.mark.parametrize("frames", ["5", "0:9:0", "0:9:-1", "a:b", "1:2:3:4", "9" * 5000 + ":"])
+def test_frames_that_are_no_slice_are_wrong_usage(tmp_path: Path, frames: str) -> None:
+    result = CliRunner().invoke(semcal, ["import", "carla", ".", "-o", str(tmp_path), "--frames", frames])
+    assert result.exit_code == 2
+    assert "needed START:STOP or START:STOP:STEP, with a step of at least 1" in result.stderr
 
 
 @pytest.mark.parametrize("name", ontology_names())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -30,11 +29,14 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
         """Give the slice."""
         if isinstance(value, slice):
             return value
-        if not re.fullmatch(r"-?\d*:-?\d*(:\d*)?", value) or re.search(
-            r"-(:|$)|:0+$", value[value.find(":") :]
-        ):
-            self.fail(f"found {value!r}, needed START:STOP or START:STOP:STEP.", param, ctx)
-        return slice(*(int(part) if part else None for part in value.split(":")))
+        try:
+            parts = [int(part) if part else None for part in str(value).split(":")]
+        except ValueError:
+            parts = []
+        if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
+            needed = "START:STOP or START:STOP:STEP, with a step of at least 1"
+            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
+        return slice(*parts)
 
 
 @click.group(name="import")

@@ -17,10 +17,12 @@ import numpy.typing as npt
 from semcal_cli.datasets.ply import read_vertices, vertex_column
 from semcal_cli.datasets.recording import Cloud, Conversion
 from semcal_cli.errors import InputError
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.poses import Pose
 
 RADIUS_M = 60.0
-"""Farther points of a window are left out: walls in between that a LiDAR sees are not all in it."""
+"""Farther points are left out."""
+CELL_DEG = 0.2
+"""Of the points in one direction the nearest is kept: others were seen from elsewhere, through walls from here."""
 
 
 class Windows:
@@ -44,13 +46,27 @@ class Windows:
 
 def _cut(path: Path, T_world_lidar: Pose, visible_only: bool) -> Cloud:
     points_world, semantic, visible = _read_window(path)
-    near = np.linalg.norm(points_world - T_world_lidar[:3, 3], axis=1) < RADIUS_M
-    kept = near & visible if visible_only else near
-    T_lidar_world = inverse(T_world_lidar)
-    points = points_world[kept] @ T_lidar_world[:3, :3].T + T_lidar_world[:3, 3]
-    cloud = np.zeros((len(points), 4), dtype=np.float32)
-    cloud[:, :3] = points
-    return Cloud(cloud, semantic[kept])
+    offsets = points_world - T_world_lidar[:3, 3]
+    kept = np.einsum("ij,ij->i", offsets, offsets) < RADIUS_M**2
+    if visible_only:
+        kept &= visible
+    points_lidar = offsets[kept] @ T_world_lidar[:3, :3]
+    nearest = _nearest_in_each_direction(points_lidar)
+    cloud = np.zeros((len(nearest), 4), dtype=np.float32)
+    cloud[:, :3] = points_lidar[nearest]
+    return Cloud(cloud, semantic[kept][nearest])
+
+
+def _nearest_in_each_direction(points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
+    """Indices of the points (N, 3) that a LiDAR at the origin would see, in ascending order."""
+    ranges = np.linalg.norm(points, axis=1)
+    azimuth = np.arctan2(points[:, 1], points[:, 0])
+    elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
+    cell = np.radians(CELL_DEG)
+    cells = (azimuth // cell).astype(np.int64) * 65536 + (elevation // cell).astype(np.int64)
+    order = np.argsort(ranges, kind="stable")
+    _, first = np.unique(cells[order], return_index=True)
+    return np.sort(order[first])
 
 
 @lru_cache(maxsize=1)
