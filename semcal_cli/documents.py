@@ -71,7 +71,15 @@ def read_document(path: Path) -> dict[Any, Any]:
     Raises:
         InputError: there is no such file, it is not UTF-8 or not well-formed, or holds something else.
     """
-    text = _read_text(path)
+    return parse_document(read_text(path), path)
+
+
+def parse_document(text: str, path: Path) -> dict[Any, Any]:
+    """Read a mapping from the text of a JSON file (by its suffix) or a YAML file; `path` is for complaints.
+
+    Raises:
+        InputError: the text is not well-formed, or holds something else.
+    """
     try:
         document = _parse_json(text) if path.suffix.lower() == ".json" else yaml.load(text, _Loader)
     except RecursionError:
@@ -144,7 +152,12 @@ def describe(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _read_text(path: Path) -> str:
+def read_text(path: Path) -> str:
+    """Read a UTF-8 file, with or without a byte order mark.
+
+    Raises:
+        InputError: there is no such file, or it is not UTF-8.
+    """
     try:
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:

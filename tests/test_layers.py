@@ -14,6 +14,7 @@ LAYERS = [
     {"calibration", "camera"},
     {"formats", "projection", "observations", "provenance", "schemas"},
     {"label_noise", "selection", "objective"},
+    {"datasets"},
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
     {"mine", "polish"},

@@ -13,6 +13,7 @@ from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.demo import demo
 from semcal_cli.cli.evaluate import evaluate
 from semcal_cli.cli.experiment import experiment
+from semcal_cli.cli.import_ import import_
 from semcal_cli.cli.initialize import initialize
 from semcal_cli.cli.refine import refine
 from semcal_cli.cli.synth import synth
@@ -27,7 +28,7 @@ def semcal() -> None:
     """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
 
 
-for command in (calibrate, initialize, refine, evaluate, experiment, synth, demo):
+for command in (calibrate, initialize, refine, evaluate, experiment, import_, synth, demo):
     semcal.add_command(command)
 
 

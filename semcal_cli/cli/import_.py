@@ -1,0 +1,193 @@
+"""`semcal import`: drives from data sets, and from folders of one's own files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from semcal_cli.cli.options import PATH, FiniteRange, quiet_option
+from semcal_cli.datasets import DATASETS, load_dataset
+
+if TYPE_CHECKING:
+    from semcal_cli.datasets.recording import Recording
+
+WITH_VERSION = {
+    "nuscenes": "The folder of the tables, as v1.0-mini, if there are several.",
+    "carla": "The release that wrote the data, as 0.9.15: tags changed at 0.9.14.",
+}
+
+
+class FrameSlice(click.ParamType):  # type: ignore[type-arg]
+    """START:STOP:STEP as in Python."""
+
+    name = "START:STOP:STEP"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> slice:
+        """Give the slice."""
+        if isinstance(value, slice):
+            return value
+        try:
+            parts = [int(part) if part else None for part in str(value).split(":")]
+        except ValueError:
+            parts = []
+        if len(parts) not in (2, 3) or (len(parts) == 3 and parts[2] is not None and parts[2] < 1):
+            needed = "START:STOP or START:STOP:STEP, with a step of at least 1"
+            self.fail(f"found {str(value)[:40]!r}, needed {needed}.", param, ctx)
+        return slice(*parts)
+
+
+@click.group(name="import")
+def import_() -> None:
+    """Make a drive of a data set, or of a folder of your own files.
+
+    Writes a drive.yaml that points at the original files, with intrinsics, class names, ignored ids and, as
+    the reference T_camera_lidar, the data set's own calibration.
+    """
+
+
+def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add what every import takes."""
+    for option in (
+        quiet_option,
+        click.option(
+            "--point-classes",
+            metavar="NAME|FILE",
+            help="Class table of the labels of points, as semantickitti.",
+        ),
+        click.option(
+            "--image-classes",
+            metavar="NAME|FILE",
+            help="Class table of the label images, as cityscapes-train.",
+        ),
+        click.option(
+            "--spread",
+            is_flag=True,
+            help="Keep the frames whose label images differ most, of the slower half if speeds are known.",
+        ),
+        click.option(
+            "--max-frames",
+            type=click.IntRange(1),
+            metavar="N",
+            help="Keep at most N frames, evenly spaced, or as --spread says (20 if not given).",
+        ),
+        click.option(
+            "--frames",
+            type=FrameSlice(),
+            default=slice(None),
+            help="Keep these of the frames that there are, counted from 0, as 0:100:10.",
+        ),
+        click.option("--camera", metavar="NAME", help="The camera."),
+        click.option(
+            "-o",
+            "--output",
+            type=PATH,
+            required=True,
+            metavar="DRIVE",
+            help="The drive's folder, or its drive.yaml.",
+        ),
+    ):
+        command = option(command)
+    return command
+
+
+def _gap_option(default: float | None) -> Callable[..., Any]:
+    return click.option(
+        "--max-gap-s",
+        type=FiniteRange(0.0, min_open=True),
+        default=default,
+        show_default=default is not None,
+        metavar="S",
+        help="Leave out sweeps and pictures that are farther apart in time.",
+    )
+
+
+def _write(recording: Recording, output: Path, quiet: bool, settings: dict[str, Any]) -> None:
+    from semcal_cli.datasets.choice import Choice
+    from semcal_cli.datasets.writing import Options, write_drive
+
+    choice = Choice(**{key: settings.pop(key) for key in ("frames", "max_frames", "spread", "max_gap_s")})
+    written = write_drive(recording, Options(choice=choice, **settings), output)
+    if quiet:
+        return
+    copies = f", {written.num_converted:,} clouds converted" if written.num_converted else ""
+    click.echo(f"wrote {written.path}: {written.num_frames:,} frames{copies}", err=True)
+    for remark in written.remarks:
+        click.echo(f"note: {remark}", err=True)
+
+
+def _dataset_command(name: str, summary: str) -> click.Command:
+    @click.command(name, help=f"Import {summary}", short_help=summary)
+    @click.argument("root", type=PATH)
+    @drive_options
+    @_gap_option(None)
+    @click.option("--sequence", metavar="NAME", help="The sequence; needed if there are several.")
+    @click.option("--image-labels", type=PATH, metavar="DIR", help="Take the label images from this folder.")
+    @click.option(
+        "--point-labels", type=PATH, metavar="DIR", help="Take the labels of points from this folder."
+    )
+    def command(root: Path, output: Path, quiet: bool, **settings: Any) -> None:
+        from semcal_cli.datasets.recording import Request
+
+        keys = ("sequence", "camera", "version")
+        request = Request(root, **{key: settings.pop(key) for key in keys if key in settings})
+        _write(load_dataset(name).read(request), output, quiet, settings)
+
+    if name in WITH_VERSION:
+        command.params.append(click.Option(["--version"], metavar="NAME", help=WITH_VERSION[name]))
+    return command
+
+
+for _name, _summary in DATASETS.items():
+    import_.add_command(_dataset_command(_name, _summary))
+
+
+@import_.command(short_help="Your own files, found by patterns and paired by time or by name.")
+@click.option("--points", required=True, metavar="GLOB", help="Point clouds, as 'clouds/*.pcd'.")
+@click.option("--point-labels", metavar="GLOB", help="Labels of points; none if the clouds have them.")
+@click.option("--image-labels", metavar="GLOB", help="Label images.")
+@click.option("--images", metavar="GLOB", help="Pictures.")
+@click.option(
+    "--camera-info",
+    type=PATH,
+    required=True,
+    metavar="FILE",
+    help="Intrinsics: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
+)
+@click.option(
+    "--reference", type=PATH, metavar="FILE", help="T_camera_lidar to compare with, in any known format."
+)
+@drive_options
+@_gap_option(0.05)
+def folder(
+    points: str,
+    point_labels: str | None,
+    image_labels: str | None,
+    images: str | None,
+    camera_info: Path,
+    reference: Path | None,
+    camera: str | None,
+    output: Path,
+    quiet: bool,
+    **settings: Any,
+) -> None:
+    """Make a drive of your own files.
+
+    Quote the patterns. Files are paired by the times in their names where all names hold one (1581624663.149,
+    1581624663_149, nanoseconds), else by their names without suffix. Files without a partner are counted.
+    """
+    from semcal_cli.datasets.folder import Folder, read
+
+    source = Folder(
+        points=points,
+        camera_info=camera_info,
+        max_gap_s=settings["max_gap_s"],
+        image_labels=image_labels,
+        point_labels=point_labels,
+        images=images,
+        camera=camera,
+        reference=reference,
+    )
+    _write(read(source), output, quiet, settings)

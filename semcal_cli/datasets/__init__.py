@@ -1,0 +1,44 @@
+"""Data sets: one module each, that finds a recording in the native tree; `writing` makes a drive of it.
+
+Nothing heavy is imported here: the command line lists the data sets from this table alone.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from semcal_cli.datasets.recording import Recording, Request
+
+DATASETS = {
+    "kitti-odometry": "KITTI odometry: ROOT/sequences/00/velodyne; cameras image_0 to image_3, image_2 if not given.",
+    "semantickitti": "SemanticKITTI: KITTI odometry with ROOT/sequences/00/labels.",
+    "kitti-raw": "KITTI raw: ROOT/2011_09_26/2011_09_26_drive_0001_sync; cameras image_00 to image_03, "
+    "image_02 if not given.",
+    "kitti-360": "KITTI-360: ROOT/data_3d_semantics, or data_3d_raw; cameras image_00 to image_03, "
+    "image_00 if not given.",
+    "rellis-3d": "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node.",
+    "nuscenes": "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, as scene-0061, "
+    "cameras channels, CAM_FRONT if not given.",
+    "carla": "CARLA, as `save_to_disk` writes: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
+    "opencalib": "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg.",
+}
+"""Every data set with its one line of help."""
+
+
+class Dataset(Protocol):
+    """What a module of a data set offers."""
+
+    def read(self, request: Request) -> Recording:
+        """Find the frames, the camera and the reference in the native tree.
+
+        Raises:
+            InputError: a file, a key, the sequence or the camera is missing or wrong.
+        """
+
+
+def load_dataset(name: str) -> Dataset:
+    """Import the module of a data set of `DATASETS`."""
+    module: Dataset = import_module(f"semcal_cli.datasets.{name.replace('-', '_')}")
+    return module

@@ -1,0 +1,203 @@
+"""CARLA's sensors as `save_to_disk` writes them: ROOT/ID/000001.ply and ROOT/ID/000001.png, named by frame.
+
+The rig is in ROOT/sensors.json, the list that a leaderboard agent's `sensors()` returns: `id`, `type`, `x y z` in
+metres, `roll pitch yaw` in degrees, and of a camera `width height fov`. All of it, clouds included, is in Unreal's
+left-handed frame (x forward, y right, z up), so that clouds are written anew with y negated.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.datasets.files import files_by_stem, pick
+from semcal_cli.datasets.ontologies import NamedClass, Ontology, read_ontology
+from semcal_cli.datasets.ply import read_vertices, vertex_column
+from semcal_cli.datasets.recording import Cloud, Recording, Request, SourceFrame
+from semcal_cli.documents import describe, read_text
+from semcal_cli.errors import InputError
+from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
+
+SEGMENTATION, PICTURE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
+LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
+MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+NEW_TAGS = (0, 9, 14)
+"""The first release with Cityscapes' train order; before, tags were others."""
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor of sensors.json."""
+
+    name: str
+    type: str
+    T_vehicle_sensor: Pose
+    """Right-handed: x forward, y left, z up on both sides."""
+    settings: dict[str, Any]
+
+
+def read(request: Request) -> Recording:
+    """Find the frames that a segmentation camera and a LiDAR share."""
+    ontology = read_ontology(_table(request.version))
+    rig = _read_rig(request.root / "sensors.json")
+    cameras = [sensor.name for sensor in rig if sensor.type == SEGMENTATION]
+    camera = _named(rig, pick("camera", request.camera, cameras, request.root))
+    lidar = _named(rig, pick("LiDAR", None, _lidars(rig), request.root))
+    frames = _frames(request.root, rig, camera, lidar)
+    if not frames:
+        raise InputError(f"{request.root}: found no frame that {camera.name} and {lidar.name} share")
+    raw = _is_raw(frames[0].image_labels)
+    return Recording(
+        camera=_pinhole(request.root / "sensors.json", camera),
+        frames=frames,
+        T_camera_lidar=_camera_from_vehicle(camera) @ lidar.T_vehicle_sensor,
+        point_classes=ontology if lidar.type == SEMANTIC_LIDAR else None,
+        image_classes=in_red(ontology) if raw else ontology,
+        remarks=("CARLA's clouds are mirrored: copies with y negated are written",),
+    )
+
+
+def in_red(ontology: Ontology) -> Ontology:
+    """Colour classes as a raw picture does: the tag in the red channel, nothing in the others."""
+    classes = {
+        name: NamedClass(ids=named.ids, color=(named.ids[0], 0, 0))
+        for name, named in ontology.classes.items()
+    }
+    return Ontology(ignore=ontology.ignore, classes=classes)
+
+
+def pose_from_unreal(x: float, y: float, z: float, roll: float, pitch: float, yaw: float) -> Pose:
+    """Turn a CARLA transform into a right-handed one.
+
+    LibCarla/source/carla/geom/Transform.h (`GetMatrix`): yaw, pitch, roll in degrees, left-handed. Mirroring y on both
+    sides keeps roll and negates pitch and yaw.
+    """
+    (sr, sp, sy), (cr, cp, cy) = (f(np.radians([roll, pitch, yaw])) for f in (np.sin, np.cos))
+    T = np.eye(4)
+    T[:3, :3] = [
+        [cp * cy, cy * sp * sr - sy * cr, -cy * sp * cr - sy * sr],
+        [cp * sy, sy * sp * sr + cy * cr, -sy * sp * cr + cy * sr],
+        [sp, -cp * sr, cp * cr],
+    ]
+    T[:3, 3] = x, y, z
+    return np.asarray(MIRROR @ T @ MIRROR)
+
+
+def _table(version: str | None) -> str:
+    try:
+        release = tuple(int(part) for part in str(version).split("."))
+    except ValueError:
+        found = "none given" if version is None else f"found {version!r}"
+        raise InputError(
+            f"--version: {found}, needed CARLA's release as 0.9.15: its tags changed at 0.9.14"
+        ) from None
+    return "carla" if release >= NEW_TAGS else "carla-0.9.13"
+
+
+def _read_rig(path: Path) -> list[Sensor]:
+    try:
+        document = json.loads(read_text(path))
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: {error}") from None
+    if not isinstance(document, list) or not all(isinstance(sensor, dict) for sensor in document):
+        raise InputError(f"{path}: found {describe(document)}, needed a list of sensors")
+    return [
+        _sensor(path, settings) for settings in document if str(settings.get("type")).startswith("sensor.")
+    ]
+
+
+def _sensor(path: Path, settings: dict[str, Any]) -> Sensor:
+    name = str(settings.get("id"))
+    placed = [_number(path, settings, key) for key in ("x", "y", "z", "roll", "pitch", "yaw")]
+    return Sensor(name, str(settings["type"]), pose_from_unreal(*placed), settings)
+
+
+def _number(path: Path, settings: dict[str, Any], key: str) -> float:
+    value = settings.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+        raise InputError(
+            f"{path}: sensor {settings.get('id')!r}: {key}: found {describe(value)}, needed a number"
+        )
+    return float(value)
+
+
+def _lidars(rig: list[Sensor]) -> list[str]:
+    """Semantic ones if there are any."""
+    kinds = [[sensor.name for sensor in rig if sensor.type == kind] for kind in (SEMANTIC_LIDAR, LIDAR)]
+    return kinds[0] or kinds[1]
+
+
+def _named(rig: list[Sensor], name: str) -> Sensor:
+    return next(sensor for sensor in rig if sensor.name == name)
+
+
+def _camera_from_vehicle(camera: Sensor) -> Pose:
+    """T_camera_vehicle of the optical frame."""
+    T_body_optical = np.eye(4)
+    T_body_optical[:3, :3] = OPTICAL_AXES
+    return inverse(camera.T_vehicle_sensor @ T_body_optical)
+
+
+def _pinhole(path: Path, camera: Sensor) -> dict[str, Any]:
+    """The renderer's pinhole: the optical axis meets the picture's middle, which lies between pixel centres."""
+    width, height, fov_deg = (_number(path, camera.settings, key) for key in ("width", "height", "fov"))
+    focal = 0.5 * width / float(np.tan(np.radians(0.5 * fov_deg)))
+    K = [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]]
+    return {"model": "plumb_bob", "width": int(width), "height": int(height), "K": K}
+
+
+def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> list[SourceFrame]:
+    clouds = _by_number(root / lidar.name, ".ply")
+    image_labels = _by_number(root / camera.name, ".png")
+    images = next(
+        (_by_number(root / other.name, ".png", ".jpg") for other in rig if _looks_alike(other, camera)), {}
+    )
+    return [
+        SourceFrame(
+            name=cloud.stem,
+            points=partial(_convert, cloud),
+            image_labels=image_labels[number],
+            image=images.get(number),
+        )
+        for number, cloud in clouds.items()
+        if number in image_labels
+    ]
+
+
+def _looks_alike(other: Sensor, camera: Sensor) -> bool:
+    """Whether a picture camera has the place and the lens of the segmentation camera."""
+    keys = ("width", "height", "fov")
+    same_lens = all(other.settings.get(key) == camera.settings.get(key) for key in keys)
+    return (
+        other.type == PICTURE and same_lens and np.allclose(other.T_vehicle_sensor, camera.T_vehicle_sensor)
+    )
+
+
+def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
+    files = files_by_stem(folder, *suffixes)
+    return dict(sorted((int(stem), path) for stem, path in files.items() if stem.isdigit()))
+
+
+def _convert(path: Path) -> Cloud:
+    """Mirror a cloud into a right-handed frame; `ObjTag` becomes the label."""
+    vertices = read_vertices(path)
+    points = np.zeros((len(vertices), 4), dtype=np.float32)
+    for column, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", 1.0))):
+        points[:, column] = sign * vertex_column(path, vertices, axis, np.float32)
+    names = vertices.dtype.names or ()
+    intensity = next((name for name in ("I", "intensity") if name in names), None)
+    if intensity:
+        points[:, 3] = vertices[intensity]
+    return Cloud(points, vertices["ObjTag"].astype(np.uint32) if "ObjTag" in names else None)
+
+
+def _is_raw(path: Path | None) -> bool:
+    """Whether a label image holds tags in the red channel, and not the colours of CityScapesPalette."""
+    from semcal_cli.pictures import read_picture
+
+    return path is not None and not read_picture(path)[..., :2].any()

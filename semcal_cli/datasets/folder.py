@@ -1,0 +1,101 @@
+"""Own data: clouds, labels and pictures found by patterns, and paired by the times in their names or by the names."""
+
+from __future__ import annotations
+
+import glob
+from dataclasses import dataclass
+from pathlib import Path
+
+from semcal_cli.datasets.intrinsics import read_intrinsics
+from semcal_cli.datasets.pairing import by_time, pairs, stamp_s, stem
+from semcal_cli.datasets.recording import Recording, SourceFrame
+from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform
+from semcal_cli.poses import Pose
+
+
+@dataclass(frozen=True)
+class Folder:
+    """Where one's own data lies. Patterns are relative to the working folder; `**` is any folders."""
+
+    points: str
+    camera_info: Path
+    max_gap_s: float
+    image_labels: str | None = None
+    point_labels: str | None = None
+    images: str | None = None
+    camera: str | None = None
+    """Which camera of a Kalibr camchain; None: the only one."""
+    reference: Path | None = None
+    """A transform to compare with."""
+
+
+def read(folder: Folder) -> Recording:
+    """Pair the files and read the intrinsics.
+
+    Raises:
+        InputError: a pattern finds nothing, nothing can be paired, or a file is wrong.
+    """
+    camera = read_intrinsics(folder.camera_info, folder.camera)
+    clouds = _find("--points", folder.points)
+    point_labels, remarks = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
+    image_labels, more = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)
+    images, most = _partners(clouds, "--images", folder.images, folder.max_gap_s)
+    needed = [found for found in (point_labels, image_labels, images if not image_labels else None) if found]
+    frames = [
+        _frame(cloud, point_labels.get(cloud), image_labels.get(cloud), images.get(cloud))
+        for cloud in clouds
+        if all(cloud in found for found in needed)
+    ]
+    return Recording(
+        camera=camera,
+        frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
+        T_camera_lidar=_reference(folder.reference),
+        remarks=(*remarks, *more, *most),
+    )
+
+
+def _find(option: str, pattern: str) -> list[Path]:
+    names = glob.glob(pattern, recursive=True)  # noqa: PTH207 - Path.glob takes no absolute pattern
+    found = [Path(name) for name in sorted(names) if Path(name).is_file()]
+    if not found:
+        raise InputError(f"{option}: {pattern}: found no such files, needed at least one; quote the pattern")
+    return found
+
+
+def _partners(
+    clouds: list[Path], option: str, pattern: str | None, max_gap_s: float
+) -> tuple[dict[Path, Path], list[str]]:
+    """Pair one kind of files with the clouds, and say how many are left alone."""
+    if pattern is None:
+        return {}, []
+    files = _find(option, pattern)
+    found = pairs(clouds, files, max_gap_s)
+    how = f"by time, within {max_gap_s} s" if by_time(clouds, files) else "by name"
+    if not found:
+        raise InputError(
+            f"{option}: found no partner, {how}, for any of {len(clouds):,} clouds "
+            f"(as {clouds[0].name}) among {len(files):,} files (as {files[0].name})"
+        )
+    alone = len(clouds) - len(found), len(files) - len(found)
+    counts = f"{option}: {len(found):,} pairs {how}; unpaired: {alone[0]:,} clouds, {alone[1]:,} files"
+    return found, [counts] if any(alone) else []
+
+
+def _frame(
+    cloud: Path, point_labels: Path | None, image_labels: Path | None, image: Path | None
+) -> SourceFrame:
+    picture = image_labels or image
+    return SourceFrame(
+        name=stem(cloud),
+        points=cloud,
+        point_labels=point_labels,
+        image_labels=image_labels,
+        image=image,
+        points_stamp=stamp_s(stem(cloud)),
+        image_stamp=stamp_s(stem(picture)) if picture else None,
+    )
+
+
+def _reference(path: Path | None) -> Pose | None:
+    return None if path is None else read_transform(path)

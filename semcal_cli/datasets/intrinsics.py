@@ -1,0 +1,191 @@
+"""Intrinsics from what calibration tools write: a ROS camera_info, a Kalibr camchain, an OpenCV FileStorage.
+
+Each becomes the `camera:` block of a drive, whose counts and values are checked there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from semcal_cli.datasets.files import pick
+from semcal_cli.datasets.storage import Storage, is_storage
+from semcal_cli.documents import describe, read_document, read_text
+from semcal_cli.errors import InputError
+
+ROS_MODELS = {
+    "plumb_bob": "plumb_bob",
+    "radtan": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+    "kannala_brandt": "fisheye",
+}
+"""sensor_msgs/distortion_models.h, image_geometry, and names that drivers use for the same."""
+KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"}
+OPENCV_MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
+"""By the count of coefficients."""
+KNOWN_AS = (
+    "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
+)
+
+
+def read_intrinsics(path: Path, camera: str | None) -> dict[str, Any]:
+    """Read the camera block from a file of any known kind.
+
+    Args:
+        path: The file.
+        camera: Which of a camchain's cameras; None: the only one.
+
+    Raises:
+        InputError: the file is of no known kind, or a key is missing or wrong.
+    """
+    if is_storage(read_text(path)):
+        return _opencv(path)
+    document = read_document(path)
+    chain = [
+        str(key) for key, value in document.items() if isinstance(value, dict) and "camera_model" in value
+    ]
+    if chain:
+        return _kalibr(path, document[pick("camera", camera, chain, path)])
+    if "distortion_model" in document:
+        return _ros(path, document)
+    keys = ", ".join(describe(key) for key in list(document)[:5]) or "none"
+    raise InputError(f"{path}: found top-level keys {keys}, needed {KNOWN_AS}")
+
+
+def read_mei(path: Path) -> dict[str, Any]:
+    """Read the omnidirectional camera of Mei and Rives as camodocal and KITTI-360 write it."""
+    return _mei(Storage(path))
+
+
+def _mei(storage: Storage) -> dict[str, Any]:
+    fx, fy, cx, cy = (
+        storage.number("projection_parameters", key) for key in ("gamma1", "gamma2", "u0", "v0")
+    )
+    return {
+        "model": "omnidirectional",
+        "width": storage.whole_number("image_width"),
+        "height": storage.whole_number("image_height"),
+        "K": _intrinsic_matrix(fx, fy, cx, cy),
+        "distortion": [storage.number("distortion_parameters", key) for key in ("k1", "k2", "p1", "p2")],
+        "parameters": {"xi": storage.number("mirror_parameters", "xi")},
+    }
+
+
+def _ros(path: Path, document: dict[Any, Any]) -> dict[str, Any]:
+    """sensor_msgs/CameraInfo: as camera_calibration_parsers write it, or as `ros2 topic echo` prints it."""
+    model = ROS_MODELS.get(str(document["distortion_model"]))
+    if model is None:
+        raise _unknown(path, "distortion_model", document["distortion_model"], ROS_MODELS)
+    K = _data(path, document, "camera_matrix", "K", "k")
+    if not isinstance(K, list) or len(K) != 9:
+        raise InputError(f"{path}: camera_matrix: found {describe(K)}, needed 9 numbers by rows")
+    return {
+        "model": model,
+        "width": _first(path, document, "image_width", "width"),
+        "height": _first(path, document, "image_height", "height"),
+        "K": [K[0:3], K[3:6], K[6:9]],
+        "distortion": _data(path, document, "distortion_coefficients", "D", "d"),
+    }
+
+
+def _kalibr(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
+    """A camera of a Kalibr camchain (github.com/ethz-asl/kalibr/wiki/yaml-formats)."""
+    read = _KALIBR_MODELS.get(str(camera["camera_model"]))
+    if read is None:
+        raise _unknown(path, "camera_model", camera["camera_model"], _KALIBR_MODELS)
+    resolution = _numbers(path, camera, "resolution", 2)
+    block = {"width": int(resolution[0]), "height": int(resolution[1])}
+    return block | read(path, camera)
+
+
+def _kalibr_pinhole(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
+    lens = str(_first(path, camera, "distortion_model"))
+    if lens not in KALIBR_LENSES:
+        raise _unknown(path, "distortion_model", lens, KALIBR_LENSES)
+    K = _intrinsic_matrix(*_numbers(path, camera, "intrinsics", 4))
+    distortion = (
+        camera.get("distortion_coeffs", []) if lens == "none" else _first(path, camera, "distortion_coeffs")
+    )
+    return {"model": KALIBR_LENSES[lens], "K": K, "distortion": distortion}
+
+
+def _kalibr_omni(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
+    lens = str(_first(path, camera, "distortion_model"))
+    if lens not in ("radtan", "none"):
+        raise _unknown(path, "distortion_model", lens, {"radtan": "", "none": ""})
+    xi, *pinhole = _numbers(path, camera, "intrinsics", 5)
+    distortion = [] if lens == "none" else _first(path, camera, "distortion_coeffs")
+    K = _intrinsic_matrix(*pinhole)
+    return {"model": "omnidirectional", "K": K, "distortion": distortion, "parameters": {"xi": xi}}
+
+
+def _kalibr_double_sphere(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
+    xi, alpha, *pinhole = _numbers(path, camera, "intrinsics", 6)
+    return {
+        "model": "double_sphere",
+        "K": _intrinsic_matrix(*pinhole),
+        "parameters": {"xi": xi, "alpha": alpha},
+    }
+
+
+_KALIBR_MODELS: dict[str, Callable[[Path, dict[Any, Any]], dict[str, Any]]] = {
+    "pinhole": _kalibr_pinhole,
+    "omni": _kalibr_omni,
+    "ds": _kalibr_double_sphere,
+}
+
+
+def _opencv(path: Path) -> dict[str, Any]:
+    """What OpenCV's calibration samples write, and their usual variants; or camodocal's MEI camera."""
+    storage = Storage(path)
+    if "mirror_parameters" in storage.document:
+        return _mei(storage)
+    K = storage.first(("camera_matrix", "cameraMatrix", "CameraMatrix", "K"))
+    if len(K) != 9:
+        raise InputError(f"{path}: camera_matrix: found {len(K)} numbers, needed 9 by rows")
+    distortion = storage.first(("distortion_coefficients", "distCoeffs", "dist_coeffs", "D"))
+    fisheye = "fisheye_model" in storage.document and storage.number("fisheye_model") != 0.0
+    return {
+        "model": "fisheye" if fisheye else OPENCV_MODELS.get(len(distortion), "plumb_bob"),
+        "width": storage.whole_number("image_width", "width"),
+        "height": storage.whole_number("image_height", "height"),
+        "K": [K[0:3], K[3:6], K[6:9]],
+        "distortion": distortion,
+    }
+
+
+def _data(path: Path, document: dict[Any, Any], *names: str) -> Any:
+    """A matrix's numbers: under `data`, or directly."""
+    value = _first(path, document, *names)
+    if isinstance(value, dict):
+        value = _first(path, value, "data")
+    return value
+
+
+def _numbers(path: Path, document: dict[Any, Any], name: str, count: int) -> list[float]:
+    values = _first(path, document, name)
+    if (
+        not isinstance(values, list)
+        or len(values) != count
+        or any(isinstance(value, bool) or not isinstance(value, int | float) for value in values)
+    ):
+        raise InputError(f"{path}: {name}: found {describe(values)}, needed {count} numbers")
+    return [float(value) for value in values]
+
+
+def _first(path: Path, document: dict[Any, Any], *names: str) -> Any:
+    for name in names:
+        if name in document:
+            return document[name]
+    raise InputError(f"{path}: {names[0]}: found nothing, needed a value")
+
+
+def _intrinsic_matrix(fx: float, fy: float, cx: float, cy: float) -> list[list[float]]:
+    return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+
+
+def _unknown(path: Path, key: str, found: object, known: Mapping[str, object]) -> InputError:
+    return InputError(f"{path}: {key}: found {describe(found)}, needed one of: {', '.join(known)}")

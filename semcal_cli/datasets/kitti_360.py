@@ -1,0 +1,173 @@
+"""KITTI-360: the accumulated points of ROOT/data_3d_semantics cut around each pose, or the raw sweeps.
+
+calib_cam_to_velo.txt is camera 0 to LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt vehicle to
+world. Camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0), turned by R_rect for the perspective pair
+(autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py, devkits/commons/loadCalibration.py).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.datasets import kitti
+from semcal_cli.datasets.files import files_by_stem, folders, need, numbers, parse_numbers, pick, read_keyed
+from semcal_cli.datasets.intrinsics import read_mei
+from semcal_cli.datasets.kitti_360_windows import Windows
+from semcal_cli.datasets.kitti_raw import read_stamps
+from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame
+from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, pose_from_rows, speeds_mps
+from semcal_cli.documents import read_text
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose, inverse
+
+USUAL_CAMERA = "image_00"
+PICTURES = {"image_00": "data_rect", "image_01": "data_rect", "image_02": "data_rgb", "image_03": "data_rgb"}
+"""The folder of the pictures of each camera: 0 and 1 are rectified, 2 and 3 fisheyes that look to the sides."""
+PARTS = ("train", "test")
+
+
+def read(request: Request) -> Recording:
+    """Find the frames of a drive, with labelled points out of the windows if these are there."""
+    root = request.root
+    sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
+    sequence = pick("sequence", request.sequence, sequences, root)
+    camera = pick("camera", request.camera or USUAL_CAMERA, list(PICTURES), root)
+    block, T_camera_camera0 = _camera(root / "calibration", camera)
+    T_velo_camera0 = _camera_to_velodyne(root / "calibration/calib_cam_to_velo.txt")
+    folder = _windows_folder(root, sequence)
+    if folder is None:
+        frames, remarks = _raw_frames(root, sequence, camera), ("raw sweeps carry no labels",)
+    else:
+        T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ inverse(T_velo_camera0)
+        frames, remarks = (
+            _window_frames(root, sequence, camera, folder, T_pose_lidar),
+            (f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}",),
+        )
+    if not frames:
+        raise InputError(
+            f"{root}: found no frame of {sequence} with points, a pose and a picture of {camera}"
+        )
+    ontology = read_ontology("kitti-360")
+    return Recording(
+        camera=block,
+        lidar=kitti.LIDAR if folder is None else None,
+        frames=frames,
+        T_camera_lidar=T_camera_camera0 @ inverse(T_velo_camera0),
+        point_classes=ontology if folder else None,
+        image_classes=ontology if any(frame.image_labels for frame in frames) else None,
+        remarks=remarks,
+    )
+
+
+def _sequences(folder: Path) -> list[str]:
+    """Drives under a folder, or under its parts."""
+    names = folders(folder) if folder.is_dir() else []
+    inner = [name for part in PARTS if part in names for name in folders(folder / part)]
+    return [name for name in names + inner if name.endswith("_sync")]
+
+
+def _windows_folder(root: Path, sequence: str) -> Path | None:
+    for part in PARTS:
+        folder = root / "data_3d_semantics" / part / sequence / "static"
+        if folder.is_dir():
+            return folder
+    return None
+
+
+def _camera(folder: Path, camera: str) -> tuple[dict[str, Any], Pose]:
+    """The camera block, and T_camera_camera0 of what it sees: rectified, or the fisheye itself."""
+    T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
+    if PICTURES[camera] == "data_rgb":
+        return read_mei(need(folder / f"{camera}.yaml")), T
+    path, number = folder / "perspective.txt", camera.removeprefix("image_")
+    keyed = read_keyed(path)
+    K = numbers(path, keyed, f"P_rect_{number}", 12).reshape(3, 4)[:, :3]
+    width, height = numbers(path, keyed, f"S_rect_{number}", 2)
+    # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
+    R_rect = kitti.rotation(numbers(path, keyed, f"R_rect_{number}", 9))
+    return kitti.pinhole(K.tolist(), int(width), int(height)), R_rect @ T
+
+
+def _camera_to_pose(folder: Path, camera: str) -> Pose:
+    path = folder / "calib_cam_to_pose.txt"
+    return pose_from_rows(numbers(path, read_keyed(path), camera, 12))
+
+
+def _camera_to_velodyne(path: Path) -> Pose:
+    """T_velo_camera0: twelve numbers without a key."""
+    return pose_from_rows(parse_numbers(path, "camera 0 to LiDAR", read_text(path), 12))
+
+
+def _raw_frames(root: Path, sequence: str, camera: str) -> list[SourceFrame]:
+    points = root / "data_3d_raw" / sequence / "velodyne_points"
+    clouds = files_by_stem(points / "data", ".bin")
+    stamps = read_stamps(points / "timestamps.txt")
+    images, labels, image_stamps = _pictures(root, sequence, camera)
+    return [
+        SourceFrame(
+            name=number,
+            points=cloud,
+            image=images.get(number),
+            image_labels=labels.get(number),
+            points_stamp=stamps.get(int(number)),
+            image_stamp=image_stamps.get(int(number)),
+        )
+        for number, cloud in clouds.items()
+        if number in images or number in labels
+    ]
+
+
+def _window_frames(
+    root: Path, sequence: str, camera: str, folder: Path, T_pose_lidar: Pose
+) -> list[SourceFrame]:
+    poses = _read_poses(need(root / "data_poses" / sequence / "poses.txt"))
+    speeds = _speeds(poses)
+    images, labels, image_stamps = _pictures(root, sequence, camera)
+    windows = Windows(folder, visible_only=PICTURES[camera] == "data_rect")
+    frames = []
+    for number, T_world_pose in poses.items():
+        name = f"{number:010d}"
+        if (name in images or name in labels) and number in windows:
+            frames.append(
+                SourceFrame(
+                    name=name,
+                    points=windows.around(number, T_world_pose @ T_pose_lidar),
+                    image=images.get(name),
+                    image_labels=labels.get(name),
+                    image_stamp=image_stamps.get(number),
+                    speed_mps=speeds[number],
+                )
+            )
+    return frames
+
+
+def _pictures(
+    root: Path, sequence: str, camera: str
+) -> tuple[dict[str, Path], dict[str, Path], dict[int, float]]:
+    """Pictures, their labels and their stamps."""
+    folder = root / "data_2d_raw" / sequence / camera
+    images = folder / PICTURES[camera]
+    semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in PARTS]
+    labels = next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {})
+    return (
+        files_by_stem(images, ".png") if images.is_dir() else {},
+        labels,
+        read_stamps(folder / "timestamps.txt"),
+    )
+
+
+def _read_poses(path: Path) -> dict[int, Pose]:
+    """T_world_pose of the frames that have one: their number and 12 numbers a line."""
+    lines = [line for line in read_text(path).splitlines() if line.strip()]
+    rows = [parse_numbers(path, f"line {i}", line, 13) for i, line in enumerate(lines, start=1)]
+    return {int(row[0]): pose_from_rows(row[1:]) for row in rows}
+
+
+def _speeds(poses: dict[int, Pose]) -> dict[int, float]:
+    positions = np.array([pose[:3, 3] for pose in poses.values()]).reshape(-1, 3)
+    periods = np.diff(list(poses)) * KITTI_PERIOD_S
+    return dict(zip(poses, speeds_mps(positions, periods), strict=True))

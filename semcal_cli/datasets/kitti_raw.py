@@ -1,0 +1,113 @@
+"""KITTI raw, synchronised and rectified: ROOT/2011_09_26/2011_09_26_drive_0001_sync and the day's calibration files.
+
+calib_velo_to_cam.txt is LiDAR to the camera 0 that is not rectified, so that R_rect_00 follows it.
+"""
+
+from __future__ import annotations
+
+from datetime import datetime, timezone
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli.datasets import kitti
+from semcal_cli.datasets.files import files_by_stem, folders, numbers, pick, read_keyed
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame
+from semcal_cli.documents import read_text
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose
+
+USUAL_CAMERA = "image_02"
+FORWARD_SPEED = 8
+"""Column of an oxts packet: metres a second along the vehicle (dataformat.txt)."""
+
+
+def read(request: Request) -> Recording:
+    """Find the frames of a drive that have a sweep and a picture; they have no labels."""
+    drives = sorted(path.name for path in request.root.glob("*/*_sync") if path.is_dir())
+    drive = pick("sequence", request.sequence, drives, request.root)
+    day = request.root / drive[: len("2011_09_26")]
+    cameras = [name for name in folders(day / drive) if name.startswith("image_")]
+    camera = pick("camera", request.camera or USUAL_CAMERA, cameras, day / drive)
+    frames = _frames(day / drive, camera)
+    if not frames:
+        raise InputError(f"{day / drive}: found no frame with a sweep and a picture in {camera}")
+    return _calibrated(day, camera.removeprefix("image_"), frames)
+
+
+def _calibrated(day: Path, camera: str, frames: list[SourceFrame]) -> Recording:
+    path = day / "calib_cam_to_cam.txt"
+    keyed = read_keyed(path)
+    P = numbers(path, keyed, f"P_rect_{camera}", 12).reshape(3, 4)
+    width, height = numbers(path, keyed, f"S_rect_{camera}", 2)
+    R_rect = kitti.rotation(numbers(path, keyed, "R_rect_00", 9))
+    T_camera_lidar = kitti.beside_camera0(path, P) @ R_rect @ _velodyne_to_camera0(day)
+    return Recording(
+        camera=kitti.pinhole(P[:, :3].tolist(), int(width), int(height)),
+        lidar=kitti.LIDAR,
+        frames=frames,
+        T_camera_lidar=T_camera_lidar,
+    )
+
+
+def _velodyne_to_camera0(day: Path) -> Pose:
+    path = day / "calib_velo_to_cam.txt"
+    keyed = read_keyed(path)
+    T = kitti.rotation(numbers(path, keyed, "R", 9))
+    T[:3, 3] = numbers(path, keyed, "T", 3)
+    return T
+
+
+def _frames(folder: Path, camera: str) -> list[SourceFrame]:
+    clouds = files_by_stem(folder / "velodyne_points/data", ".bin")
+    images = files_by_stem(folder / camera / "data", ".png", ".jpg")
+    points_stamps, image_stamps = (
+        read_stamps(folder / part / "timestamps.txt") for part in ("velodyne_points", camera)
+    )
+    return [
+        SourceFrame(
+            name=number,
+            points=cloud,
+            image=images[number],
+            points_stamp=points_stamps.get(int(number)),
+            image_stamp=image_stamps.get(int(number)),
+            speed_mps=_speed(folder / "oxts/data" / f"{number}.txt"),
+        )
+        for number, cloud in clouds.items()
+        if number in images and number.isdigit()
+    ]
+
+
+def read_stamps(path: Path) -> dict[int, float]:
+    """Unix seconds of `2011-09-26 13:02:25.951199337`, a line each frame; an empty line is a frame that is missing."""
+    if not path.exists():
+        return {}
+    lines = read_text(path).splitlines()
+    return {index: parse_stamp(path, index + 1, line) for index, line in enumerate(lines) if line.strip()}
+
+
+def parse_stamp(path: Path, number: int, line: str) -> float:
+    """Unix seconds of a line, taken as UTC.
+
+    Raises:
+        InputError: it is no time.
+    """
+    whole, _, fraction = line.strip().partition(".")
+    try:
+        moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=timezone.utc)
+        return moment.timestamp() + float(f"0.{fraction or 0}")
+    except ValueError:
+        raise InputError(
+            f"{path}: line {number}: found {line[:40]!r}, needed a time as 2011-09-26 13:02:25.95"
+        ) from None
+
+
+def _speed(path: Path) -> float | None:
+    """Speed of a frame from its inertial packet, if there is one."""
+    if not path.exists():
+        return None
+    values = np.array(read_text(path).split(), dtype=object)
+    try:
+        return abs(float(values[FORWARD_SPEED]))
+    except (IndexError, ValueError):
+        raise InputError(f"{path}: found {len(values)} values, needed at least 9 numbers") from None

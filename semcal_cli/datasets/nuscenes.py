@@ -1,0 +1,124 @@
+"""nuScenes: the keyframes of a scene, from the tables in ROOT/v1.0-mini.
+
+Quaternions are w first. Sensor poses are sensor to vehicle, vehicle poses vehicle to world, at the time of each sensor:
+T_camera_lidar = inv(T_ego_camera) inv(T_world_ego at the picture) (T_world_ego at the sweep) T_ego_lidar.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.datasets.files import folders, need, pick
+from semcal_cli.datasets.nuscenes_tables import (
+    CalibratedSensor,
+    EgoPose,
+    Lidarseg,
+    Sample,
+    SampleData,
+    Scene,
+    Sensor,
+    Tables,
+)
+from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame
+from semcal_cli.datasets.trajectory import speeds_mps
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose, inverse
+
+LIDAR_CHANNEL = "LIDAR_TOP"
+USUAL_CAMERA = "CAM_FRONT"
+LIDAR = {"channels": 32, "columns": 1084, "fov_up_deg": 10.67, "fov_down_deg": -30.67}
+"""Velodyne HDL-32E, 20 turns a second."""
+MICROSECONDS = 1e-6
+
+
+def read(request: Request) -> Recording:
+    """Find the keyframes of a scene, each with its own transform by way of the vehicle's poses."""
+    versions = [name for name in folders(request.root) if name.startswith("v1.0")]
+    tables = Tables(request.root / pick("version", request.version, versions, request.root))
+    sensors = tables.rows("calibrated_sensor", CalibratedSensor)
+    keyframes = _keyframes(tables, sensors, request)
+    T_world_sensor = _sensor_poses(tables, [row for pair in keyframes for row in pair])
+    point_labels = _lidarseg(tables, request.root)
+    frames = [
+        SourceFrame(
+            name=sweep.token,
+            points=need(request.root / sweep.filename),
+            point_labels=need(point_labels[sweep.token]) if sweep.token in point_labels else None,
+            image=need(request.root / picture.filename),
+            points_stamp=sweep.timestamp * MICROSECONDS,
+            image_stamp=picture.timestamp * MICROSECONDS,
+            speed_mps=speed,
+            T_camera_lidar=inverse(T_world_sensor[picture.token]) @ T_world_sensor[sweep.token],
+        )
+        for (sweep, picture), speed in zip(keyframes, _speeds(keyframes, T_world_sensor), strict=True)
+    ]
+    return Recording(
+        camera=_camera(keyframes[0][1], sensors),
+        lidar=LIDAR,
+        frames=frames,
+        point_classes=read_ontology("nuscenes-lidarseg") if point_labels else None,
+    )
+
+
+def _keyframes(
+    tables: Tables, sensors: list[CalibratedSensor], request: Request
+) -> list[tuple[SampleData, SampleData]]:
+    """Sweep and picture of each sample of the scene that has both, in order of time."""
+    samples = _samples(tables, request)
+    names = {row.token: row.channel for row in tables.rows("sensor", Sensor)}
+    channels = {row.token: names.get(row.sensor_token, "") for row in sensors}
+    cameras = sorted({channel for channel in channels.values() if channel.startswith("CAM_")})
+    camera = pick("camera", request.camera or USUAL_CAMERA, cameras, request.root)
+    found: dict[str, dict[str, SampleData]] = {LIDAR_CHANNEL: {}, camera: {}}
+    for row in tables.rows("sample_data", SampleData):
+        channel = channels.get(row.calibrated_sensor_token, "")
+        if row.is_key_frame and row.sample_token in samples and channel in found:
+            found[channel][row.sample_token] = row
+    sweeps, pictures = found[LIDAR_CHANNEL], found[camera]
+    both = [(sweeps[sample], pictures[sample]) for sample in sweeps if sample in pictures]
+    if not both:
+        raise InputError(
+            f"{tables.path('sample_data')}: found no keyframe of both {LIDAR_CHANNEL} and {camera}"
+        )
+    return sorted(both, key=lambda pair: pair[0].timestamp)
+
+
+def _samples(tables: Tables, request: Request) -> set[str]:
+    scenes = {row.name: row.token for row in tables.rows("scene", Scene)}
+    scene = scenes[pick("sequence", request.sequence, sorted(scenes), request.root)]
+    return {row.token for row in tables.rows("sample", Sample) if row.scene_token == scene}
+
+
+def _sensor_poses(tables: Tables, rows: list[SampleData]) -> dict[str, Pose]:
+    """T_world_sensor at the time of each file."""
+    T_ego_sensor = tables.poses(
+        "calibrated_sensor", CalibratedSensor, {row.calibrated_sensor_token for row in rows}
+    )
+    T_world_ego = tables.poses("ego_pose", EgoPose, {row.ego_pose_token for row in rows})
+    return {
+        row.token: T_world_ego[row.ego_pose_token] @ T_ego_sensor[row.calibrated_sensor_token] for row in rows
+    }
+
+
+def _speeds(keyframes: list[tuple[SampleData, SampleData]], T_world_sensor: dict[str, Pose]) -> list[float]:
+    positions = np.array([T_world_sensor[sweep.token][:3, 3] for sweep, _ in keyframes])
+    stamps_s = np.array([sweep.timestamp * MICROSECONDS for sweep, _ in keyframes])
+    return [float(speed) for speed in speeds_mps(positions, np.diff(stamps_s))]
+
+
+def _camera(picture: SampleData, sensors: list[CalibratedSensor]) -> dict[str, Any]:
+    """The camera block; pictures of nuScenes come without distortion."""
+    sensor = next(row for row in sensors if row.token == picture.calibrated_sensor_token)
+    K = [list(values) for values in sensor.camera_intrinsic]
+    return {"model": "plumb_bob", "width": picture.width, "height": picture.height, "K": K}
+
+
+def _lidarseg(tables: Tables, root: Path) -> dict[str, Path]:
+    """Label files by the token of the sweep; none if nuScenes-lidarseg is not there."""
+    if not tables.path("lidarseg").exists():
+        return {}
+    return {row.sample_data_token: root / row.filename for row in tables.rows("lidarseg", Lidarseg)}

@@ -1,0 +1,130 @@
+"""The tables of nuScenes (docs/schema_nuscenes.md of nutonomy/nuscenes-devkit): JSON lists of rows with tokens."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+from pydantic import BaseModel, ConfigDict, RootModel
+
+from semcal_cli.documents import describe, read_text
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose, pose_from_quaternion
+from semcal_cli.validation import FileName, Vector3, Vector4, length, validate
+
+
+class Row(BaseModel):
+    """A row; keys that are not needed may hold anything."""
+
+    model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
+
+    token: str
+
+
+class Placed(Row):
+    """A row with a pose: sensor to vehicle, or vehicle to world."""
+
+    translation: Vector3
+    rotation: Vector4
+    """w x y z."""
+
+
+class CalibratedSensor(Placed):
+    """A sensor on a vehicle."""
+
+    sensor_token: str
+    camera_intrinsic: Annotated[tuple[Vector3, ...], length(0, 3)] = ()
+
+
+class EgoPose(Placed):
+    """The vehicle at a time."""
+
+
+class Sensor(Row):
+    """A channel."""
+
+    channel: str
+
+
+class Scene(Row):
+    """A sequence."""
+
+    name: str
+
+
+class Sample(Row):
+    """A moment of a scene that has keyframes."""
+
+    scene_token: str
+
+
+class SampleData(Row):
+    """A file of a sensor."""
+
+    sample_token: str
+    calibrated_sensor_token: str
+    ego_pose_token: str
+    filename: FileName
+    timestamp: int
+    """Microseconds."""
+    is_key_frame: bool
+    width: int = 0
+    height: int = 0
+
+
+class Lidarseg(Row):
+    """A file of labels."""
+
+    sample_data_token: str
+    filename: FileName
+
+
+Model = TypeVar("Model", bound=Row)
+PlacedModel = TypeVar("PlacedModel", bound=Placed)
+
+
+class Tables:
+    """The tables of one version, in its folder."""
+
+    def __init__(self, folder: Path):
+        self.folder = folder
+
+    def path(self, table: str) -> Path:
+        """The file of a table."""
+        return self.folder / f"{table}.json"
+
+    def rows(self, table: str, model: type[Model]) -> list[Model]:
+        """All rows of a table.
+
+        Raises:
+            InputError: there is no such table, or a row of it is wrong.
+        """
+        path = self.path(table)
+        try:
+            rows: Any = json.loads(read_text(path))
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: {error}") from None
+        if not isinstance(rows, list):
+            raise InputError(f"{path}: found {describe(rows)}, needed a list of mappings")
+        return validate(RootModel[list[model]], rows, path).root  # type: ignore[valid-type]
+
+    def poses(self, table: str, model: type[PlacedModel], tokens: Collection[str]) -> dict[str, Pose]:
+        """The transforms of the rows with these tokens.
+
+        Raises:
+            InputError: a row is missing, or its quaternion is not of unit norm.
+        """
+        rows = {row.token: row for row in self.rows(table, model) if row.token in tokens}
+        missing = sorted(set(tokens) - rows.keys())
+        if missing:
+            raise InputError(f"{self.path(table)}: found no row with token {missing[0]!r}, needed one")
+        return {token: self._pose(table, row) for token, row in rows.items()}
+
+    def _pose(self, table: str, row: Placed) -> Pose:
+        w, x, y, z = row.rotation
+        try:
+            return pose_from_quaternion((x, y, z, w), row.translation)
+        except ValueError as error:
+            raise InputError(f"{self.path(table)}: row {row.token!r}: {error}") from None

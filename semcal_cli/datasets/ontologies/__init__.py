@@ -1,0 +1,66 @@
+"""Class tables of data sets, a YAML file each: names, ids and colours, with their source."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import field_validator
+
+from semcal_cli.documents import read_document
+from semcal_cli.drive import Color, Ids
+from semcal_cli.errors import InputError
+from semcal_cli.validation import StrictModel, check_distinct, validate
+
+FOLDER = Path(__file__).parent
+
+
+class NamedClass(StrictModel):
+    """A class that points or pixels may have."""
+
+    ids: Ids
+    """Raw ids, merged into one class."""
+    color: Color | None = None
+    """Red, green, blue in colour-coded label images."""
+
+
+class Ontology(StrictModel):
+    """The classes of a data set's labels."""
+
+    ignore: Ids
+    """Ids that carry no information."""
+    classes: dict[str, NamedClass]
+    """The classes by name."""
+
+    @field_validator("classes")
+    @classmethod
+    def _check_ids(cls, classes: dict[str, NamedClass]) -> dict[str, NamedClass]:
+        check_distinct({name: [f"id {value}" for value in named.ids] for name, named in classes.items()})
+        return classes
+
+    def ids(self) -> dict[str, list[int]]:
+        """Raw ids under each name, as the `classes:` block of a drive has them."""
+        return {name: list(named.ids) for name, named in self.classes.items()}
+
+    def palette(self) -> dict[str, list[int]]:
+        """Colour of each name, as the `palette:` block of a drive has it; empty if there are none."""
+        return {name: list(named.color) for name, named in self.classes.items() if named.color}
+
+
+def ontology_names() -> list[str]:
+    """Names of the tables that ship."""
+    return sorted(path.stem for path in FOLDER.glob("*.yaml"))
+
+
+def read_ontology(name: str) -> Ontology:
+    """Read a table that ships, by its name, or a table of the same layout, by its path.
+
+    Raises:
+        InputError: there is no such table, or it is wrong.
+    """
+    shipped = name in ontology_names()
+    path = FOLDER / f"{name}.yaml" if shipped else Path(name)
+    if not shipped and not path.suffix:
+        raise InputError(
+            f"found class table {name!r}, needed a file or one of: {', '.join(ontology_names())}"
+        )
+    return validate(Ontology, read_document(path), path)

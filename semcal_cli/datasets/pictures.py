@@ -1,0 +1,41 @@
+"""What a picture's file says of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from semcal_cli.errors import InputError
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_HEADER_SIZE = 26
+TRUE_COLORS = (2, 6)
+"""Colour types of PNG that hold colours, without and with alpha; the others hold one number a pixel."""
+
+
+def picture_size(path: Path) -> tuple[int, int]:
+    """Give width and height of a picture.
+
+    Raises:
+        InputError: there is no such file, or it is no picture.
+    """
+    header = _header(path)
+    if header.startswith(PNG_SIGNATURE) and len(header) == PNG_HEADER_SIZE:
+        return int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
+    from semcal_cli.pictures import read_picture
+
+    height, width = read_picture(path).shape[:2]
+    return width, height
+
+
+def holds_colors(path: Path) -> bool:
+    """Whether a label image is a PNG of colours, so that its pixels are no ids."""
+    header = _header(path)
+    return header.startswith(PNG_SIGNATURE) and len(header) == PNG_HEADER_SIZE and header[25] in TRUE_COLORS
+
+
+def _header(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            return file.read(PNG_HEADER_SIZE)
+    except OSError as error:
+        raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None

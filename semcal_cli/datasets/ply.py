@@ -1,0 +1,112 @@
+"""Columns of a PLY's vertices, for the data sets whose clouds have to be converted.
+
+Turk, *The PLY Polygon File Format*, 1994. Only what such data sets write: vertices first, without lists.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.errors import InputError
+
+END = re.compile(rb"\nend_header\r?\n")
+MAX_HEADER = 65536
+FORMATS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+}
+
+
+def read_vertices(path: Path) -> npt.NDArray[Any]:
+    """Read the vertices, a structured array (N,).
+
+    Raises:
+        InputError: there is no such file, or it is no PLY that begins with so many vertices of plain numbers.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    end = END.search(content, 0, MAX_HEADER)
+    if not content.startswith(b"ply") or not end:
+        raise InputError(f"{path}: found no PLY header, needed one")
+    form, count, dtype = _parse_header(path, content[: end.start()].decode("latin-1").splitlines())
+    body = memoryview(content)[end.end() :]
+    # A vertex takes at least two bytes: its digit and its line break.
+    size = 2 if form == "ascii" else dtype.itemsize
+    if count * size > len(body):
+        raise InputError(f"{path}: found {len(body):,} bytes after the header, needed {count:,} vertices")
+    return (
+        _parse_text(path, bytes(body), count, dtype) if form == "ascii" else np.frombuffer(body, dtype, count)
+    )
+
+
+def vertex_column(path: Path, vertices: npt.NDArray[Any], name: str, dtype: type) -> npt.NDArray[Any]:
+    """Give one property of all vertices (N,).
+
+    Raises:
+        InputError: there is no such property.
+    """
+    names = vertices.dtype.names or ()
+    if name not in names:
+        raise InputError(f"{path}: found properties {', '.join(names)}, needed {name}")
+    return vertices[name].astype(dtype)
+
+
+def _parse_header(path: Path, lines: list[str]) -> tuple[str, int, np.dtype[Any]]:
+    """Format, number and layout of the vertices."""
+    words = [line.split() for line in lines[1:]]
+    form = next((line[1] for line in words if line[:1] == ["format"] and len(line) == 3), "none")
+    if form not in FORMATS:
+        raise InputError(f"{path}: found format {form}, needed one of: {', '.join(FORMATS)}")
+    elements = [index for index, line in enumerate(words) if line[:1] == ["element"]]
+    first = words[elements[0]] if elements else []
+    if len(first) != 3 or first[1] != "vertex" or not first[2].isascii() or not first[2].isdigit():
+        raise InputError(
+            f"{path}: found first element {' '.join(first[1:]) or 'none'}, needed vertex and its number"
+        )
+    last = elements[1] if len(elements) > 1 else len(words)
+    properties = [line for line in words[elements[0] : last] if line[:1] == ["property"]]
+    if not properties or any(len(line) != 3 or line[1] not in TYPES for line in properties):
+        raise InputError(f"{path}: found vertices without properties or with lists, needed plain numbers")
+    names = [line[2] for line in properties]
+    if len(set(names)) < len(names):
+        raise InputError(f"{path}: found a property twice in {', '.join(names)}, needed each once")
+    return (
+        form,
+        int(first[2][:18]),
+        np.dtype([(n, FORMATS[form] + TYPES[p[1]]) for n, p in zip(names, properties, strict=True)]),
+    )
+
+
+def _parse_text(path: Path, body: bytes, count: int, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    names = dtype.names or ()
+    vertices = np.zeros(count, dtype)
+    if not count:
+        return vertices
+    try:
+        rows = np.loadtxt(io.BytesIO(body), dtype=np.float64, max_rows=count, ndmin=2, comments=None)
+    except ValueError:
+        raise InputError(
+            f"{path}: found rows that are not {len(names)} numbers, needed {count:,} that are"
+        ) from None
+    if rows.shape != (count, len(names)):
+        found = f"{rows.shape[0]:,} rows of {rows.shape[1]} numbers"
+        raise InputError(f"{path}: found {found}, needed {count:,} of {len(names)}")
+    for index, name in enumerate(names):
+        with np.errstate(invalid="ignore", over="ignore"):
+            vertices[name] = rows[:, index]
+    return vertices

@@ -1,0 +1,80 @@
+"""What is asked of a data set, and what it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.datasets.ontologies import Ontology
+from semcal_cli.poses import Pose
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a user asks for."""
+
+    root: Path
+    """The data set's folder."""
+    sequence: str | None = None
+    """None: the only one there is."""
+    camera: str | None = None
+    """None: the data set's usual one."""
+    version: str | None = None
+    """The folder of nuScenes' tables; the release of CARLA."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """A point cloud that had to be converted."""
+
+    points: npt.NDArray[np.float32]
+    """(N, 4): metres in the LiDAR frame, and intensity, 0 where there is none."""
+    labels: npt.NDArray[np.uint32] | None
+    """(N,) ids."""
+
+
+Conversion: TypeAlias = Callable[[], Cloud]
+"""Makes a cloud that no file of the data set holds as a drive needs it."""
+
+
+@dataclass(frozen=True)
+class SourceFrame:
+    """A sweep and the picture taken with it, where they lie."""
+
+    name: str
+    """Number or name in the data set."""
+    points: Path | Conversion
+    point_labels: Path | None = None
+    image_labels: Path | None = None
+    image: Path | None = None
+    points_stamp: float | None = None
+    """Seconds."""
+    image_stamp: float | None = None
+    """Seconds."""
+    speed_mps: float | None = None
+    """How fast the rig moves."""
+    T_camera_lidar: Pose | None = None
+    """Reference of this frame alone, where motion between sweep and picture is in it."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One sequence through one camera."""
+
+    camera: Mapping[str, Any]
+    """The `camera:` block of a drive."""
+    frames: Sequence[SourceFrame]
+    """In order of time."""
+    T_camera_lidar: Pose | None = None
+    """p_camera = T_camera_lidar * p_lidar; None if each frame has its own, or there is none."""
+    lidar: Mapping[str, Any] | None = None
+    """The `lidar:` block of a drive, if the scan pattern is known."""
+    point_classes: Ontology | None = None
+    image_classes: Ontology | None = None
+    remarks: tuple[str, ...] = ()
+    """What the user should know, a sentence each."""

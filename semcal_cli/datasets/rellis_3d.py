@@ -1,0 +1,106 @@
+"""RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin and its neighbours (README of unmannedlab/RELLIS-3D).
+
+Sweep 000104 goes with picture frame000104-1581624663_149, whose name ends in its time, seconds and milliseconds.
+`transforms.yaml` maps camera to LiDAR and is inverted; see `formats/rellis3d.py`.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from semcal_cli.datasets.files import files_by_stem, folders, need, parse_numbers, pick
+from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame
+from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_poses, speeds_mps
+from semcal_cli.documents import read_text
+from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform
+
+CAMERA = "pylon_camera_node"
+WIDTH, HEIGHT = 1920, 1200
+DISTORTION = [-0.134313, -0.025905, 0.002181, 0.00084, 0.0]
+"""k1 k2 p1 p2 k3; camera_info.txt leaves them out, the project's own projection (utils/lidar2img.ipynb) has them."""
+LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 16.6, "fov_down_deg": -16.6}
+"""Ouster OS1-64, first generation."""
+PICTURE_NAME = re.compile(r"frame(\d{6})-(\d+)_(\d{3})")
+
+
+def read(request: Request) -> Recording:
+    """Find the frames of a sequence that have a sweep and a picture, or its labels."""
+    sequences = [name for name in folders(request.root) if re.fullmatch(r"\d{5}", name)]
+    folder = request.root / pick("sequence", request.sequence, sequences, request.root)
+    pick("camera", request.camera, [CAMERA], folder)
+    ontology = read_ontology("rellis-3d")
+    frames = _frames(folder)
+    return Recording(
+        camera=_camera(folder / "camera_info.txt"),
+        lidar=LIDAR,
+        frames=frames,
+        T_camera_lidar=read_transform(need(folder / "transforms.yaml")),
+        point_classes=ontology,
+        image_classes=ontology,
+    )
+
+
+def _camera(path: Path) -> dict[str, Any]:
+    fx, fy, cx, cy = parse_numbers(path, "intrinsics", read_text(path), 4).tolist()
+    return {
+        "model": "plumb_bob",
+        "width": WIDTH,
+        "height": HEIGHT,
+        "K": [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
+        "distortion": DISTORTION,
+    }
+
+
+def _frames(folder: Path) -> list[SourceFrame]:
+    clouds = files_by_stem(folder / "os1_cloud_node_kitti_bin", ".bin")
+    point_labels = _optional(folder / "os1_cloud_node_semantickitti_label_id", ".label")
+    images = _by_number(_optional(folder / CAMERA, ".jpg", ".png"))
+    image_labels = _by_number(_optional(folder / f"{CAMERA}_label_id", ".png"))
+    speeds = _speeds(folder / "poses.txt", list(clouds))
+    return [
+        SourceFrame(
+            name=number,
+            points=cloud,
+            point_labels=point_labels.get(number),
+            image_labels=image_labels.get(number),
+            image=images.get(number),
+            image_stamp=_stamp(images.get(number) or image_labels[number]),
+            speed_mps=speeds.get(number),
+        )
+        for number, cloud in clouds.items()
+        if number in images or number in image_labels
+    ]
+
+
+def _optional(folder: Path, *suffixes: str) -> dict[str, Path]:
+    return files_by_stem(folder, *suffixes) if folder.is_dir() else {}
+
+
+def _by_number(files: dict[str, Path]) -> dict[str, Path]:
+    """Pictures by their six digits, as sweeps are named."""
+    return {_parse(path).group(1): path for path in files.values()}
+
+
+def _stamp(picture: Path) -> float:
+    _, seconds, milliseconds = _parse(picture).groups()
+    return int(seconds) + int(milliseconds) / 1000.0
+
+
+def _parse(picture: Path) -> re.Match[str]:
+    found = PICTURE_NAME.fullmatch(picture.stem)
+    if not found:
+        raise InputError(f"{picture}: found name {picture.stem!r}, needed one as frame000104-1581624663_149")
+    return found
+
+
+def _speeds(path: Path, numbers: list[str]) -> dict[str, float]:
+    """Speed at each sweep, from the poses of the data set if they are there: a line each sweep, 10 a second."""
+    if not path.exists():
+        return {}
+    poses = read_poses(path)
+    speeds = speeds_mps(poses[:, :3, 3], KITTI_PERIOD_S)
+    return dict(zip(numbers, speeds, strict=False))

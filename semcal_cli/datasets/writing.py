@@ -1,0 +1,191 @@
+"""The drive of a recording: a drive.yaml that points at the original files, and copies of what had to be converted."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.datasets.choice import Choice, most_varied, narrowed
+from semcal_cli.datasets.labels import converted, labelled, with_labels
+from semcal_cli.datasets.ontologies import Ontology, read_ontology
+from semcal_cli.datasets.pictures import holds_colors
+from semcal_cli.datasets.recording import Recording, SourceFrame
+from semcal_cli.documents import document_text, write_bytes, write_text
+from semcal_cli.drive import DRIVE_FILE, Drive
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
+from semcal_cli.validation import validate
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a user adds to what the data set says."""
+
+    choice: Choice = field(default_factory=Choice)
+    image_labels: Path | None = None
+    """Folder of label images."""
+    point_labels: Path | None = None
+    """Folder of labels of points."""
+    image_classes: str | None = None
+    """Name or file of the class table of the label images; None: the data set's."""
+    point_classes: str | None = None
+    """Name or file of the class table of the points; None: the data set's."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written."""
+
+    path: Path
+    num_frames: int
+    num_converted: int
+    """Clouds that were written beside the drive.yaml."""
+    remarks: tuple[str, ...]
+
+
+def write_drive(recording: Recording, options: Options, out: Path) -> Written:
+    """Write a drive; drive.yaml comes last, each file as a whole or not at all.
+
+    Args:
+        recording: What the data set says.
+        options: Labels, classes and frames that the user asks for.
+        out: The drive's folder, or its drive.yaml.
+
+    Raises:
+        InputError: no frame is left, a file cannot be written, or the data set says what no drive can hold.
+    """
+    path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
+    recording = narrowed(labelled(_with_options(recording, options)), options.choice)
+    drive = _make_drive(recording, path)
+    chosen = [recording.frames[index] for index in most_varied(drive, recording.frames, options.choice)]
+    recording = replace(recording, frames=chosen)
+    document = _document(recording, path)
+    validate(Drive, document, path)
+    _make_folder(path.parent)
+    copies = [frame for frame in chosen if converted(frame)]
+    for frame in copies:
+        _write_cloud(frame, path.parent)
+    write_text(document_text(document, "yaml"), path)
+    return Written(path, len(chosen), len(copies), (*recording.remarks, *_spread_remarks(chosen)))
+
+
+def _make_drive(recording: Recording, path: Path) -> Drive:
+    drive = validate(Drive, _document(recording, path), path)
+    drive._path = path
+    return drive
+
+
+def _with_options(recording: Recording, options: Options) -> Recording:
+    if options.image_labels:
+        recording = with_labels(recording, "image_labels", options.image_labels)
+    if options.point_labels:
+        recording = with_labels(recording, "point_labels", options.point_labels)
+    if options.image_classes:
+        recording = replace(recording, image_classes=read_ontology(options.image_classes))
+    if options.point_classes:
+        recording = replace(recording, point_classes=read_ontology(options.point_classes))
+    return recording
+
+
+def _document(recording: Recording, path: Path) -> dict[str, Any]:
+    """Make the content of a drive.yaml that lies at `path`."""
+    document: dict[str, Any] = {"semcal_drive": 1, "camera": dict(recording.camera)}
+    if recording.lidar is not None:
+        document["lidar"] = dict(recording.lidar)
+    document["frames"] = [_frame_document(frame, path.parent) for frame in recording.frames]
+    document |= _class_blocks(recording)
+    T_camera_lidar = _reference(recording)
+    if T_camera_lidar is not None:
+        document["T_camera_lidar"] = T_camera_lidar.tolist()
+    return document
+
+
+def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:
+    document: dict[str, Any] = {}
+    if isinstance(frame.points, Path):
+        paths = {"points": frame.points, "point_labels": frame.point_labels}
+        document = {key: _relative(path, folder) for key, path in paths.items() if path}
+    else:
+        document = dict(zip(("points", "point_labels"), _copies(frame), strict=True))
+    pictures = {"image_labels": frame.image_labels, "image": frame.image}
+    document |= {key: _relative(path, folder) for key, path in pictures.items() if path}
+    stamps = {"points_stamp": frame.points_stamp, "image_stamp": frame.image_stamp}
+    return document | {key: float(stamp) for key, stamp in stamps.items() if stamp is not None}
+
+
+def _class_blocks(recording: Recording) -> dict[str, Any]:
+    """The `ignore:`, `classes:` and `palette:` blocks."""
+    sides: dict[str, Ontology | None] = {"points": recording.point_classes, "image": recording.image_classes}
+    coded = next((f.image_labels for f in recording.frames if f.image_labels), None)
+    palette = None
+    if coded and holds_colors(coded):
+        palette = recording.image_classes.palette() if recording.image_classes else {}
+        if not palette:
+            raise InputError(
+                f"{coded}: found colours, needed ids, or a table of their colours by --image-classes"
+            )
+        del sides["image"]
+    blocks: dict[str, Any] = {}
+    if known := {side: table for side, table in sides.items() if table}:
+        blocks["ignore"] = {side: list(table.ignore) for side, table in known.items()}
+        blocks["classes"] = {side: table.ids() for side, table in known.items()}
+    return blocks | ({"palette": palette} if palette else {})
+
+
+def _reference(recording: Recording) -> Pose | None:
+    """The transform of the recording, or the mean of its frames'."""
+    poses = [frame.T_camera_lidar for frame in recording.frames if frame.T_camera_lidar is not None]
+    if not poses:
+        return recording.T_camera_lidar
+    return nearest_rigid(np.mean(poses, axis=0))
+
+
+def _spread_remarks(frames: Sequence[SourceFrame]) -> list[str]:
+    """Say how far the transforms of single frames are from their mean."""
+    poses = [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
+    if len(poses) < 2:
+        return []
+    mean = nearest_rigid(np.mean(poses, axis=0))
+    distance_m = max(float(np.linalg.norm(camera_center(T) - camera_center(mean))) for T in poses)
+    angle_deg = max(rotation_error_deg(T, mean) for T in poses)
+    return [
+        "the rig moves between sweep and picture: T_camera_lidar is the mean over the frames, "
+        f"from which they differ by up to {distance_m:.2f} m and {angle_deg:.2f} deg"
+    ]
+
+
+def _write_cloud(frame: SourceFrame, folder: Path) -> None:
+    assert not isinstance(frame.points, Path)
+    cloud = frame.points()
+    points, labels = (folder / name for name in _copies(frame))
+    for path in (points, labels):
+        _make_folder(path.parent)
+    if cloud.labels is not None:
+        write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
+    write_bytes(cloud.points.astype("<f4").tobytes(), points)
+
+
+def _copies(frame: SourceFrame) -> tuple[str, str]:
+    """Names of a converted cloud and its labels."""
+    return f"points/{frame.name}.bin", f"point_labels/{frame.name}.label"
+
+
+def _relative(path: Path, folder: Path) -> str:
+    """Name a file relative to the drive's real folder; on another drive of Windows that cannot be."""
+    real = Path(os.path.realpath(path.parent)) / path.name
+    try:
+        return Path(os.path.relpath(real, os.path.realpath(folder))).as_posix()
+    except ValueError:
+        return real.as_posix()
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be written: {(error.strerror or str(error)).lower()}") from None
