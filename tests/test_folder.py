@@ -141,6 +141,19 @@ def test_wrong_intrinsics(tmp_path: Path, text: str, expected: str) -> None:
     assert str(error.value) == f"{path}: {expected}"
 
 
+def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    write(path, OPENCV.replace("0.002, 0.3 ]", "0.002 ]"))
+    assert read_intrinsics(path, None, "fisheye")["model"] == "fisheye"
+    with pytest.raises(InputError) as error:
+        read_intrinsics(path)
+    assert str(error.value) == (
+        f"{path}: found 4 coefficients and no fisheye_model, needed --model, as plumb_bob or fisheye"
+    )
+    write(path, OPENCV.replace("0.002, 0.3 ]", "0.002 ]\nfisheye_model: 1"))
+    assert read_intrinsics(path)["model"] == "fisheye"
+
+
 def test_older_opencv_puts_no_space_after_a_colon(tmp_path: Path) -> None:
     write(tmp_path / "camera.yaml", OPENCV.replace(": ", ":"))
     assert read_intrinsics(tmp_path / "camera.yaml", None)["K"] == K

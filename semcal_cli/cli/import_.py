@@ -157,6 +157,9 @@ for _name, _summary in DATASETS.items():
     help="Intrinsics: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
 )
 @click.option(
+    "--model", metavar="NAME", help="Camera model, for an OpenCV FileStorage that does not tell it."
+)
+@click.option(
     "--reference", type=PATH, metavar="FILE", help="T_camera_lidar to compare with, in any known format."
 )
 @drive_options
@@ -167,6 +170,7 @@ def folder(
     image_labels: str | None,
     images: str | None,
     camera_info: Path,
+    model: str | None,
     reference: Path | None,
     camera: str | None,
     output: Path,
@@ -188,6 +192,7 @@ def folder(
         point_labels=point_labels,
         images=images,
         camera=camera,
+        model=model,
         reference=reference,
     )
     _write(read(source), output, quiet, settings)

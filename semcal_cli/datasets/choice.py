@@ -41,10 +41,14 @@ def narrowed(recording: Recording, choice: Choice) -> Recording:
     if len(near) < len(recording.frames):
         left_out = len(recording.frames) - len(near)
         remarks.append(f"{left_out:,} pairs more than {choice.max_gap_s} s apart are left out")
+    if not near:
+        raise InputError(
+            f"--max-gap-s: found {left_out:,} pairs, none within {choice.max_gap_s} s, needed at least one"
+        )
     frames = near[choice.frames]
     if not frames:
         raise InputError(
-            f"found {len(near):,} frames with points and a picture, needed at least one of those asked for"
+            f"--frames: found {len(near):,} frames, none of those asked for, needed at least one"
         )
     if choice.spread:
         frames = calmest(frames, choice.max_frames or SPREAD_FRAMES)

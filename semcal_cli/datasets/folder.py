@@ -26,6 +26,8 @@ class Folder:
     images: str | None = None
     camera: str | None = None
     """Which camera of a Kalibr camchain; None: the only one."""
+    model: str | None = None
+    """The camera model, for an OpenCV FileStorage that does not tell it."""
     reference: Path | None = None
     """A transform to compare with."""
 
@@ -36,7 +38,7 @@ def read(folder: Folder) -> Recording:
     Raises:
         InputError: a pattern finds nothing, nothing can be paired, or a file is wrong.
     """
-    camera = read_intrinsics(folder.camera_info, folder.camera)
+    camera = read_intrinsics(folder.camera_info, folder.camera, folder.model)
     clouds = _find("--points", folder.points)
     point_labels, remarks = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
     image_labels, more = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)

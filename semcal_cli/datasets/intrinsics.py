@@ -24,25 +24,26 @@ ROS_MODELS = {
 }
 """sensor_msgs/distortion_models.h, image_geometry, and names that drivers use for the same."""
 KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"}
-OPENCV_MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
+OPENCV_MODELS = {5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
 """By the count of coefficients."""
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
 )
 
 
-def read_intrinsics(path: Path, camera: str | None) -> dict[str, Any]:
+def read_intrinsics(path: Path, camera: str | None = None, model: str | None = None) -> dict[str, Any]:
     """Read the camera block from a file of any known kind.
 
     Args:
         path: The file.
         camera: Which of a camchain's cameras; None: the only one.
+        model: The camera model, which an OpenCV FileStorage does not always tell.
 
     Raises:
         InputError: the file is of no known kind, or a key is missing or wrong.
     """
     if is_storage(read_text(path)):
-        return _opencv(path)
+        return _opencv(path, model)
     document = read_document(path)
     chain = [
         str(key) for key, value in document.items() if isinstance(value, dict) and "camera_model" in value
@@ -138,7 +139,7 @@ _KALIBR_MODELS: dict[str, Callable[[Path, dict[Any, Any]], dict[str, Any]]] = {
 }
 
 
-def _opencv(path: Path) -> dict[str, Any]:
+def _opencv(path: Path, model: str | None) -> dict[str, Any]:
     """What OpenCV's calibration samples write, and their usual variants; or camodocal's MEI camera."""
     storage = Storage(path)
     if "mirror_parameters" in storage.document:
@@ -147,14 +148,23 @@ def _opencv(path: Path) -> dict[str, Any]:
     if len(K) != 9:
         raise InputError(f"{path}: camera_matrix: found {len(K)} numbers, needed 9 by rows")
     distortion = storage.first(("distortion_coefficients", "distCoeffs", "dist_coeffs", "D"))
-    fisheye = "fisheye_model" in storage.document and storage.number("fisheye_model") != 0.0
     return {
-        "model": "fisheye" if fisheye else OPENCV_MODELS.get(len(distortion), "plumb_bob"),
+        "model": model or _opencv_model(storage, len(distortion)),
         "width": storage.whole_number("image_width", "width"),
         "height": storage.whole_number("image_height", "height"),
         "K": [K[0:3], K[3:6], K[6:9]],
         "distortion": distortion,
     }
+
+
+def _opencv_model(storage: Storage, num_coefficients: int) -> str:
+    """Tell the model by the count of coefficients; four are as well those of cv2.fisheye."""
+    if "fisheye_model" in storage.document:
+        return "fisheye" if storage.number("fisheye_model") else "plumb_bob"
+    if num_coefficients not in OPENCV_MODELS:
+        found = f"found {num_coefficients} coefficients and no fisheye_model"
+        raise InputError(f"{storage.path}: {found}, needed --model, as plumb_bob or fisheye")
+    return OPENCV_MODELS[num_coefficients]
 
 
 def _data(path: Path, document: dict[Any, Any], *names: str) -> Any:

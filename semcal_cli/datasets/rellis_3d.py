@@ -34,6 +34,8 @@ def read(request: Request) -> Recording:
     pick("camera", request.camera, [CAMERA], folder)
     ontology = read_ontology("rellis-3d")
     frames = _frames(folder)
+    if not frames:
+        raise InputError(f"{folder}: found no frame with a sweep and a picture or its labels")
     return Recording(
         camera=_camera(folder / "camera_info.txt"),
         lidar=LIDAR,

@@ -11,16 +11,14 @@ from pathlib import Path
 from semcal_cli.datasets import kitti_odometry
 from semcal_cli.datasets.files import files_by_stem
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import Recording, Request, SourceFrame
+from semcal_cli.datasets.recording import Recording, Request
 
 
 def read(request: Request) -> Recording:
     """Find the frames of a sequence, with the labels of their points."""
     recording = kitti_odometry.read(request)
-    frames = [replace(frame, point_labels=_label(frame)) for frame in recording.frames]
+    first = recording.frames[0].points
+    assert isinstance(first, Path)
+    labels = files_by_stem(first.parents[1] / "labels", ".label")
+    frames = [replace(frame, point_labels=labels.get(frame.name)) for frame in recording.frames]
     return replace(recording, frames=frames, point_classes=read_ontology("semantickitti"))
-
-
-def _label(frame: SourceFrame) -> Path | None:
-    assert isinstance(frame.points, Path)
-    return files_by_stem(frame.points.parents[1] / "labels", ".label").get(frame.name)
