@@ -31,6 +31,9 @@ MAX_VIEWS = 4
 MAX_STEPS = 20
 """Of the joint refinement; from a robust start it takes about five."""
 
+LEAST_RANGE = 1e-6
+"""Metres: in the camera itself, a point lies in no direction."""
+
 SETTLED = 1e-10
 """Metres and radians of the last step."""
 
@@ -169,14 +172,15 @@ def _refine_angles(
     T_camera_lidar = T_start
     for _ in range(MAX_STEPS):
         points_camera = points_lidar @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3]
-        ranges = np.linalg.norm(points_camera, axis=1, keepdims=True)
+        ranges = np.maximum(np.linalg.norm(points_camera, axis=1, keepdims=True), LEAST_RANGE)
         directions = points_camera / ranges
         chords = rays - directions
         kept = np.linalg.norm(chords, axis=1) <= max_chord
         if kept.sum() < config.min_inliers:
             raise CalibrationError(f"PnP: found {kept.sum()} inliers, needed {config.min_inliers}")
-        slopes = _direction_slopes(directions[kept], ranges[kept])
-        twist, *_ = np.linalg.lstsq(slopes.reshape(-1, 6), chords[kept].ravel(), rcond=None)
+        slopes = _direction_slopes(directions[kept], ranges[kept]).reshape(-1, 6)
+        # Of the normal equations: pairs that leave a direction open move the pose along the others only.
+        twist, *_ = np.linalg.lstsq(slopes.T @ slopes, slopes.T @ chords[kept].ravel(), rcond=None)
         T_camera_lidar = _moved(T_camera_lidar, twist)
         if np.abs(twist).max() < SETTLED:
             break

@@ -53,23 +53,26 @@ def test_pairs_all_round_and_beside_the_camera(name: str, least_deg: float) -> N
     assert 0.65 * len(pixels) < num_inliers < 0.70 * len(pixels)
 
 
-def test_too_few_pairs() -> None:
-    camera = make_camera("no distortion")
+@pytest.mark.parametrize("name", ["no distortion", "fisheye"])
+def test_too_few_pairs(name: str) -> None:
+    camera = make_camera(name)
     points, pixels = pairs(camera, 11)
     with pytest.raises(CalibrationError, match="PnP: found 11 pairs, needed 12"):
         solve_pnp(points, pixels, camera, PnpConfig())
 
 
-def test_pairs_without_a_pose() -> None:
-    camera = make_camera("no distortion")
+@pytest.mark.parametrize("name", ["no distortion", "fisheye"])
+def test_pairs_without_a_pose(name: str) -> None:
+    camera = make_camera(name)
     points, _ = pairs(camera, 200)
     pixels = np.random.default_rng(5).uniform([0.0, 0.0], [1279.0, 719.0], (200, 2))
     with pytest.raises(CalibrationError, match=r"PnP: found \d+ inliers, needed 50"):
         solve_pnp(points, pixels, camera, PnpConfig(max_error_deg=0.1, min_inliers=50))
 
 
-def test_points_that_determine_no_pose() -> None:
-    camera = make_camera("no distortion")
+@pytest.mark.parametrize("name", ["no distortion", "fisheye"])
+def test_points_that_determine_no_pose(name: str) -> None:
+    camera = make_camera(name)
     points, pixels = pairs(camera, 100)
     with pytest.raises(CalibrationError, match="PnP: "):
         solve_pnp(1e-20 * points, pixels, camera, PnpConfig())

@@ -158,3 +158,12 @@ def test_the_pyramid_follows_lens_and_picture(width: int, height: int, focal: fl
     factors = pyramid_factors(camera, FROM_AFAR)
     assert factors[0] == coarsest
     assert factors[-1] == 1
+
+
+def test_a_mirror_in_the_lens_is_no_longer_focal_length() -> None:
+    """Seen from xi behind the sphere, the middle of the picture is smaller by 1 + xi."""
+    K = ((960.0, 0.0, 639.5), (0.0, 960.0, 479.5), (0.0, 0.0, 1.0))
+    mirror = Camera(model="omnidirectional", width=1280, height=960, K=K, parameters={"xi": 2.0})
+    K = ((320.0, 0.0, 639.5), (0.0, 320.0, 479.5), (0.0, 0.0, 1.0))
+    fisheye = Camera(model="fisheye", width=1280, height=960, K=K)
+    assert pyramid_factors(mirror, FROM_AFAR) == pyramid_factors(fisheye, FROM_AFAR) == [16, 8, 4, 2, 1]
