@@ -73,18 +73,16 @@ def read_observations(drive: Drive) -> Observations:
     for key in ("motion", "palette"):
         if getattr(drive, key) is not None:
             raise InputError(f"{drive.path}: {key}: is not supported yet, needed a drive without it")
-    point_paths = [drive.resolve(frame.points) for frame in drive.frames]
-    paths = list(zip(point_paths, label_paths(drive, "point_labels"), strict=True))
     image_paths = label_paths(drive, "image_labels")
-    clouds = _core.read_point_clouds(paths)
-    point_ids = [labels for _, _, labels, _ in clouds if labels is not None]
+    clouds = read_clouds(drive)
+    point_ids = _point_ids(drive, clouds)
     image_ids = _core.read_label_images(image_paths, drive.camera.width, drive.camera.height)
     point_table = _class_table(drive, "points", point_ids)
     image_table = _class_table(drive, "image", image_ids)
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
-        points=[points for points, _, _, _ in clouds],
+        points=[cloud.points for cloud in clouds],
         point_classes=[point_table(ids) for ids in point_ids],
         image_classes=[image_table(ids) for ids in image_ids],
         point_class_names=point_table.names,
@@ -100,6 +98,27 @@ def mend(observations: Observations) -> Observations:
     return replace(
         observations, image_classes=[image for image, _ in mended], speckle=num_isolated / num_pixels
     )
+
+
+def read_clouds(drive: Drive) -> list[_core.PointCloud]:
+    """Read the sweep of every frame, in parallel, with labels where there are some.
+
+    Raises:
+        InputError: a file is missing or is not what its name says.
+    """
+    labels = [frame.point_labels and drive.resolve(frame.point_labels) for frame in drive.frames]
+    points = [drive.resolve(frame.points) for frame in drive.frames]
+    return _core.read_point_clouds(list(zip(points, labels, strict=True)))
+
+
+def _point_ids(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.NDArray[np.uint16]]:
+    ids = [cloud.labels for cloud in clouds if cloud.labels is not None]
+    if len(ids) < len(clouds):
+        index = next(i for i, cloud in enumerate(clouds) if cloud.labels is None)
+        found = f"found nothing, and {drive.frames[index].points} has no field of class ids"
+        needed = "needed a file of class ids, or a field named label, class, semantic or the like"
+        raise InputError(f"{drive.path}: frames[{index}].point_labels: {found}; {needed}")
+    return ids
 
 
 def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> list[Path]:
