@@ -26,15 +26,21 @@ const DEEPEST_HEADER: usize = 6;
 pub fn split_header(bytes: &[u8]) -> std::result::Result<(NpyHeader, &[u8]), String> {
     check_header(bytes).map_err(|reason| format!("is no .npy array: {reason}"))?;
     let mut data = bytes;
-    let header = NpyHeader::from_reader(&mut data).map_err(|e| format!("is no .npy array: {e}"))?;
+    // Its complaint may go on with a picture of the place.
+    let first_line = |e: std::io::Error| {
+        let reason = e.to_string();
+        let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();
+        format!("is no .npy array: {line}")
+    };
+    let header = NpyHeader::from_reader(&mut data).map_err(first_line)?;
     let item_bytes = header.dtype().num_bytes().map(|n| n as u64);
     let needed = header.shape().iter().try_fold(item_bytes, |product, &n| Some(product?.checked_mul(n)));
     if needed.flatten() != Some(data.len() as u64) {
-        let dtype = match header.dtype() {
+        let item = match header.dtype() {
             DType::Plain(dtype) => dtype.to_string(),
-            records => records.descr(),
+            _ => "records".into(),
         };
-        let promise = format!("shape {:?} of {dtype}", header.shape());
+        let promise = format!("shape {:?} of {item}", header.shape());
         return Err(format!("holds {} bytes of data, its header needs {promise}", data.len()));
     }
     Ok((header, data))

@@ -186,7 +186,9 @@ def write_plyfile(in_text: bool) -> Callable[[np.ndarray, Path], Path]:
 
 def write_ply_with_lists(encoding: str) -> Callable[[np.ndarray, Path], Path]:
     """By hand: plyfile writes numbers beside a list in the machine's order, whatever the header says."""
-    header = f"ply\nformat {encoding} 1.0\ncomment r\u00e4der\nelement vertex 40\nproperty list uchar ushort neighbours\n"
+    header = (
+        f"ply\nformat {encoding} 1.0\ncomment \u00e4\nelement vertex 40\nproperty list uchar ushort near\n"
+    )
     names = {"f": "float", "H": "ushort", "d": "double"}
 
     def write(cloud: np.ndarray, path: Path) -> Path:

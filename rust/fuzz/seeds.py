@@ -16,6 +16,7 @@ PLY_TYPES = {"f4": "float", "f8": "double", "u2": "ushort", "u4": "uint", "u1": 
 
 
 def save(target: str, name: str, content: bytes) -> None:
+    """Keep a file for a target."""
     path = CORPUS / target / name
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
@@ -27,6 +28,7 @@ def literal(data: bytes) -> bytes:
 
 
 def pcd(encoding: str, data: bytes) -> bytes:
+    """A PCD of CLOUD."""
     kinds = [RECORD[name].kind.upper() for name in RECORD.names]
     sizes = [str(RECORD[name].itemsize) for name in RECORD.names]
     lines = [
@@ -42,6 +44,7 @@ def pcd(encoding: str, data: bytes) -> bytes:
 
 
 def ply(encoding: str, before: bytes, data: bytes) -> bytes:
+    """A PLY of CLOUD, with a face before it."""
     properties = [f"property {PLY_TYPES[RECORD[name].str[1:]]} {name}" for name in RECORD.names]
     lines = [
         f"ply\nformat {encoding} 1.0\nelement face 1\nproperty list uchar int indices\nelement vertex 4",
@@ -52,6 +55,7 @@ def ply(encoding: str, before: bytes, data: bytes) -> bytes:
 
 
 def npy(array: np.ndarray) -> bytes:
+    """The file of an array."""
     file = io.BytesIO()
     np.save(file, array)
     return file.getvalue()

@@ -156,4 +156,6 @@ fn shown(bytes: &[u8]) -> String {
 }
 
 #[cfg(test)]
+mod hostile_tests;
+#[cfg(test)]
 mod tests;

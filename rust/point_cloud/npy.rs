@@ -2,10 +2,10 @@
 
 use npyz::{DType, Endianness, NpyHeader, Order, TypeChar, TypeStr};
 
-use super::Parsed;
 use super::column::{Column, Kind, Scalar};
 use super::fields::{Fields, find, seconds_per_tick};
 use super::table::{Labels, Table};
+use super::{Parsed, shown};
 use crate::npy::split_header;
 
 /// An array with more columns is no table of points but a picture.
@@ -27,7 +27,7 @@ fn parse_records<'a>(header: &NpyHeader, fields: &[npyz::Field], data: &'a [u8])
     let bytes_of = |fields: &[npyz::Field]| fields.iter().filter_map(|f| f.dtype.num_bytes()).sum();
     let columns = found.try_map(|index| {
         let DType::Plain(dtype) = &fields[index].dtype else {
-            return Err(format!("field {} is no single number", names[index]));
+            return Err(format!("field {} is no single number", shown(names[index].as_bytes())));
         };
         column(dtype, bytes_of(&fields[..index]), bytes_of(fields))
     })?;
