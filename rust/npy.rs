@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use npyz::{DType, Deserialize, NpyFile, Order, TypeChar};
+use npyz::{DType, Deserialize, NpyFile, NpyHeader, Order, TypeChar};
 
 use crate::error::{Error, Result};
 use crate::file::read_bytes;
@@ -15,6 +15,64 @@ pub struct Array {
     pub values: Vec<f64>,
 }
 
+/// NumPy's own limit, and the deepest that arrays of plain numbers and of records of them go.
+const LONGEST_HEADER: usize = 10_000;
+const DEEPEST_HEADER: usize = 6;
+
+/// An array's header and its data, which has the length that the header promises.
+///
+/// # Errors
+/// It is no `.npy`, or promises another number of bytes: in words.
+pub fn split_header(bytes: &[u8]) -> std::result::Result<(NpyHeader, &[u8]), String> {
+    check_header(bytes).map_err(|reason| format!("is no .npy array: {reason}"))?;
+    let mut data = bytes;
+    // Its complaint may go on with a picture of the place.
+    let first_line = |e: std::io::Error| {
+        let reason = e.to_string();
+        let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();
+        format!("is no .npy array: {line}")
+    };
+    let header = NpyHeader::from_reader(&mut data).map_err(first_line)?;
+    let item_bytes = header.dtype().num_bytes().map(|n| n as u64);
+    let needed = header.shape().iter().try_fold(item_bytes, |product, &n| Some(product?.checked_mul(n)));
+    if needed.flatten() != Some(data.len() as u64) {
+        let item = match header.dtype() {
+            DType::Plain(dtype) => dtype.to_string(),
+            _ => "records".into(),
+        };
+        let promise = format!("shape {:?} of {item}", header.shape());
+        return Err(format!("holds {} bytes of data, its header needs {promise}", data.len()));
+    }
+    Ok((header, data))
+}
+
+/// What the parser of headers takes on trust: that the length is true, and that brackets are few. It tries each pair of
+/// them twice, again and again inside.
+fn check_header(bytes: &[u8]) -> std::result::Result<(), &'static str> {
+    let (start, length) = match bytes {
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => (10, u32::from_le_bytes([*a, *b, 0, 0])),
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 2 | 3, _, a, b, c, d, ..] => {
+            (12, u32::from_le_bytes([*a, *b, *c, *d]))
+        }
+        _ => return Err("it does not start like one"),
+    };
+    let length = length as usize;
+    let header = bytes.get(start..start + length).filter(|header| header.len() <= LONGEST_HEADER);
+    let header = header.ok_or("its header is too long")?;
+    let mut depth = 0usize;
+    for byte in header {
+        match byte {
+            b'{' | b'[' | b'(' => depth += 1,
+            b'}' | b']' | b')' => depth = depth.saturating_sub(1),
+            _ => {}
+        }
+        if depth > DEEPEST_HEADER {
+            return Err("its header is nested too deeply");
+        }
+    }
+    Ok(())
+}
+
 /// Reads an array of any integer or float type.
 ///
 /// # Errors
@@ -22,9 +80,7 @@ pub struct Array {
 /// number of bytes than it has.
 pub fn read(path: &Path) -> Result<Array> {
     let bytes = read_bytes(path)?;
-    let mut rest = bytes.as_slice();
-    let header = npyz::NpyHeader::from_reader(&mut rest)
-        .map_err(|e| Error::file(path, format!("is no .npy array: {e}")))?;
+    let (header, rest) = split_header(&bytes).map_err(|reason| Error::file(path, reason))?;
     let DType::Plain(dtype) = header.dtype() else {
         return Err(Error::file(path, "holds records, needs an array of numbers"));
     };
@@ -32,15 +88,6 @@ pub fn read(path: &Path) -> Result<Array> {
         return Err(Error::file(path, "is Fortran-ordered, needs C order"));
     }
     let shape: Vec<usize> = header.shape().iter().map(|&n| n as usize).collect();
-    let needed = shape
-        .iter()
-        .chain(&[dtype.size_field() as usize])
-        .try_fold(1usize, |product, &n| product.checked_mul(n));
-    if needed != Some(rest.len()) {
-        let reason =
-            format!("holds {} bytes of data, its header needs shape {shape:?} of {dtype}", rest.len());
-        return Err(Error::file(path, reason));
-    }
     let file = NpyFile::with_header(header, rest);
     let values = match (dtype.type_char(), dtype.size_field()) {
         (TypeChar::Float, 4) => convert::<f32>(file),

@@ -19,7 +19,7 @@ use crate::correspondences::{self, Correspondence};
 use crate::error::{Error, Result};
 use crate::label_image::{Encoding, LabelImage};
 use crate::observation::{Frame, Observations};
-use crate::point_cloud;
+use crate::point_cloud::{self, PointCloud};
 use crate::probabilities;
 use crate::registration::{self, Hypothesis, RegistrationConfig};
 use crate::speckle::despeckled;
@@ -347,9 +347,29 @@ struct PyAgreement {
     num_hidden: usize,
 }
 
-/// x y z of each return, intensity, raw class ids, and how many entries were no returns.
-type CloudArrays<'py> =
-    (Bound<'py, PyArray2<f32>>, Option<Bound<'py, PyArray1<f32>>>, Option<Bound<'py, PyArray1<u16>>>, usize);
+#[pyclass(name = "PointCloud", frozen, get_all)]
+struct PyPointCloud {
+    points: Py<PyArray2<f32>>,
+    intensity: Option<Py<PyArray1<f32>>>,
+    ring: Option<Py<PyArray1<u16>>>,
+    time: Option<Py<PyArray1<f64>>>,
+    labels: Option<Py<PyArray1<u16>>>,
+    num_no_returns: usize,
+}
+
+impl PyPointCloud {
+    fn new(py: Python<'_>, cloud: PointCloud) -> PyResult<Self> {
+        let count = cloud.points.len();
+        Ok(Self {
+            points: cloud.points.into_flattened().into_pyarray(py).reshape([count, 3])?.unbind(),
+            intensity: cloud.intensity.map(|x| x.into_pyarray(py).unbind()),
+            ring: cloud.ring.map(|x| x.into_pyarray(py).unbind()),
+            time: cloud.time.map(|x| x.into_pyarray(py).unbind()),
+            labels: cloud.labels.map(|x| x.into_pyarray(py).unbind()),
+            num_no_returns: cloud.num_no_returns,
+        })
+    }
+}
 
 /// Points (N, 3) and the pixels (N, 2) they correspond to.
 type PairArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
@@ -439,6 +459,8 @@ mod _core {
     #[pymodule_export]
     use super::PyAnchoredPoints;
     #[pymodule_export]
+    use super::PyPointCloud;
+    #[pymodule_export]
     use super::{
         PyAgreement, PyCamera, PyClassShares, PyHypothesis, PyObservations, PyRenderer, PySphericalImages,
     };
@@ -457,17 +479,9 @@ mod _core {
     fn read_point_clouds(
         py: Python<'_>,
         paths: Vec<(PathBuf, Option<PathBuf>)>,
-    ) -> PyResult<Vec<CloudArrays<'_>>> {
+    ) -> PyResult<Vec<PyPointCloud>> {
         let clouds = detached(py, || point_cloud::read_all(&paths))?;
-        let arrays = |cloud: point_cloud::PointCloud| {
-            Ok((
-                to_array2(py, &cloud.points)?,
-                cloud.intensity.map(|x| x.into_pyarray(py)),
-                cloud.labels.map(|x| x.into_pyarray(py)),
-                cloud.num_no_returns,
-            ))
-        };
-        clouds.into_iter().map(arrays).collect()
+        clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()
     }
 
     #[pyfunction]

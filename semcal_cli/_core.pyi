@@ -19,6 +19,7 @@ __all__ = [
     "ClassShares",
     "Hypothesis",
     "Observations",
+    "PointCloud",
     "Renderer",
     "SphericalImages",
     "agreement",
@@ -137,6 +138,29 @@ class Hypothesis:
         """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
 
 @final
+class PointCloud:
+    """A sweep without its no-returns: entries that were not finite or all zero."""
+
+    @property
+    def points(self) -> _Float32:
+        """(N, 3) metres, LiDAR frame."""
+    @property
+    def intensity(self) -> _Float32 | None:
+        """(N,) as recorded, where the format has it."""
+    @property
+    def ring(self) -> NDArray[np.uint16] | None:
+        """(N,) the beam of each, where the cloud has a field of whole numbers for it."""
+    @property
+    def time(self) -> _Float64 | None:
+        """(N,) seconds, from whatever moment the recorder counts."""
+    @property
+    def labels(self) -> NDArray[np.uint16] | None:
+        """(N,) raw class ids, of the label file or else of the cloud's own label field."""
+    @property
+    def num_no_returns(self) -> int:
+        """How many entries were left out."""
+
+@final
 class Agreement:
     """How well points and label images agree at a pose, over all frames."""
 
@@ -196,12 +220,8 @@ def set_num_threads(num_threads: int) -> None:
 
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],
-) -> list[tuple[_Float32, _Float32 | None, NDArray[np.uint16] | None, int]]:
-    """Read sweeps with their labels.
-
-    Returns:
-        For each, x y z of the returns (N, 3), their intensity (N,), their raw class ids (N,), and how many
-        entries were no returns.
+) -> list[PointCloud]:
+    """Read sweeps, each with its file of labels or, without one, with the labels of its own label field, if any.
 
     Raises:
         InputError: a file cannot be read or is not what its format promises, or counts differ.

@@ -173,7 +173,7 @@ class Frame(StrictModel):
     points: FileName
     """Point cloud."""
     point_labels: FileName | None = None
-    """Ids or class probabilities of the points."""
+    """Ids or class probabilities of the points; when absent, the point cloud's own field of ids."""
     image_labels: FileName | None = None
     """Ids or class probabilities of the pixels."""
     image: FileName | None = None

@@ -39,6 +39,8 @@ class Observations:
     """Of each frame whose points have class probabilities; `point_classes` are then the likeliest. Empty: of none."""
     image_shares: Sequence[_core.ClassShares | None] = ()
     """Likewise of the pixels."""
+    num_no_returns: Sequence[int] = ()
+    """Entries of each sweep that were not finite or all zero, and were left out."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among pixels of other classes, and took the class around them."""
 
@@ -56,6 +58,7 @@ class Observations:
             image_classes=[self.image_classes[i] for i in indices],
             point_shares=[self.point_shares[i] for i in indices] if self.point_shares else (),
             image_shares=[self.image_shares[i] for i in indices] if self.image_shares else (),
+            num_no_returns=[self.num_no_returns[i] for i in indices] if self.num_no_returns else (),
         )
 
     @cached_property
@@ -92,11 +95,9 @@ def read_observations(drive: Drive) -> Observations:
     """
     if drive.motion is not None:
         raise InputError(f"{drive.path}: motion: is not supported yet, needed a drive without it")
-    point_paths = [drive.resolve(frame.points) for frame in drive.frames]
-    paths = list(zip(point_paths, label_paths(drive, "point_labels"), strict=True))
-    clouds = _core.read_point_clouds(paths)
-    point_ids = [labels for _, _, labels, _ in clouds if labels is not None]
     pictures = _read_pictures(drive)
+    clouds = read_clouds(drive)
+    point_ids = _point_ids(drive, clouds)
     point_table = _class_table(drive, "points", point_ids)
     image_table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
     image_classes, image_shares = zip(*(_dense(picture, image_table) for picture in pictures), strict=True)
@@ -104,12 +105,13 @@ def read_observations(drive: Drive) -> Observations:
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
-        points=[points for points, _, _, _ in clouds],
+        points=[cloud.points for cloud in clouds],
         point_classes=[point_table(ids) for ids in point_ids],
         image_classes=[classes.reshape(size) for classes in image_classes],
         point_class_names=point_table.names,
         image_class_names=image_table.names,
         image_shares=image_shares if any(image_shares) else (),
+        num_no_returns=[cloud.num_no_returns for cloud in clouds],
     )
 
 
@@ -157,6 +159,27 @@ def mend(observations: Observations) -> Observations:
         image_classes=[image for image, _ in chosen],
         speckle=sum(count for _, count in chosen) / num_pixels,
     )
+
+
+def read_clouds(drive: Drive) -> list[_core.PointCloud]:
+    """Read the sweep of every frame, in parallel, with labels where there are some.
+
+    Raises:
+        InputError: a file is missing or is not what its name says.
+    """
+    labels = [frame.point_labels and drive.resolve(frame.point_labels) for frame in drive.frames]
+    points = [drive.resolve(frame.points) for frame in drive.frames]
+    return _core.read_point_clouds(list(zip(points, labels, strict=True)))
+
+
+def _point_ids(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.NDArray[np.uint16]]:
+    ids = [cloud.labels for cloud in clouds if cloud.labels is not None]
+    if len(ids) < len(clouds):
+        index = next(i for i, cloud in enumerate(clouds) if cloud.labels is None)
+        found = f"found nothing, and {drive.frames[index].points} has no field of class ids"
+        needed = "needed a file of class ids, or a field named label, class, semantic or the like"
+        raise InputError(f"{drive.path}: frames[{index}].point_labels: {found}; {needed}")
+    return ids
 
 
 def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> list[Path]:

@@ -1,24 +1,31 @@
-//! KITTI's `.bin` (x y z intensity, float32) and SemanticKITTI's `.label` (uint32).
+//! KITTI's `.bin` (x y z intensity, float32) and nuScenes' `.pcd.bin` (x y z intensity ring, float32), without a header.
+//!
+//! Sources: the development kits of KITTI's object benchmark and of nuScenes (`LidarPointCloud.from_file`).
 
-use std::path::Path;
+use super::Parsed;
+use super::column::{Column, Scalar};
+use super::fields::Fields;
+use super::table::Table;
 
-use super::{RawCloud, read_records};
-use crate::error::Result;
-
-pub(super) fn read_points(path: &Path) -> Result<RawCloud> {
-    let bytes = read_records(path, 16)?;
-    let (values, _) = bytes.as_chunks::<4>();
-    let (records, _) = values.as_chunks::<4>();
-    let f = |b: [u8; 4]| f32::from_le_bytes(b);
-    Ok(RawCloud {
-        points: records.iter().map(|&[x, y, z, _]| [f(x), f(y), f(z)]).collect(),
-        intensity: Some(records.iter().map(|&[_, _, _, i]| f(i)).collect()),
-    })
+/// 4 or 5 float32 columns.
+pub(super) fn parse(bytes: &[u8], num_columns: usize) -> Parsed<Table<'_>> {
+    let num_records = count_records(bytes, 4 * num_columns)?;
+    let column = |index: usize| Column::little_endian(4 * index, 4 * num_columns, Scalar::F32);
+    let columns = Fields {
+        xyz: [column(0), column(1), column(2)],
+        intensity: Some(column(3)),
+        ring: (num_columns > 4).then(|| column(4)),
+        time: None,
+        label: None,
+    };
+    Table::new(bytes, num_records, columns, 1.0)
 }
 
-/// The low 16 bits are the class, the high ones an instance.
-pub(super) fn read_labels(path: &Path) -> Result<Vec<u16>> {
-    let bytes = read_records(path, 4)?;
-    let (values, _) = bytes.as_chunks::<4>();
-    Ok(values.iter().map(|&[low, high, ..]| u16::from_le_bytes([low, high])).collect())
+/// How many records of a size there are: a whole number of them.
+pub(super) fn count_records(bytes: &[u8], record_bytes: usize) -> Parsed<usize> {
+    if bytes.len().is_multiple_of(record_bytes) {
+        Ok(bytes.len() / record_bytes)
+    } else {
+        Err(format!("{} bytes is not a multiple of {record_bytes}", bytes.len()))
+    }
 }

@@ -1,0 +1,165 @@
+//! What a parser finds in a file, and the one way from there to a point cloud: no-returns are dropped on the way.
+
+use std::borrow::Cow;
+
+use super::column::{Column, Scalar};
+use super::fields::Fields;
+use super::{Parsed, PointCloud};
+
+/// Columns of a cloud, over the bytes of its file or over bytes unpacked from it.
+#[derive(Debug)]
+pub(super) struct Table<'a> {
+    bytes: Cow<'a, [u8]>,
+    num_records: usize,
+    columns: Fields<Column>,
+    seconds_per_tick: f64,
+}
+
+/// One class id for each entry of a cloud, no-returns included.
+#[derive(Debug)]
+pub(super) struct Labels<'a> {
+    bytes: Cow<'a, [u8]>,
+    num_records: usize,
+    column: Column,
+}
+
+/// Which entries of a file are returns.
+pub(super) struct Returns {
+    keep: Vec<bool>,
+    count: usize,
+}
+
+/// A time beyond it is in nanoseconds, as Livox' driver writes them to a float64: as seconds it is 30 million years.
+const LARGEST_TIME_S: f64 = 1e15;
+
+impl<'a> Table<'a> {
+    /// # Errors
+    /// The columns reach beyond the bytes.
+    pub(super) fn new(
+        bytes: impl Into<Cow<'a, [u8]>>,
+        num_records: usize,
+        columns: Fields<Column>,
+        seconds_per_tick: f64,
+    ) -> Parsed<Self> {
+        let bytes = bytes.into();
+        columns.iter().try_for_each(|column| column.check(num_records, bytes.len()))?;
+        Ok(Self { bytes, num_records, columns, seconds_per_tick })
+    }
+
+    /// Entries, no-returns included.
+    pub(super) fn num_records(&self) -> usize {
+        self.num_records
+    }
+
+    /// The class ids that the cloud itself holds.
+    pub(super) fn labels(&self) -> Option<Labels<'_>> {
+        let (bytes, num_records) = (Cow::Borrowed(&*self.bytes), self.num_records);
+        self.columns.label.map(|column| Labels { bytes, num_records, column })
+    }
+
+    /// Everything but labels, without entries that are not finite or all zero.
+    pub(super) fn decode(&self) -> (PointCloud, Returns) {
+        let (points, returns) = self.returns();
+        let cloud = PointCloud {
+            num_no_returns: self.num_records - returns.count,
+            intensity: self
+                .columns
+                .intensity
+                .map(|column| returns.gather(&column, &self.bytes, |x| x as f32)),
+            ring: self.columns.ring.and_then(|column| whole_numbers(&column, &self.bytes, &returns).ok()),
+            time: self.columns.time.map(|column| self.seconds(&column, &returns)),
+            labels: None,
+            points,
+        };
+        (cloud, returns)
+    }
+
+    fn returns(&self) -> (Vec<[f32; 3]>, Returns) {
+        let (bytes, n) = (&*self.bytes, self.num_records);
+        let [x, y, z] = &self.columns.xyz;
+        if self.columns.xyz.iter().all(|c| c.scalar == Scalar::F32 && !c.is_big_endian) {
+            let f = |c: &Column| c.values(bytes, n).map(f32::from_le_bytes);
+            return select_returns(f(x).zip(f(y)).zip(f(z)).map(|((x, y), z)| [x, y, z]), n);
+        }
+        let f = |column: &Column| {
+            let mut values = Vec::with_capacity(n);
+            column.for_each(bytes, n, |value| values.push(value as f32));
+            values.into_iter()
+        };
+        select_returns(f(x).zip(f(y)).zip(f(z)).map(|((x, y), z)| [x, y, z]), n)
+    }
+
+    fn seconds(&self, column: &Column, returns: &Returns) -> Vec<f64> {
+        let seconds = |time: f64| {
+            let time_s = time * self.seconds_per_tick;
+            if time_s.abs() > LARGEST_TIME_S { time_s * 1e-9 } else { time_s }
+        };
+        returns.gather(column, &self.bytes, seconds)
+    }
+}
+
+impl<'a> Labels<'a> {
+    /// # Errors
+    /// The column reaches beyond the bytes.
+    pub(super) fn new(bytes: impl Into<Cow<'a, [u8]>>, num_records: usize, column: Column) -> Parsed<Self> {
+        let bytes = bytes.into();
+        column.check(num_records, bytes.len())?;
+        Ok(Self { bytes, num_records, column })
+    }
+
+    /// Entries, no-returns included.
+    pub(super) fn num_records(&self) -> usize {
+        self.num_records
+    }
+
+    /// The ids of the returns.
+    ///
+    /// # Errors
+    /// A label is no class id.
+    pub(super) fn ids(&self, returns: &Returns) -> Parsed<Vec<u16>> {
+        whole_numbers(&self.column, &self.bytes, returns)
+            .map_err(|value| format!("holds the label {value}, a class id is an integer from 0 to 65535"))
+    }
+}
+
+impl Returns {
+    /// The values of the returns.
+    #[inline]
+    fn gather<T>(&self, column: &Column, bytes: &[u8], mut convert: impl FnMut(f64) -> T) -> Vec<T> {
+        let mut values = Vec::with_capacity(self.count);
+        let mut keep = self.keep.iter();
+        column.for_each(bytes, self.keep.len(), |value| {
+            if keep.next() == Some(&true) {
+                values.push(convert(value));
+            }
+        });
+        values
+    }
+}
+
+fn select_returns(points: impl Iterator<Item = [f32; 3]>, num_records: usize) -> (Vec<[f32; 3]>, Returns) {
+    let mut kept = Vec::with_capacity(num_records);
+    let mut keep = Vec::with_capacity(num_records);
+    for point in points {
+        let is_return = point.iter().all(|x| x.is_finite()) && point != [0.0; 3];
+        keep.push(is_return);
+        if is_return {
+            kept.push(point);
+        }
+    }
+    let count = kept.len();
+    (kept, Returns { keep, count })
+}
+
+/// The values of the returns, or the first that is not a whole number from 0 to 65535.
+fn whole_numbers(column: &Column, bytes: &[u8], returns: &Returns) -> Result<Vec<u16>, f64> {
+    let mut wrong = None;
+    let ids = returns.gather(column, bytes, |value| {
+        let id = value as u16;
+        if f64::from(id) != value {
+            wrong.get_or_insert(value);
+        }
+        id
+    });
+    wrong.map_or(Ok(ids), Err)
+}

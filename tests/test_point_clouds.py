@@ -1,0 +1,310 @@
+"""Point clouds: real files, and the same little cloud in every format."""
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import DRIVE, TEST_DATA
+from plyfile import PlyData, PlyElement
+
+from semcal_cli import _core
+from semcal_cli.drive import read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.observations import read_observations
+
+
+def real(name: str) -> Path:
+    path = TEST_DATA / name
+    if not path.exists():
+        pytest.skip(f"no real frames: {path} does not exist; set SEMCAL_TEST_DATA")
+    return path
+
+
+def read(points: Path, labels: Path | None = None) -> _core.PointCloud:
+    (cloud,) = _core.read_point_clouds([(points, labels)])
+    return cloud
+
+
+@pytest.mark.parametrize(("frame", "count"), [("1", 101340), ("2", 98805), ("3", 85546)])
+def test_compressed_pcd_of_a_road(frame: str, count: int) -> None:
+    cloud = read(real(f"opencalib_road/{frame}/calib.pcd"))
+    assert cloud.points.shape == (count, 3)
+    assert cloud.intensity is not None
+    assert cloud.ring is not None
+    assert cloud.time is not None
+    np.testing.assert_array_equal(np.unique(cloud.ring), np.arange(64))
+    assert cloud.intensity.max() == 254
+    # A sweep at 10 Hz, of the days on which it was recorded.
+    assert 0.09 < np.ptp(cloud.time) < 0.11
+    assert 1.6e9 < cloud.time.min() < 1.7e9
+    # Rings are cones: a beam's elevation hardly varies, and differs from that of others.
+    elevation = np.degrees(np.arctan2(cloud.points[:, 2], np.hypot(*cloud.points[:, :2].T)))
+    spread = [np.ptp(np.percentile(elevation[cloud.ring == ring], [5, 95])) for ring in range(64)]
+    assert np.median(spread) < 1.0 < np.ptp(elevation) / 10
+
+
+def test_bin_and_ply_of_one_sweep_agree() -> None:
+    points = read(real("rellis3d_000104/000104.bin"))
+    mesh = read(real("rellis3d_000104/frame000104-1581624663_170.ply"))
+    np.testing.assert_array_equal(points.points, mesh.points)
+    assert points.num_no_returns == mesh.num_no_returns == 53364
+    assert (points.ring, points.time) == (None, None)
+    assert mesh.ring is not None
+    assert mesh.time is not None
+    np.testing.assert_array_equal(np.unique(mesh.ring), np.arange(64))
+    assert 0.09 < mesh.time.max() < 0.1
+
+
+def test_nuscenes_sweep() -> None:
+    cloud = read(next(real("nuscenes_keyframe").glob("*.pcd.bin")))
+    assert cloud.points.shape == (34688, 3)
+    assert cloud.ring is not None
+    np.testing.assert_array_equal(np.unique(cloud.ring), np.arange(32))
+
+
+RECORD = np.dtype(
+    [
+        ("x", "<f4"),
+        ("y", "<f4"),
+        ("z", "<f4"),
+        ("intensity", "<f4"),
+        ("ring", "<u2"),
+        ("label", "<u2"),
+        ("time", "<f8"),
+    ]
+)
+
+
+def little_cloud() -> np.ndarray:
+    """Two of its entries are no returns."""
+    rng = np.random.default_rng(0)
+    cloud = np.zeros(40, RECORD)
+    for axis in "xyz":
+        cloud[axis] = (rng.integers(-4000, 4000, 40) + 0.5) / 64  # exact in steps of 1/128 m, as LAS stores
+    cloud["intensity"] = rng.integers(0, 256, 40)
+    cloud["ring"] = rng.integers(0, 64, 40)
+    cloud["label"] = rng.integers(0, 200, 40)
+    cloud["time"] = np.arange(40) / 1024
+    cloud[3] = 0
+    cloud[8] = 0
+    return cloud
+
+
+def columns(cloud: np.ndarray, *names: str) -> np.ndarray:
+    return np.stack([cloud[name].astype(np.float32) for name in names], axis=1)
+
+
+def pcd_header(cloud: np.ndarray, encoding: str, version: str = "0.7") -> bytes:
+    kinds = [cloud.dtype[name].base.kind.upper().replace("V", "U") for name in cloud.dtype.names]
+    sizes = [str(cloud.dtype[name].base.itemsize) for name in cloud.dtype.names]
+    counts = [str(int(np.prod(cloud.dtype[name].shape))) for name in cloud.dtype.names]
+    names = " ".join("_" if name.startswith("_") else name for name in cloud.dtype.names)
+    lines = [
+        f"# .PCD v{version} - Point Cloud Data file format",
+        f"VERSION {version}",
+        f"FIELDS {names}",
+        f"SIZE {' '.join(sizes)}",
+        f"TYPE {' '.join(kinds)}",
+        f"COUNT {' '.join(counts)}",
+        f"WIDTH {len(cloud)}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {len(cloud)}",
+        f"DATA {encoding}",
+    ]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def text(cloud: np.ndarray) -> bytes:
+    flat = [[value for field in row.tolist() for value in np.atleast_1d(field)] for row in cloud]
+    return "".join(" ".join(map(str, row)) + "\n" for row in flat).encode()
+
+
+def lzf(data: bytes) -> bytes:
+    """LZF, with a repeat wherever eight bytes are those just before."""
+    packed, index = b"", 0
+    while index < len(data):
+        if index >= 8 and data[index - 8 : index] == data[index : index + 8]:
+            packed += bytes([6 << 5, 7])
+            index += 8
+        else:
+            chunk = data[index : index + 8]
+            packed += bytes([len(chunk) - 1]) + chunk
+            index += len(chunk)
+    return packed
+
+
+def padded(cloud: np.ndarray) -> np.ndarray:
+    """Other fields, padding and an odd order around those that are used."""
+    dtype = [
+        ("_a", "u1", (3,)),
+        ("normal", "<f4", (3,)),
+        *reversed(RECORD.descr),
+        ("_b", "<u4"),
+        ("rgb", "<f4"),
+    ]
+    wide = np.ones(len(cloud), dtype)
+    for name in RECORD.names:
+        wide[name] = cloud[name]
+    return wide
+
+
+def write_pcd(encoding: str) -> Callable[[np.ndarray, Path], Path]:
+    def write(cloud: np.ndarray, path: Path) -> Path:
+        wide = padded(cloud)
+        data = {
+            "ascii": text(wide),
+            "binary": wide.tobytes(),
+            "binary_compressed": b"".join(
+                np.ascontiguousarray(wide[name]).tobytes() for name in wide.dtype.names
+            ),
+        }[encoding]
+        if encoding == "binary_compressed":
+            packed = lzf(data)
+            assert len(packed) < len(data)
+            data = struct.pack("<II", len(packed), len(data)) + packed
+        path = path.with_suffix(".pcd")
+        path.write_bytes(pcd_header(wide, encoding) + data)
+        return path
+
+    return write
+
+
+def write_plyfile(in_text: bool) -> Callable[[np.ndarray, Path], Path]:
+    def write(cloud: np.ndarray, path: Path) -> Path:
+        faces = np.array([([0, 1, 2], 7), ([3, 4], 8)], [("vertex_indices", "O"), ("flag", "u1")])
+        elements = [PlyElement.describe(faces, "face"), PlyElement.describe(cloud, "vertex")]
+        PlyData(elements, text=in_text, byte_order="=" if in_text else "<").write(
+            str(path.with_suffix(".ply"))
+        )
+        return path.with_suffix(".ply")
+
+    return write
+
+
+def write_ply_with_lists(encoding: str) -> Callable[[np.ndarray, Path], Path]:
+    """By hand: plyfile writes numbers beside a list in the machine's order, whatever the header says."""
+    header = (
+        f"ply\nformat {encoding} 1.0\ncomment \u00e4\nelement vertex 40\nproperty list uchar ushort near\n"
+    )
+    names = {"f": "float", "H": "ushort", "d": "double"}
+
+    def write(cloud: np.ndarray, path: Path) -> Path:
+        order, lists = ">" if "big" in encoding else "<", [list(range(ring % 3)) for ring in cloud["ring"]]
+        properties = [
+            f"property {names[kind]} {name}\n" for kind, name in zip("ffffHHd", RECORD.names, strict=True)
+        ]
+        rows = zip(lists, cloud.tolist(), strict=True)
+        if encoding == "ascii":
+            lines = [" ".join(map(str, [len(items), *items, *row])) for items, row in rows]
+            data = "\n".join(lines).encode()
+        else:
+            packed = [struct.pack(f"{order}B{len(i)}H4f2Hd", len(i), *i, *row) for i, row in rows]
+            data = b"".join(packed)
+        path = path.with_suffix(".ply")
+        path.write_bytes((header + "".join(properties) + "end_header\n").encode("latin-1") + data)
+        return path
+
+    return write
+
+
+def write_bin(cloud: np.ndarray, path: Path) -> Path:
+    path = path.with_suffix(".bin")
+    columns(cloud, "x", "y", "z", "intensity").tofile(path)
+    return path
+
+
+def write_nuscenes(cloud: np.ndarray, path: Path) -> Path:
+    path = path.with_suffix(".pcd.bin")
+    columns(cloud, "x", "y", "z", "intensity", "ring").tofile(path)
+    return path
+
+
+def write_npy(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray, Path], Path]:
+    def write(cloud: np.ndarray, path: Path) -> Path:
+        np.save(path.with_suffix(".npy"), change(cloud))
+        return path.with_suffix(".npy")
+
+    return write
+
+
+XYZI = ("x", "y", "z", "intensity")
+WRITERS: dict[str, tuple[Callable[[np.ndarray, Path], Path], set[str]]] = {
+    "KITTI .bin": (write_bin, {"intensity"}),
+    "nuScenes .pcd.bin": (write_nuscenes, {"intensity", "ring"}),
+    "PCD ascii": (write_pcd("ascii"), {"intensity", "ring", "labels", "time"}),
+    "PCD binary": (write_pcd("binary"), {"intensity", "ring", "labels", "time"}),
+    "PCD binary_compressed": (write_pcd("binary_compressed"), {"intensity", "ring", "labels", "time"}),
+    "PLY ascii": (write_plyfile(in_text=True), {"intensity", "ring", "labels", "time"}),
+    "PLY binary": (write_plyfile(in_text=False), {"intensity", "ring", "labels", "time"}),
+    "PLY ascii with lists": (write_ply_with_lists("ascii"), {"intensity", "ring", "labels", "time"}),
+    "PLY little-endian with lists": (
+        write_ply_with_lists("binary_little_endian"),
+        {"intensity", "ring", "labels", "time"},
+    ),
+    "PLY big-endian with lists": (
+        write_ply_with_lists("binary_big_endian"),
+        {"intensity", "ring", "labels", "time"},
+    ),
+    "NPY records": (write_npy(padded), {"intensity", "ring", "labels", "time"}),
+    "NPY big-endian records": (
+        write_npy(lambda cloud: cloud.astype(RECORD.newbyteorder(">"))),
+        {"intensity", "ring", "labels", "time"},
+    ),
+    "NPY N x 4": (write_npy(lambda cloud: columns(cloud, *XYZI).astype(np.float64)), {"intensity"}),
+    "NPY N x 3, Fortran": (write_npy(lambda cloud: np.asfortranarray(columns(cloud, *"xyz"))), set()),
+}
+
+
+@pytest.mark.parametrize(("write", "kept"), WRITERS.values(), ids=WRITERS.keys())
+def test_every_reader_reads_the_same_cloud(
+    tmp_path: Path, write: Callable[[np.ndarray, Path], Path], kept: set[str]
+) -> None:
+    cloud = little_cloud()
+    expected = np.delete(cloud, [3, 8])
+    path = write(cloud, tmp_path / "a")
+    found = read(path)
+    assert found.points.dtype == np.float32
+    np.testing.assert_array_equal(found.points, columns(expected, *"xyz"))
+    assert found.num_no_returns == 2
+    names = {"intensity": "intensity", "ring": "ring", "labels": "label", "time": "time"}
+    for attribute, name in names.items():
+        values = getattr(found, attribute)
+        assert (values is not None) == (attribute in kept)
+        if values is not None:
+            np.testing.assert_array_equal(values, expected[name])
+    cloud["label"].astype(np.uint8).tofile(tmp_path / "lidarseg.bin")
+    (cloud["label"].astype("<u4") + (5 << 16)).tofile(tmp_path / "a.label")
+    np.save(tmp_path / "ids.npy", cloud["label"].astype(">i8"))
+    for labels in ("lidarseg.bin", "a.label", "ids.npy"):
+        np.testing.assert_array_equal(read(path, tmp_path / labels).labels, expected["label"])
+    np.save(tmp_path / "ids.npy", np.zeros(39, np.uint8))
+    with pytest.raises(InputError) as complaint:
+        read(path, tmp_path / "ids.npy")
+    assert str(complaint.value) == f"{tmp_path}/ids.npy: 39 labels for the 40 points of {path}"
+
+
+LABEL_NAMES = ("ObjTag", "Class", "semantic", "scalar_Classification", "label_mapped")
+
+
+@pytest.mark.parametrize("name", LABEL_NAMES)
+def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> None:
+    cloud = little_cloud()
+    vertices = cloud.astype([(name if field == "label" else field, kind) for field, kind in RECORD.descr])
+    PlyData([PlyElement.describe(vertices, "vertex")]).write(str(tmp_path / "a.ply"))
+    np.save(tmp_path / "a.npy", (np.arange(720 * 1280) % 3).reshape(720, 1280).astype(np.uint8))
+    drive = DRIVE.replace("points/000000.bin", "a.ply\n  image_labels: a.npy")
+    (tmp_path / "drive.yaml").write_text(drive)
+    if name == "label_mapped":
+        with pytest.raises(InputError) as complaint:
+            read_observations(read_drive(tmp_path))
+        assert str(complaint.value) == (
+            f"{tmp_path}/drive.yaml: frames[0].point_labels: found nothing, and a.ply has no field of class ids; "
+            "needed a file of class ids, or a field named label, class, semantic or the like"
+        )
+        return
+    observations = read_observations(read_drive(tmp_path))
+    ids = np.array(observations.point_class_names)[observations.point_classes[0]]
+    np.testing.assert_array_equal(ids.astype(int), np.delete(cloud["label"], [3, 8]))
