@@ -17,7 +17,7 @@ LAYERS = [
     {"datasets"},
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
-    {"mine", "polish"},
+    {"mine", "polish", "inspection"},
     {"pipeline"},
     {"experiments"},
     {"cli"},

@@ -15,6 +15,7 @@ from semcal_cli.cli.evaluate import evaluate
 from semcal_cli.cli.experiment import experiment
 from semcal_cli.cli.import_ import import_
 from semcal_cli.cli.initialize import initialize
+from semcal_cli.cli.inspect import inspect
 from semcal_cli.cli.refine import refine
 from semcal_cli.cli.synth import synth
 from semcal_cli.errors import SemcalError
@@ -28,7 +29,7 @@ def semcal() -> None:
     """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
 
 
-for command in (calibrate, initialize, refine, evaluate, experiment, import_, synth, demo):
+for command in (calibrate, initialize, refine, evaluate, inspect, import_, synth, experiment, demo):
     semcal.add_command(command)
 
 

@@ -25,7 +25,7 @@ from semcal_cli.drive import read_drive
 from semcal_cli.formats import read_transform
 from semcal_cli.initialization import AlignmentConfig, InitializationConfig, initialize, margin, runner_up
 from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations, load_observations
+from semcal_cli.observations import load_observations
 from semcal_cli.pipeline import MIN_RUNNER_UP_MARGIN
 from semcal_cli.synthesis import synthesize
 from semcal_cli.synthesis_config import SynthConfig
@@ -168,7 +168,7 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
         config = replace(config, max_roll_deg=180.0)
     results = []
     for frames in (tuple(range(NUM_FRAMES)), *((frame,) for frame in range(NUM_FRAMES))):
-        chosen = only(observations, frames)
+        chosen = observations.of_frames(frames)
         start = perf_counter()
         hypotheses = initialize(chosen, config, seed=0)
         seconds = perf_counter() - start
@@ -187,15 +187,6 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
             )
         )
     return results
-
-
-def only(observations: Observations, frames: tuple[int, ...]) -> Observations:
-    return replace(
-        observations,
-        points=[observations.points[i] for i in frames],
-        point_classes=[observations.point_classes[i] for i in frames],
-        image_classes=[observations.image_classes[i] for i in frames],
-    )
 
 
 def print_conditions(results: list[Result]) -> None:

@@ -1,0 +1,59 @@
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from semcal_cli.cli import semcal
+from semcal_cli.documents import document_text, read_document, write_text
+from semcal_cli.drive import DRIVE_FILE, read_drive
+from semcal_cli.inspection import _mirror_suspicions, inspect
+from semcal_cli.observations import Observations
+
+
+def changed(street: Path, folder: Path, **changes: object) -> Path:
+    """The street's drive with some keys changed, its files where they are."""
+    document = read_document(street / DRIVE_FILE) | changes
+    for frame in document["frames"]:
+        for key in ("points", "point_labels", "image_labels", "image"):
+            frame[key] = str(street / frame[key])
+    write_text(document_text(document, "yaml"), folder / DRIVE_FILE)
+    return folder
+
+
+def test_a_good_drive_has_nothing_suspicious(street: Path) -> None:
+    report = inspect(read_drive(street))
+    assert not report.is_suspicious, report
+    assert report.pattern.startswith("64 channels")
+    assert report.field_of_view_deg == pytest.approx((90.0, 58.7), abs=0.2)
+    low, high = report.elevations_deg
+    assert -31.0 < low < high < 11.0
+    assert report.azimuths_deg > 350.0
+    assert "road" in report.shared_classes
+    for frame in report.frames:
+        assert sum(frame.point_classes.values()) + frame.num_points_ignored == frame.num_points
+        assert sum(frame.image_classes.values()) + frame.num_pixels_ignored == 640 * 360
+
+
+def test_a_mirrored_cloud_is_recognised(street_observations: Observations) -> None:
+    assert _mirror_suspicions(street_observations) == []
+    flip = np.array([1.0, -1.0, 1.0], np.float32)
+    mirrored = replace(street_observations, points=[p * flip for p in street_observations.points])
+    (suspicion,) = _mirror_suspicions(mirrored)
+    assert suspicion.startswith("the clouds seem mirrored: with y negated, labels share ")
+
+
+def test_what_looks_wrong_is_said(street: Path, tmp_path: Path) -> None:
+    document = read_document(street / DRIVE_FILE)
+    frames = document["frames"][:1]
+    frames[0] |= {"points_stamp": 10.0, "image_stamp": 10.2}
+    camera = document["camera"] | {"K": [[320.0, 0.0, 959.5], [0.0, 320.0, 179.5], [0.0, 0.0, 1.0]]}
+    drive = changed(street, tmp_path, frames=frames, camera=camera)
+    found = CliRunner().invoke(semcal, ["inspect", str(drive)])
+    assert found.exit_code == 0, found.output
+    assert "cx of K is 959.5 in a picture of 640: K may belong to pictures of another size" in found.output
+    assert "sweep and picture are 0.200 s apart" in found.output
+    report = json.loads(CliRunner().invoke(semcal, ["inspect", str(drive), "--json"]).output)
+    assert report["frames"][0]["gap_s"] == pytest.approx(0.2)
