@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 NUM_NAMED = 4
 """Classes that are named in the table, the commonest first."""
+WIDE = 240
+"""Columns of a pipe."""
 
 
 @click.command()
@@ -61,7 +63,10 @@ def _print(report: DriveReport) -> None:
             _commonest(frame.image_classes),
             "" if frame.gap_s is None else f"{frame.gap_s:.3f}",
         )
+    # Lines are cut to the terminal; a pipe gets them whole.
     console = Console(highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        console.width = WIDE
     console.print(table)
     low, high = report.elevations_deg
     across, down = report.field_of_view_deg
