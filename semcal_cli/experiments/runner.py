@@ -301,6 +301,7 @@ def _plot(results: Sequence[Result]) -> Figure:
                 widths=0.8 * height,
                 orientation="horizontal",
                 patch_artist=True,
+                medianprops={"color": "black"},
                 manage_ticks=False,
             )
             for box in boxes["boxes"]:
