@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import DRIVE, TEST_DATA
+from hypothesis import given
+from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
 from semcal_cli import _core
@@ -230,6 +232,13 @@ def write_npy(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarra
     return write
 
 
+def write_npz(cloud: np.ndarray, path: Path) -> Path:
+    path = path.with_suffix(".npz")
+    others = {name: cloud[name] for name in ("intensity", "ring", "label", "time")}
+    np.savez_compressed(path, points=columns(cloud, "x", "y", "z"), **others)
+    return path
+
+
 XYZI = ("x", "y", "z", "intensity")
 WRITERS: dict[str, tuple[Callable[[np.ndarray, Path], Path], set[str]]] = {
     "KITTI .bin": (write_bin, {"intensity"}),
@@ -254,6 +263,7 @@ WRITERS: dict[str, tuple[Callable[[np.ndarray, Path], Path], set[str]]] = {
         {"intensity", "ring", "labels", "time"},
     ),
     "NPY N x 4": (write_npy(lambda cloud: columns(cloud, *XYZI).astype(np.float64)), {"intensity"}),
+    "NPZ": (write_npz, {"intensity", "ring", "labels", "time"}),
     "NPY N x 3, Fortran": (write_npy(lambda cloud: np.asfortranarray(columns(cloud, *"xyz"))), set()),
 }
 
@@ -284,6 +294,30 @@ def test_every_reader_reads_the_same_cloud(
     with pytest.raises(InputError) as complaint:
         read(path, tmp_path / "ids.npy")
     assert str(complaint.value) == f"{tmp_path}/ids.npy: 39 labels for the 40 points of {path}"
+
+
+@pytest.mark.parametrize("write", [write for write, _ in WRITERS.values()], ids=WRITERS.keys())
+def test_damaged_files_are_a_cloud_or_one_line(
+    tmp_path_factory: pytest.TempPathFactory, write: Callable[[np.ndarray, Path], Path]
+) -> None:
+    path = write(little_cloud(), tmp_path_factory.mktemp("damaged") / "a")
+    whole = path.read_bytes()
+    place = st.integers(0, len(whole) - 1)
+
+    @given(
+        edits=st.lists(st.tuples(place, st.binary(min_size=1, max_size=8)), max_size=4), end=place | st.none()
+    )
+    def check(edits: list[tuple[int, bytes]], end: int | None) -> None:
+        damaged = bytearray(whole)
+        for start, patch in edits:
+            damaged[start : start + len(patch)] = patch
+        path.write_bytes(damaged[:end])
+        try:
+            read(path)
+        except InputError as error:
+            assert len(str(error).splitlines()) == 1  # noqa: PT017
+
+    check()
 
 
 LABEL_NAMES = ("ObjTag", "Class", "semantic", "scalar_Classification", "label_mapped")

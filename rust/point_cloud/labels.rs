@@ -9,14 +9,14 @@ use super::Parsed;
 use super::column::{Column, Scalar};
 use super::kitti::count_records;
 use super::npy;
-use super::table::Labels;
+use super::table::Values;
 use crate::file::extension;
 
-pub(super) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Parsed<Labels<'a>> {
+pub(super) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Parsed<Values<'a>> {
     match extension(path).as_str() {
-        "label" => Labels::new(bytes, count_records(bytes, 4)?, Column::little_endian(0, 4, Scalar::U16)),
-        "bin" => Labels::new(bytes, bytes.len(), Column::little_endian(0, 1, Scalar::U8)),
-        "npy" => npy::parse_labels(bytes),
+        "label" => Values::new(bytes, count_records(bytes, 4)?, Column::little_endian(0, 4, Scalar::U16)),
+        "bin" => Values::new(bytes, bytes.len(), Column::little_endian(0, 1, Scalar::U8)),
+        "npy" => npy::parse_values(bytes),
         other => Err(format!("label format '{other}' is not known, needs .label, .bin or .npy")),
     }
 }

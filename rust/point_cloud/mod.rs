@@ -9,6 +9,7 @@ mod kitti;
 mod labels;
 pub mod lzf;
 mod npy;
+mod npz;
 mod pcd;
 mod ply;
 mod table;
@@ -54,6 +55,8 @@ pub enum Format {
     Ply,
     /// NumPy's `.npy`.
     Npy,
+    /// NumPy's `.npz`.
+    Npz,
 }
 
 impl Format {
@@ -70,8 +73,9 @@ impl Format {
             "pcd" => Ok(Self::Pcd),
             "ply" => Ok(Self::Ply),
             "npy" => Ok(Self::Npy),
+            "npz" => Ok(Self::Npz),
             other => {
-                let needed = ".bin, .pcd.bin, .pcd, .ply or .npy";
+                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy or .npz";
                 Err(Error::file(path, format!("point cloud format '{other}' is not known, needs {needed}")))
             }
         }
@@ -84,6 +88,7 @@ impl Format {
             Self::Pcd => pcd::parse(bytes),
             Self::Ply => ply::parse(bytes),
             Self::Npy => npy::parse(bytes),
+            Self::Npz => npz::parse(bytes),
         }
     }
 }

@@ -4,7 +4,7 @@ use npyz::{DType, Endianness, NpyHeader, Order, TypeChar, TypeStr};
 
 use super::column::{Column, Kind, Scalar};
 use super::fields::{Fields, find, seconds_per_tick};
-use super::table::{Labels, Table};
+use super::table::{Table, Values};
 use super::{Parsed, shown};
 use crate::npy::split_header;
 
@@ -58,16 +58,16 @@ fn parse_columns<'a>(header: &NpyHeader, dtype: &TypeStr, data: &'a [u8]) -> Par
     Table::new(data, rows, columns, 1.0)
 }
 
-/// N integers; floats, if each is one.
-pub(super) fn parse_labels(bytes: &[u8]) -> Parsed<Labels<'_>> {
+/// N numbers.
+pub(super) fn parse_values(bytes: &[u8]) -> Parsed<Values<'_>> {
     let (header, data) = split_header(bytes)?;
     let [num_records] = *header.shape() else {
-        return Err(format!("has shape {:?}, needs N ids", header.shape()));
+        return Err(format!("has shape {:?}, needs N numbers", header.shape()));
     };
     let DType::Plain(dtype) = header.dtype() else {
         return Err("holds records, needs an array of numbers".into());
     };
-    Labels::new(data, num_records as usize, column(&dtype, 0, dtype.num_bytes().unwrap_or_default())?)
+    Values::new(data, num_records as usize, column(&dtype, 0, dtype.num_bytes().unwrap_or_default())?)
 }
 
 fn column(dtype: &TypeStr, offset: usize, stride: usize) -> Parsed<Column> {

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use super::column::{Column, Scalar};
-use super::fields::Fields;
+use super::fields::{Fields, seconds_per_tick};
 use super::{Parsed, PointCloud};
 
 /// Columns of a cloud, over the bytes of its file or over bytes unpacked from it.
@@ -15,9 +15,9 @@ pub(super) struct Table<'a> {
     seconds_per_tick: f64,
 }
 
-/// One class id for each entry of a cloud, no-returns included.
+/// A number for each entry of a cloud, no-returns included, such as its class id.
 #[derive(Debug)]
-pub(super) struct Labels<'a> {
+pub(super) struct Values<'a> {
     bytes: Cow<'a, [u8]>,
     num_records: usize,
     column: Column,
@@ -46,15 +46,49 @@ impl<'a> Table<'a> {
         Ok(Self { bytes, num_records, columns, seconds_per_tick })
     }
 
+    /// The same over bytes of its own.
+    pub(super) fn into_owned(self) -> Table<'static> {
+        Table { bytes: Cow::Owned(self.bytes.into_owned()), ..self }
+    }
+
+    /// Takes in the bytes of another column, and tells where it then lies.
+    ///
+    /// # Errors
+    /// It has another number of values than there are entries.
+    pub(super) fn join(&mut self, values: &Values<'_>) -> Parsed<Column> {
+        if values.num_records != self.num_records {
+            return Err(format!("has {} values for {} points", values.num_records, self.num_records));
+        }
+        let offset = self.bytes.len() + values.column.offset;
+        self.bytes.to_mut().extend_from_slice(&values.bytes);
+        Ok(Column { offset, ..values.column })
+    }
+
+    /// Puts columns that were joined in their places, in front of what the table had there.
+    pub(super) fn put(
+        &mut self,
+        intensity: Option<Column>,
+        ring: Option<Column>,
+        time: Option<Column>,
+        label: Option<Column>,
+    ) {
+        let columns = &mut self.columns;
+        self.seconds_per_tick = time.map_or(self.seconds_per_tick, |time| seconds_per_tick(time.scalar));
+        columns.intensity = intensity.or(columns.intensity);
+        columns.ring = ring.or(columns.ring);
+        columns.time = time.or(columns.time);
+        columns.label = label.or(columns.label);
+    }
+
     /// Entries, no-returns included.
     pub(super) fn num_records(&self) -> usize {
         self.num_records
     }
 
     /// The class ids that the cloud itself holds.
-    pub(super) fn labels(&self) -> Option<Labels<'_>> {
+    pub(super) fn labels(&self) -> Option<Values<'_>> {
         let (bytes, num_records) = (Cow::Borrowed(&*self.bytes), self.num_records);
-        self.columns.label.map(|column| Labels { bytes, num_records, column })
+        self.columns.label.map(|column| Values { bytes, num_records, column })
     }
 
     /// Everything but labels, without entries that are not finite or all zero.
@@ -98,7 +132,7 @@ impl<'a> Table<'a> {
     }
 }
 
-impl<'a> Labels<'a> {
+impl<'a> Values<'a> {
     /// # Errors
     /// The column reaches beyond the bytes.
     pub(super) fn new(bytes: impl Into<Cow<'a, [u8]>>, num_records: usize, column: Column) -> Parsed<Self> {

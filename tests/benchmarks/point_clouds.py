@@ -1,0 +1,159 @@
+"""Prints Markdown tables: how long point clouds take to read, beside what else reads them.
+
+pip install pypcd4 plyfile && python tests/benchmarks/point_clouds.py [--rounds 15]
+
+Warm cache, one thread. Every contender ends in owned x y z (N, 3) float32 without no-returns, and labels where the file
+has them. Contenders take turns, so that a busy machine is busy for all; medians, and their ratio. The sweep is made:
+64 x 2048 entries, four tenths no-returns, as an Ouster's.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+from plyfile import PlyData, PlyElement
+from pypcd4 import Encoding, PointCloud
+
+from semcal_cli import _core
+
+NUM_FRAMES = 20
+RECORD = np.dtype(
+    [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("label", "<u2")]
+)
+Arrays = tuple[npt.NDArray[np.float32], npt.NDArray[np.integer]] | npt.NDArray[np.float32]
+
+
+def sweep() -> npt.NDArray[np.void]:
+    """An organised sweep in which rays come back in runs."""
+    rng = np.random.default_rng(0)
+    rows, columns = np.mgrid[:64, :2048]
+    azimuth, elevation = columns * 2 * np.pi / 2048, np.radians(16.6 - rows * 33.2 / 63)
+    depth = 10 + 5 * np.sin(5 * azimuth) + rng.normal(0, 0.02, rows.shape)
+    cloud = np.zeros(rows.shape, RECORD)
+    cloud["x"] = depth * np.cos(elevation) * np.cos(azimuth)
+    cloud["y"] = depth * np.cos(elevation) * np.sin(azimuth)
+    cloud["z"] = depth * np.sin(elevation)
+    cloud["intensity"], cloud["ring"] = rng.integers(0, 800, rows.shape), rows
+    cloud["label"] = (columns // 100 + rows // 20) % 20
+    cloud[np.sin(9 * azimuth + rows / 20) > 0.3] = 0
+    return cloud.ravel()
+
+
+def returns(points: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    return np.isfinite(points).all(axis=1) & (points != 0).any(axis=1)
+
+
+def columns(records: npt.NDArray[np.void]) -> npt.NDArray[np.float32]:
+    return np.stack([records["x"], records["y"], records["z"]], axis=1)
+
+
+def by_core(path: Path) -> Callable[[], object]:
+    return lambda: _core.read_point_clouds([(path, None)])
+
+
+def by_numpy(path: Path) -> Callable[[], object]:
+    def read() -> Arrays:
+        points = np.fromfile(path, np.float32).reshape(-1, 4)
+        return points[returns(points[:, :3]), :3].copy()
+
+    return read
+
+
+def by_pypcd4(path: Path) -> Callable[[], object]:
+    def read() -> Arrays:
+        cloud = PointCloud.from_path(path)
+        points = cloud.numpy(("x", "y", "z")).astype(np.float32, copy=False)
+        keep = returns(points)
+        return points[keep], cloud.pc_data["label"][keep]
+
+    return read
+
+
+def by_plyfile(path: Path) -> Callable[[], object]:
+    def read() -> Arrays:
+        vertices = PlyData.read(str(path))["vertex"].data
+        points = columns(vertices)
+        keep = returns(points)
+        return points[keep], vertices["label"][keep]
+
+    return read
+
+
+def write_all(
+    cloud: npt.NDArray[np.void], folder: Path
+) -> dict[str, tuple[Path, Callable[[Path], Callable[[], object]], str]]:
+    names = list(RECORD.names or ())
+    np.stack([cloud[name] for name in ("x", "y", "z", "intensity")], axis=1).tofile(folder / "a.bin")
+    made = PointCloud.from_points(
+        [cloud[name] for name in names], names, [RECORD[name].type for name in names]
+    )
+    for name, encoding in (("a", Encoding.ASCII), ("b", Encoding.BINARY), ("c", Encoding.BINARY_COMPRESSED)):
+        made.save(folder / f"{name}.pcd", encoding=encoding)
+    for name, in_text in (("a", True), ("b", False)):
+        PlyData([PlyElement.describe(cloud, "vertex")], text=in_text).write(str(folder / f"{name}.ply"))
+    return {
+        "KITTI .bin": (folder / "a.bin", by_numpy, "numpy.fromfile, mask, copy"),
+        "PCD ascii": (folder / "a.pcd", by_pypcd4, "pypcd4"),
+        "PCD binary": (folder / "b.pcd", by_pypcd4, "pypcd4"),
+        "PCD binary_compressed": (folder / "c.pcd", by_pypcd4, "pypcd4"),
+        "PLY ascii": (folder / "a.ply", by_plyfile, "plyfile"),
+        "PLY binary": (folder / "b.ply", by_plyfile, "plyfile"),
+    }
+
+
+def alternate(contenders: list[Callable[[], object]], rounds: int) -> list[float]:
+    """The median milliseconds of each, after a round that warms up."""
+    milliseconds: list[list[float]] = [[] for _ in contenders]
+    for _ in range(rounds + 1):
+        for contender, times in zip(contenders, milliseconds, strict=True):
+            start = perf_counter()
+            contender()
+            times.append(1e3 * (perf_counter() - start))
+    return [median(times[1:]) for times in milliseconds]
+
+
+def threaded(paths: list[Path], num_threads: int) -> Callable[[], object]:
+    def read() -> object:
+        _core.set_num_threads(num_threads)
+        start = perf_counter()
+        _core.read_point_clouds([(path, None) for path in paths])
+        return perf_counter() - start
+
+    return read
+
+
+def print_formats(cloud: npt.NDArray[np.void], folder: Path, rounds: int) -> None:
+    print("| one sweep | semcal, ms | beside | ms | ratio |\n|---|---:|---|---:|---:|")
+    for name, (path, rival, who) in write_all(cloud, folder).items():
+        few = rounds if "ascii" not in name else max(3, rounds // 5)
+        ours, theirs = alternate([by_core(path), rival(path)], few)
+        print(f"| {name} | {ours:.2f} | {who} | {theirs:.2f} | {theirs / ours:.2f} |", flush=True)
+
+
+def print_threads(folder: Path, rounds: int) -> None:
+    print(f"\n| {NUM_FRAMES} sweeps | 1 thread, ms | 2 threads, ms | ratio |\n|---|---:|---:|---:|")
+    for name, file in (("KITTI .bin", "a.bin"), ("PCD binary_compressed", "c.pcd"), ("PLY ascii", "a.ply")):
+        paths = [folder / file] * NUM_FRAMES
+        one, two = alternate([threaded(paths, 1), threaded(paths, 2)], rounds)
+        print(f"| {name} | {one:.1f} | {two:.1f} | {one / two:.2f} |", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rounds", type=int, default=15)
+    arguments = parser.parse_args()
+    _core.set_num_threads(1)
+    with tempfile.TemporaryDirectory() as folder:
+        print_formats(sweep(), Path(folder), arguments.rounds)
+        print_threads(Path(folder), arguments.rounds)
+
+
+if __name__ == "__main__":
+    main()
