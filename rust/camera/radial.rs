@@ -50,9 +50,7 @@ pub(super) fn ray(distorted: &Vector2<f64>, radius: f64, angle: f64) -> Vector3<
 
 /// Bisection for `f(x) = y` on `[0, limit]`, where `f` grows.
 pub(super) fn invert_monotone(f: impl Fn(f64) -> f64, y: f64, limit: f64) -> Option<f64> {
-    if !(y <= f(limit)) {
-        return None;
-    }
+    (y <= f(limit)).then_some(())?;
     let (mut low, mut high) = (0.0, limit);
     while high - low > NEWTON_TOLERANCE {
         let middle = 0.5 * (low + high);
@@ -71,7 +69,6 @@ pub(super) fn invert_monotone(f: impl Fn(f64) -> f64, y: f64, limit: f64) -> Opt
 /// The angle at which a radius stops growing, at most `largest`: beyond it pixels would wrap.
 pub(super) fn monotone_limit(radius: impl Fn(f64) -> f64, largest: f64) -> f64 {
     let at = |step: usize| largest * step as f64 / MONOTONE_STEPS as f64;
-    (1..=MONOTONE_STEPS)
-        .find(|&step| !(radius(at(step)) > radius(at(step - 1))))
-        .map_or(largest, |step| at(step - 1))
+    let grows = |step: usize| radius(at(step)) > radius(at(step - 1));
+    (1..=MONOTONE_STEPS).find(|&step| !grows(step)).map_or(largest, |step| at(step - 1))
 }
