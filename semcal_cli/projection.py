@@ -122,18 +122,16 @@ def _fisheye(points: Tensor, coefficients: Tensor) -> Tensor:
     radius = _norm(points[:, :2])
     angle = torch.atan2(radius, points[:, 2])
     a2 = angle * angle
-    distorted = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
-    pixels: Tensor = points[:, :2] * (distorted / radius)[:, None]
-    return pixels
+    distorted: Tensor = angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+    return points[:, :2] * (distorted / radius)[:, None]
 
 
 def _fov(points: Tensor, coefficients: Tensor) -> Tensor:
     """Devernay and Faugeras's model: straight lines become arcs of one field of view."""
-    (w,) = coefficients
+    w = coefficients[0]
     radius = _norm(points[:, :2])
     distorted = torch.atan2(2 * torch.tan(w / 2) * radius, points[:, 2]) / w
-    pixels: Tensor = points[:, :2] * (distorted / radius)[:, None]
-    return pixels
+    return points[:, :2] * (distorted / radius)[:, None]
 
 
 def _omnidirectional(points: Tensor, coefficients: Tensor) -> Tensor:
@@ -144,11 +142,10 @@ def _omnidirectional(points: Tensor, coefficients: Tensor) -> Tensor:
 
 def _double_sphere(points: Tensor, coefficients: Tensor) -> Tensor:
     """Usenko, Demmel and Cremers's model: two unit spheres, one after the other."""
-    xi, alpha = coefficients
+    xi, alpha = coefficients[0], coefficients[1]
     shifted = xi * _norm(points) + points[:, 2]
     second = _norm(torch.cat([points[:, :2], shifted[:, None]], 1))
-    pixels: Tensor = points[:, :2] / (alpha * second + (1 - alpha) * shifted)[:, None]
-    return pixels
+    return points[:, :2] / (alpha * second + (1 - alpha) * shifted)[:, None]
 
 
 def _equirectangular(points: Tensor, coefficients: Tensor) -> Tensor:

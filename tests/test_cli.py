@@ -74,7 +74,7 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
     ),
     "label image with three channels": (
         lambda d, p: write_png(p / "image_labels/000003.png", 640, 360, 3),
-        r"image_labels/000003.png: has 3 channels, needs one channel of class ids",
+        r"image_labels/000003.png: has 3 channels, needs one of class ids, or a palette: of colours in the drive",
     ),
     "K that is not 3 x 3": (
         lambda d, p: d["camera"].update(K=[[1, 2], [3, 4]]),

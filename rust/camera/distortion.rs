@@ -99,7 +99,6 @@ pub(super) fn unfolded_radius(jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>, l
         Vector2::new(cos, sin)
     };
     let units: [Vector2<f64>; DIRECTIONS] = std::array::from_fn(unit);
-    let holds = |step: usize| units.iter().all(|unit| jacobian(unit * at(step)).determinant() > 0.0);
-    let folds = |&step: &usize| !holds(step);
-    (1..=RADII).find(folds).map_or(largest, |step| at(step - 1))
+    let unfolded = |step: usize| units.iter().all(|unit| jacobian(unit * at(step)).determinant() > 0.0);
+    (1..=RADII).find(|&step| !unfolded(step)).map_or(largest, |step| at(step - 1))
 }

@@ -79,7 +79,7 @@ impl Model for DoubleSphere {
     fn unproject(&self, distorted: &Vector2<f64>) -> Option<Vector3<f64>> {
         let (xi, alpha, r2) = (self.xi, self.alpha, distorted.norm_squared());
         let under_root = 1.0 - (2.0 * alpha - 1.0) * r2;
-        if under_root.is_nan() || under_root < 0.0 {
+        if under_root < 0.0 {
             return None;
         }
         let z = (1.0 - alpha * alpha * r2) / (alpha * under_root.sqrt() + 1.0 - alpha);

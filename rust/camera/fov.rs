@@ -55,7 +55,7 @@ impl Model for Fov {
 
     fn unproject(&self, distorted: &Vector2<f64>) -> Option<Vector3<f64>> {
         let radius = distorted.norm();
-        if radius.is_nan() || radius * self.w >= PI {
+        if radius * self.w >= PI {
             return None;
         }
         let (sin, cos) = (radius * self.w).sin_cos();

@@ -50,9 +50,7 @@ pub(super) fn ray(distorted: &Vector2<f64>, radius: f64, angle: f64) -> Vector3<
 
 /// Bisection for `f(x) = y` on `[0, limit]`, where `f` grows.
 pub(super) fn invert_monotone(f: impl Fn(f64) -> f64, y: f64, limit: f64) -> Option<f64> {
-    if y.is_nan() || y > f(limit) {
-        return None;
-    }
+    (y <= f(limit)).then_some(())?;
     let (mut low, mut high) = (0.0, limit);
     while high - low > NEWTON_TOLERANCE {
         let middle = 0.5 * (low + high);
