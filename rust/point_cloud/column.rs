@@ -119,16 +119,18 @@ impl Column {
         }
     }
 
-    /// The bytes of each of the first `count` values.
+    /// The bytes of each of the first `count` values, which `check` has found within `bytes`.
     #[inline]
     pub(super) fn values<'a, const N: usize>(
         &self,
         bytes: &'a [u8],
         count: usize,
     ) -> impl Iterator<Item = [u8; N]> + use<'a, N> {
-        let from_first = bytes.get(self.offset..).unwrap_or_default();
-        let records = from_first.chunks(self.stride.max(1)).take(count);
-        records.filter_map(|record| record.first_chunk::<N>().copied())
+        let (offset, stride) = (self.offset, self.stride);
+        (0..count).map(move |index| {
+            let value = bytes.get(offset + index * stride..).and_then(<[u8]>::first_chunk);
+            value.copied().unwrap_or([0; N])
+        })
     }
 }
 

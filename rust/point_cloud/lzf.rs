@@ -24,9 +24,14 @@ fn unpack(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
     while let Some((&control, rest)) = stream.split_first() {
         let control = usize::from(control);
         if control < 32 {
-            let (literal, rest) = rest.split_at_checked(control + 1)?;
-            out.get_mut(end..end + literal.len())?.copy_from_slice(literal);
-            (end, stream) = (end + literal.len(), rest);
+            let (literal, after) = rest.split_at_checked(control + 1)?;
+            let room = out.get_mut(end..)?;
+            match (rest.first_chunk::<32>(), room.first_chunk_mut::<32>()) {
+                // A copy of fixed size is quick, and what it writes beyond the literal is written over.
+                (Some(from), Some(to)) => *to = *from,
+                _ => room.get_mut(..literal.len())?.copy_from_slice(literal),
+            }
+            (end, stream) = (end + literal.len(), after);
             continue;
         }
         let (length, rest) = match control >> 5 {
@@ -35,21 +40,24 @@ fn unpack(mut stream: &[u8], out: &mut [u8]) -> Option<usize> {
         };
         let (&low, rest) = rest.split_first()?;
         let distance = ((control & 31) << 8) + usize::from(low) + 1;
-        repeat(out.get_mut(..end + length)?, end, distance)?;
+        repeat(out, end, length, distance)?;
         (end, stream) = (end + length, rest);
     }
     Some(end)
 }
 
-/// Fills `out` from `end` on with what lies `distance` before; the two may overlap.
-fn repeat(out: &mut [u8], end: usize, distance: usize) -> Option<()> {
+/// Writes at `end` what lies `distance` before it; the two may overlap.
+fn repeat(out: &mut [u8], end: usize, length: usize, distance: usize) -> Option<()> {
+    const STEP: usize = 16;
     let start = end.checked_sub(distance)?;
-    let length = out.len() - end;
-    if distance >= length {
-        out.copy_within(start..start + length, end);
+    if distance >= STEP && end + length.next_multiple_of(STEP) <= out.len() {
+        for step in (0..length).step_by(STEP) {
+            out.copy_within(start + step..start + step + STEP, end + step);
+        }
     } else {
-        for index in 0..length {
-            out[end + index] = out[start + index];
+        let window = out.get_mut(start..end + length)?;
+        for index in distance..window.len() {
+            window[index] = window[index - distance];
         }
     }
     Some(())
@@ -64,6 +72,32 @@ mod tests {
         // "abc", then 7 bytes from 3 before, then 16 from 1 before.
         let stream = [2, b'a', b'b', b'c', 5 << 5, 2, 7 << 5, 7, 0];
         assert_eq!(decompress(&stream, 26).as_deref(), Ok(&b"abcabcabcaaaaaaaaaaaaaaaaa"[..]));
+    }
+
+    /// Repeats at every distance and length, near the end of the room and far from it, as a loop over bytes would do them.
+    #[test]
+    fn repeats_of_every_kind() {
+        for (distance, length, after) in every(1..40, 3..60, [0, 1, 15, 16, 40]) {
+            let first: Vec<u8> = (0..64).map(|x| x as u8).collect();
+            let mut expected = first.clone();
+            (0..length).for_each(|_| expected.push(expected[expected.len() - distance]));
+            expected.extend(vec![7; after]);
+            let control = match length {
+                3..=8 => vec![((length - 2) as u8) << 5, (distance - 1) as u8],
+                _ => vec![7 << 5, (length - 9) as u8, (distance - 1) as u8],
+            };
+            let literals = |bytes: &[u8]| -> Vec<u8> { bytes.iter().flat_map(|&byte| [0, byte]).collect() };
+            let stream = [literals(&first), control, literals(&vec![7; after])].concat();
+            assert_eq!(decompress(&stream, expected.len()), Ok(expected), "{distance} {length} {after}");
+        }
+    }
+
+    fn every(
+        distances: std::ops::Range<usize>,
+        lengths: std::ops::Range<usize>,
+        afters: [usize; 5],
+    ) -> impl Iterator<Item = (usize, usize, usize)> {
+        distances.flat_map(move |d| lengths.clone().flat_map(move |l| afters.map(|after| (d, l, after))))
     }
 
     #[test]

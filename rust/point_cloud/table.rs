@@ -96,10 +96,7 @@ impl<'a> Table<'a> {
         let (points, returns) = self.returns();
         let cloud = PointCloud {
             num_no_returns: self.num_records - returns.count,
-            intensity: self
-                .columns
-                .intensity
-                .map(|column| returns.gather(&column, &self.bytes, |x| x as f32)),
+            intensity: self.columns.intensity.map(|column| floats(&column, &self.bytes, &returns)),
             ring: self.columns.ring.and_then(|column| whole_numbers(&column, &self.bytes, &returns).ok()),
             time: self.columns.time.map(|column| self.seconds(&column, &returns)),
             labels: None,
@@ -157,6 +154,16 @@ impl<'a> Values<'a> {
 }
 
 impl Returns {
+    /// The values of the returns, from their bytes.
+    #[inline]
+    fn take<const N: usize, T>(&self, column: &Column, bytes: &[u8], decode: impl Fn([u8; N]) -> T) -> Vec<T>
+    where
+        T: Copy + Default,
+    {
+        let values = column.values(bytes, self.keep.len()).map(decode);
+        compact(values.zip(self.keep.iter().copied()), self.count)
+    }
+
     /// The values of the returns.
     #[inline]
     fn gather<T>(&self, column: &Column, bytes: &[u8], mut convert: impl FnMut(f64) -> T) -> Vec<T> {
@@ -172,21 +179,51 @@ impl Returns {
 }
 
 fn select_returns(points: impl Iterator<Item = [f32; 3]>, num_records: usize) -> (Vec<[f32; 3]>, Returns) {
-    let mut kept = Vec::with_capacity(num_records);
     let mut keep = Vec::with_capacity(num_records);
-    for point in points {
-        let is_return = point.iter().all(|x| x.is_finite()) && point != [0.0; 3];
+    let pairs = points.map(|point| {
+        let is_return = is_return(point);
         keep.push(is_return);
-        if is_return {
-            kept.push(point);
-        }
-    }
+        (point, is_return)
+    });
+    let kept = compact(pairs, num_records);
     let count = kept.len();
     (kept, Returns { keep, count })
 }
 
+fn is_return([x, y, z]: [f32; 3]) -> bool {
+    (x.is_finite() & y.is_finite() & z.is_finite()) & ((x != 0.0) | (y != 0.0) | (z != 0.0))
+}
+
+/// The values that are kept, of which there are at most `capacity`. Each is written and some are written over, because
+/// nobody could predict which.
+#[inline]
+fn compact<T: Copy + Default>(pairs: impl Iterator<Item = (T, bool)>, capacity: usize) -> Vec<T> {
+    let (mut kept, mut count) = (vec![T::default(); capacity], 0);
+    for (value, is_kept) in pairs {
+        if let Some(slot) = kept.get_mut(count) {
+            *slot = value;
+        }
+        count += usize::from(is_kept);
+    }
+    kept.truncate(count);
+    kept
+}
+
+/// The values of the returns.
+fn floats(column: &Column, bytes: &[u8], returns: &Returns) -> Vec<f32> {
+    match (column.scalar, column.is_big_endian) {
+        (Scalar::F32, false) => returns.take(column, bytes, f32::from_le_bytes),
+        _ => returns.gather(column, bytes, |value| value as f32),
+    }
+}
+
 /// The values of the returns, or the first that is not a whole number from 0 to 65535.
 fn whole_numbers(column: &Column, bytes: &[u8], returns: &Returns) -> Result<Vec<u16>, f64> {
+    match (column.scalar, column.is_big_endian) {
+        (Scalar::U8, _) => return Ok(returns.take(column, bytes, |[byte]| u16::from(byte))),
+        (Scalar::U16, false) => return Ok(returns.take(column, bytes, u16::from_le_bytes)),
+        _ => {}
+    }
     let mut wrong = None;
     let ids = returns.gather(column, bytes, |value| {
         let id = value as u16;
