@@ -315,7 +315,7 @@ def test_a_failed_import_leaves_the_drive_as_it_was(tmp_path: Path) -> None:
     before = (tmp_path / "drive/drive.yaml").read_bytes()
     write(tree.root / "lidar/000018.ply", CARLA_PLY[:-30])
     message = complaint("carla", tree.root, *tree.arguments, "--frames", "1:", "-o", tmp_path / "drive")
-    assert message == f"{tree.root}/lidar/000018.ply: found rows that are not 6 numbers, needed 3 that are"
+    assert message == f"{tree.root}/lidar/000018.ply: point 1: found too few values"
     assert (tmp_path / "drive/drive.yaml").read_bytes() == before
 
 
@@ -428,11 +428,14 @@ VERTEX = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty ucha
         ("ply\nformat ascii 1.0\n", "found no PLY header, needed one"),
         (
             VERTEX.format("binary", 0),
-            "found format binary, needed one of: binary_little_endian, binary_big_endian, ascii",
+            "found format binary, needed one of: binary_little_endian, binary_big_endian",
         ),
-        (VERTEX.format("ascii", "-1"), "found first element vertex -1, needed vertex and its number"),
         (
-            VERTEX.format("ascii", 10**12) + "1 2\n",
+            VERTEX.format("binary_big_endian", "-1"),
+            "found first element vertex -1, needed vertex and its number",
+        ),
+        (
+            VERTEX.format("binary_big_endian", 10**12) + "1 2\n",
             "found 4 bytes after the header, needed 1,000,000,000,000 vertices",
         ),
         (
@@ -440,14 +443,13 @@ VERTEX = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty ucha
             "found 9 bytes after the header, needed 2 vertices",
         ),
         (
-            VERTEX.format("ascii", 2) + "1 2\n3\n",
-            "found rows that are not 2 numbers, needed 2 that are",
-        ),
-        (
-            VERTEX.format("ascii", 1).replace("float x", "list uchar int x"),
+            VERTEX.format("binary_big_endian", 1).replace("float x", "list uchar int x"),
             "found vertices without properties or with lists, needed plain numbers",
         ),
-        (VERTEX.format("ascii", 1).replace("label", "x"), "found a property twice in x, x, needed each once"),
+        (
+            VERTEX.format("binary_big_endian", 1).replace("label", "x"),
+            "found a property twice in x, x, needed each once",
+        ),
     ],
 )
 def test_wrong_ply(tmp_path: Path, content: str, expected: str) -> None:
@@ -458,12 +460,11 @@ def test_wrong_ply(tmp_path: Path, content: str, expected: str) -> None:
     assert str(error.value) == f"{path}: {expected}"
 
 
-@pytest.mark.parametrize("form", ["binary_little_endian", "binary_big_endian", "ascii"])
+@pytest.mark.parametrize("form", ["binary_little_endian", "binary_big_endian"])
 def test_ply_of_every_format(tmp_path: Path, form: str) -> None:
     vertices = np.array([(1.5, 7), (-2.0, 255)], dtype=[("x", "<f4"), ("label", "u1")])
     swapped = vertices.astype([("x", ">f4"), ("label", "u1")]) if "big" in form else vertices
-    body = b"1.5 7\n-2 255\n" if form == "ascii" else swapped.tobytes()
-    (tmp_path / "a.ply").write_bytes(VERTEX.format(form, 2).encode() + body)
+    (tmp_path / "a.ply").write_bytes(VERTEX.format(form, 2).encode() + swapped.tobytes())
     assert read_vertices(tmp_path / "a.ply").tolist() == vertices.tolist()
 
 

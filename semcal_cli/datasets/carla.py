@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from semcal_cli import _core
 from semcal_cli.datasets.files import files_by_stem, pick
 from semcal_cli.datasets.ontologies import NamedClass, Ontology, read_ontology
-from semcal_cli.datasets.ply import read_vertices, vertex_column
 from semcal_cli.datasets.recording import Cloud, Recording, Request, SourceFrame
 from semcal_cli.documents import describe, read_text
 from semcal_cli.errors import InputError
@@ -185,15 +185,12 @@ def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
 
 def _convert(path: Path) -> Cloud:
     """Mirror a cloud into a right-handed frame; `ObjTag` becomes the label."""
-    vertices = read_vertices(path)
-    points = np.zeros((len(vertices), 4), dtype=np.float32)
-    for column, (axis, sign) in enumerate((("x", 1.0), ("y", -1.0), ("z", 1.0))):
-        points[:, column] = sign * vertex_column(path, vertices, axis, np.float32)
-    names = vertices.dtype.names or ()
-    intensity = next((name for name in ("I", "intensity") if name in names), None)
-    if intensity:
-        points[:, 3] = vertices[intensity]
-    return Cloud(points, vertices["ObjTag"].astype(np.uint32) if "ObjTag" in names else None)
+    (cloud,) = _core.read_point_clouds([(path, None)])
+    points = np.zeros((len(cloud.points), 4), dtype=np.float32)
+    points[:, :3] = cloud.points * np.array([1.0, -1.0, 1.0], np.float32)
+    if cloud.intensity is not None:
+        points[:, 3] = cloud.intensity
+    return Cloud(points, None if cloud.labels is None else cloud.labels.astype(np.uint32))
 
 
 def _is_raw(path: Path | None) -> bool:

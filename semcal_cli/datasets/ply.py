@@ -1,11 +1,11 @@
-"""Columns of a PLY's vertices, for the data sets whose clouds have to be converted.
+"""All columns of a binary PLY's vertices, for KITTI-360, whose windows also say which points the pictures show.
 
-Turk, *The PLY Polygon File Format*, 1994. Only what such data sets write: vertices first, without lists.
+Clouds to calibrate with are read by the core. Turk, *The PLY Polygon File Format*, 1994; only what that data set
+writes: vertices first, without lists.
 """
 
 from __future__ import annotations
 
-import io
 import re
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from semcal_cli.errors import InputError
 
 END = re.compile(rb"\nend_header\r?\n")
 MAX_HEADER = 65536
-FORMATS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+FORMATS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -43,15 +43,11 @@ def read_vertices(path: Path) -> npt.NDArray[Any]:
     end = END.search(content, 0, MAX_HEADER)
     if not content.startswith(b"ply") or not end:
         raise InputError(f"{path}: found no PLY header, needed one")
-    form, count, dtype = _parse_header(path, content[: end.start()].decode("latin-1").splitlines())
+    count, dtype = _parse_header(path, content[: end.start()].decode("latin-1").splitlines())
     body = memoryview(content)[end.end() :]
-    # A vertex takes at least two bytes: its digit and its line break.
-    size = 2 if form == "ascii" else dtype.itemsize
-    if count * size > len(body):
+    if count * dtype.itemsize > len(body):
         raise InputError(f"{path}: found {len(body):,} bytes after the header, needed {count:,} vertices")
-    return (
-        _parse_text(path, bytes(body), count, dtype) if form == "ascii" else np.frombuffer(body, dtype, count)
-    )
+    return np.frombuffer(body, dtype, count)
 
 
 def vertex_column(path: Path, vertices: npt.NDArray[Any], name: str, dtype: type) -> npt.NDArray[Any]:
@@ -66,8 +62,8 @@ def vertex_column(path: Path, vertices: npt.NDArray[Any], name: str, dtype: type
     return vertices[name].astype(dtype)
 
 
-def _parse_header(path: Path, lines: list[str]) -> tuple[str, int, np.dtype[Any]]:
-    """Format, number and layout of the vertices."""
+def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
+    """Number and layout of the vertices."""
     words = [line.split() for line in lines[1:]]
     form = next((line[1] for line in words if line[:1] == ["format"] and len(line) == 3), "none")
     if form not in FORMATS:
@@ -86,27 +82,6 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[str, int, np.dtype[Any]
     if len(set(names)) < len(names):
         raise InputError(f"{path}: found a property twice in {', '.join(names)}, needed each once")
     return (
-        form,
         int(first[2][:18]),
         np.dtype([(n, FORMATS[form] + TYPES[p[1]]) for n, p in zip(names, properties, strict=True)]),
     )
-
-
-def _parse_text(path: Path, body: bytes, count: int, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
-    names = dtype.names or ()
-    vertices = np.zeros(count, dtype)
-    if not count:
-        return vertices
-    try:
-        rows = np.loadtxt(io.BytesIO(body), dtype=np.float64, max_rows=count, ndmin=2, comments=None)
-    except ValueError:
-        raise InputError(
-            f"{path}: found rows that are not {len(names)} numbers, needed {count:,} that are"
-        ) from None
-    if rows.shape != (count, len(names)):
-        found = f"{rows.shape[0]:,} rows of {rows.shape[1]} numbers"
-        raise InputError(f"{path}: found {found}, needed {count:,} of {len(names)}")
-    for index, name in enumerate(names):
-        with np.errstate(invalid="ignore", over="ignore"):
-            vertices[name] = rows[:, index]
-    return vertices
