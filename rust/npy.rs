@@ -1,5 +1,6 @@
 //! NumPy `.npy` arrays of plain numbers.
 
+use std::io::Read;
 use std::path::Path;
 
 use npyz::{DType, Deserialize, NpyFile, NpyHeader, Order, TypeChar};
@@ -24,15 +25,8 @@ const DEEPEST_HEADER: usize = 6;
 /// # Errors
 /// It is no `.npy`, or promises another number of bytes: in words.
 pub fn split_header(bytes: &[u8]) -> std::result::Result<(NpyHeader, &[u8]), String> {
-    check_header(bytes).map_err(|reason| format!("is no .npy array: {reason}"))?;
     let mut data = bytes;
-    // Its complaint may go on with a picture of the place.
-    let first_line = |e: std::io::Error| {
-        let reason = e.to_string();
-        let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();
-        format!("is no .npy array: {line}")
-    };
-    let header = NpyHeader::from_reader(&mut data).map_err(first_line)?;
+    let header = read_header(&mut data)?;
     let item_bytes = header.dtype().num_bytes().map(|n| n as u64);
     let needed = header.shape().iter().try_fold(item_bytes, |product, &n| Some(product?.checked_mul(n)));
     if needed.flatten() != Some(data.len() as u64) {
@@ -46,21 +40,46 @@ pub fn split_header(bytes: &[u8]) -> std::result::Result<(NpyHeader, &[u8]), Str
     Ok((header, data))
 }
 
-/// What the parser of headers takes on trust: that the length is true, and that brackets are few. It tries each pair of
-/// them twice, again and again inside.
-fn check_header(bytes: &[u8]) -> std::result::Result<(), &'static str> {
-    let (start, length) = match bytes {
-        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b, ..] => (10, u32::from_le_bytes([*a, *b, 0, 0])),
-        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 2 | 3, _, a, b, c, d, ..] => {
-            (12, u32::from_le_bytes([*a, *b, *c, *d]))
-        }
-        _ => return Err("it does not start like one"),
+/// An array's header; what follows in the file is its data.
+///
+/// # Errors
+/// It is no `.npy`: in words.
+pub fn read_header(file: &mut impl Read) -> std::result::Result<NpyHeader, String> {
+    let header = read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?;
+    // Its complaint may go on with a picture of the place.
+    let first_line = |e: std::io::Error| {
+        let reason = e.to_string();
+        let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();
+        format!("is no .npy array: {line}")
     };
-    let length = length as usize;
-    let header = bytes.get(start..start + length).filter(|header| header.len() <= LONGEST_HEADER);
-    let header = header.ok_or("its header is too long")?;
+    NpyHeader::from_reader(header.as_slice()).map_err(first_line)
+}
+
+/// The bytes of a header, without what its parser takes on trust: that the length is true, and that brackets are few. It
+/// tries each pair of them twice, again and again inside.
+fn read_checked(file: &mut impl Read) -> std::result::Result<Vec<u8>, &'static str> {
+    let mut bytes = vec![0; 10];
+    let mut read = |bytes: &mut [u8], complaint| file.read_exact(bytes).map_err(|_| complaint);
+    const NO_START: &str = "it does not start like one";
+    read(&mut bytes, NO_START)?;
+    let length = match bytes[..] {
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 1, _, a, b] => u32::from_le_bytes([a, b, 0, 0]),
+        [b'\x93', b'N', b'U', b'M', b'P', b'Y', 2 | 3, _, a, b] => {
+            let mut rest = [0; 2];
+            read(&mut rest, NO_START)?;
+            bytes.extend(rest);
+            u32::from_le_bytes([a, b, rest[0], rest[1]])
+        }
+        _ => return Err(NO_START),
+    };
+    let (start, length) = (bytes.len(), length as usize);
+    if length > LONGEST_HEADER {
+        return Err("its header is too long");
+    }
+    bytes.resize(start + length, 0);
+    read(&mut bytes[start..], "its header is too long")?;
     let mut depth = 0usize;
-    for byte in header {
+    for byte in &bytes[start..] {
         match byte {
             b'{' | b'[' | b'(' => depth += 1,
             b'}' | b']' | b')' => depth = depth.saturating_sub(1),
@@ -70,7 +89,7 @@ fn check_header(bytes: &[u8]) -> std::result::Result<(), &'static str> {
             return Err("its header is nested too deeply");
         }
     }
-    Ok(())
+    Ok(bytes)
 }
 
 /// Reads an array of any integer or float type.

@@ -4,13 +4,14 @@
 use std::io::{BufReader, Cursor, Read};
 use std::path::{Path, PathBuf};
 
-use npyz::{DType, NpyHeader, Order, TypeChar};
+use npyz::{DType, Order, TypeChar};
 use rayon::prelude::*;
 use zip::ZipArchive;
 
 use crate::class_shares::ClassShares;
 use crate::error::{Error, Result};
 use crate::file::read_bytes;
+use crate::npy::read_header;
 
 /// Raw ids are the places along the last axis; so many of them are told apart.
 const MAX_CLASSES: usize = 255;
@@ -41,8 +42,7 @@ pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
 }
 
 fn read_array(path: &Path, mut file: impl Read, shape: &[usize]) -> Result<ClassShares> {
-    let header =
-        NpyHeader::from_reader(&mut file).map_err(|e| Error::file(path, format!("is no .npy array: {e}")))?;
+    let header = read_header(&mut file).map_err(|reason| Error::file(path, reason))?;
     let found: Vec<usize> = header.shape().iter().map(|&n| n as usize).collect();
     let num_classes = match found.split_last() {
         Some((&num_classes, items)) if items == shape && (1..=MAX_CLASSES).contains(&num_classes) => {
@@ -79,9 +79,9 @@ type Decode = fn(&[u8]) -> f32;
 
 /// Bytes of a number of the array's type, and what reads one.
 fn decoder(path: &Path, dtype: &DType) -> Result<(usize, Decode)> {
-    let unknown = || {
-        Error::file(path, format!("holds type {}, needs float16, float32, float64 or uint8", dtype.descr()))
-    };
+    let found = if let DType::Plain(plain) = dtype { plain.to_string() } else { "records".into() };
+    let unknown =
+        || Error::file(path, format!("holds type {found}, needs float16, float32, float64 or uint8"));
     let DType::Plain(plain) = dtype else { return Err(unknown()) };
     let is_little = plain.endianness() != npyz::Endianness::Big;
     let size = plain.size_field() as usize;

@@ -1,4 +1,5 @@
 import dataclasses
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -141,3 +142,18 @@ def test_what_is_no_single_array_is_refused(tmp_path: Path) -> None:
         (tmp_path / "cut.npz").write_bytes(whole[:end])
         with pytest.raises(InputError, match=r"cut\.npz: "):
             _core.read_class_shares([tmp_path / "cut.npz"], (6, 9))
+
+
+@pytest.mark.parametrize(
+    ("header", "complaint"),
+    [
+        (b"\x93NUMPY\x02\x00" + b"\xff" * 4, "its header is too long"),
+        (b"\x93NUMPY\x01\x00" + (400).to_bytes(2, "little") + b"[" * 400, "its header is nested too deeply"),
+        (b"no array", "it does not start like one"),
+    ],
+)
+def test_headers_that_ask_for_too_much_are_refused(tmp_path: Path, header: bytes, complaint: str) -> None:
+    with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
+        archive.writestr("arr_0.npy", header)
+    with pytest.raises(InputError, match=rf"a\.npz: is no \.npy array: {complaint}"):
+        _core.read_class_shares([tmp_path / "a.npz"], (6, 9))
