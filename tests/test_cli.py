@@ -343,7 +343,8 @@ def test_the_exact_estimator_never_imports_torch(street: Path, tmp_path: Path) -
         "assert 'torch' not in sys.modules"
     )
     arguments = ["calibrate", street, "-o", tmp_path / "out.yaml", "-q"]
-    subprocess.run([sys.executable, "-c", script, *map(str, arguments)], check=True)
+    # From elsewhere, so that the installed package is imported and not the source folder.
+    subprocess.run([sys.executable, "-c", script, *map(str, arguments)], check=True, cwd=tmp_path)
 
 
 def test_mine_needs_cuda_only_where_it_is_asked_for(

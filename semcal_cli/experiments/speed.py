@@ -34,7 +34,12 @@ MAKE_FRAMES = 70
 """Frames that are rendered; the long drive names them again and again, but each is read and looked at anew."""
 START = 5.0, 0.3
 """Degrees and metres off the truth, for what only refines."""
-SEMCAL = [sys.executable, "-c", "from semcal_cli.cli import main; main()"]
+SEMCAL = [
+    sys.executable,
+    "-c",
+    "import sys; sys.path = list(filter(None, sys.path)); from semcal_cli.cli import main; main()",
+]
+"""The installed command, even where the working directory holds its source."""
 
 
 @dataclass(frozen=True)
