@@ -102,6 +102,15 @@ impl ClassShares {
         renamed
     }
 
+    /// The items that are kept.
+    pub fn kept(&self, keep: &[bool]) -> Self {
+        let mut kept = Self::default();
+        for (index, _) in keep.iter().enumerate().filter(|(_, is_kept)| **is_kept) {
+            kept.push_with(|entries| entries.extend_from_slice(self.at(index)));
+        }
+        kept
+    }
+
     /// The class of each item that has the largest share, the lowest of several; `NO_CLASS` where less than half is
     /// labelled.
     pub fn classes(&self) -> Vec<u8> {

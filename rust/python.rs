@@ -18,6 +18,7 @@ use crate::class_shares::ClassShares;
 use crate::correspondences::{self, Correspondence};
 use crate::error::{Error, Result};
 use crate::label_image::{Encoding, LabelImage};
+use crate::motion::Trajectory;
 use crate::observation::{Frame, Observations};
 use crate::point_cloud::{self, PointCloud};
 use crate::probabilities;
@@ -347,6 +348,39 @@ struct PyAgreement {
     num_hidden: usize,
 }
 
+#[pyclass(name = "Trajectory", frozen)]
+struct PyTrajectory(Trajectory);
+
+#[pymethods]
+impl PyTrajectory {
+    #[staticmethod]
+    fn constant(twist_per_s: [f64; 6], stamp: f64) -> Self {
+        Self(Trajectory::constant(twist_per_s.into(), stamp))
+    }
+
+    #[staticmethod]
+    fn through(stamps: Vec<f64>, poses: Vec<PyReadonlyArray2<f64>>) -> PyResult<Self> {
+        let poses = poses.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
+        Ok(Self(Trajectory::through(&stamps, &poses)?))
+    }
+
+    fn compensate<'py>(
+        &self,
+        py: Python<'py>,
+        points: PyReadonlyArray2<f32>,
+        times: Vec<f64>,
+        moment: f64,
+    ) -> PyResult<Bound<'py, PyArray2<f32>>> {
+        let points = rows::<3, _>("points", &points)?;
+        if points.len() != times.len() {
+            return Err(value_error(format!("{} points need as many times", points.len())));
+        }
+        let moved = detached(py, || self.0.compensate(&points, &times, moment))
+            .map_err(|time| value_error(format!("nothing is known of the motion at {time} s")))?;
+        to_array2(py, &moved)
+    }
+}
+
 #[pyclass(name = "PointCloud", frozen, get_all)]
 struct PyPointCloud {
     points: Py<PyArray2<f32>>,
@@ -354,6 +388,7 @@ struct PyPointCloud {
     ring: Option<Py<PyArray1<u16>>>,
     time: Option<Py<PyArray1<f64>>>,
     labels: Option<Py<PyArray1<u16>>>,
+    label_shares: Option<Py<PyClassShares>>,
     num_no_returns: usize,
 }
 
@@ -366,6 +401,7 @@ impl PyPointCloud {
             ring: cloud.ring.map(|x| x.into_pyarray(py).unbind()),
             time: cloud.time.map(|x| x.into_pyarray(py).unbind()),
             labels: cloud.labels.map(|x| x.into_pyarray(py).unbind()),
+            label_shares: cloud.label_shares.map(|shares| Py::new(py, PyClassShares(shares))).transpose()?,
             num_no_returns: cloud.num_no_returns,
         })
     }
@@ -463,6 +499,7 @@ mod _core {
     #[pymodule_export]
     use super::{
         PyAgreement, PyCamera, PyClassShares, PyHypothesis, PyObservations, PyRenderer, PySphericalImages,
+        PyTrajectory,
     };
 
     #[pyfunction]
@@ -482,6 +519,18 @@ mod _core {
     ) -> PyResult<Vec<PyPointCloud>> {
         let clouds = detached(py, || point_cloud::read_all(&paths))?;
         clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()
+    }
+
+    #[pyfunction]
+    fn parse_point_cloud(
+        py: Python<'_>,
+        path: PathBuf,
+        npy: &[u8],
+        labels: Option<PathBuf>,
+    ) -> PyResult<PyPointCloud> {
+        let format = point_cloud::Format::Npy;
+        let cloud = detached(py, || point_cloud::read_as(format, &path, npy, labels.as_deref()))?;
+        PyPointCloud::new(py, cloud)
     }
 
     #[pyfunction]

@@ -20,6 +20,20 @@ pub fn exp(twist: &Vector6<f64>) -> Isometry3<f64> {
     Isometry3::from_parts(Translation3::from(translation), UnitQuaternion::from_scaled_axis(phi))
 }
 
+/// The twist of a rigid motion, the inverse of [`exp`]: `phi` is at most half a turn, `rho = V(phi)^-1 t`.
+pub fn log(motion: &Isometry3<f64>) -> Vector6<f64> {
+    let phi = motion.rotation.scaled_axis();
+    let t = motion.translation.vector;
+    let angle = phi.norm();
+    let b = if angle < SMALL_ANGLE {
+        1.0 / 12.0
+    } else {
+        (1.0 - 0.5 * angle * (0.5 * angle).cos() / (0.5 * angle).sin()) / (angle * angle)
+    };
+    let rho = t - phi.cross(&t) * 0.5 + phi.cross(&phi.cross(&t)) * b;
+    Vector6::new(rho.x, rho.y, rho.z, phi.x, phi.y, phi.z)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -41,6 +55,15 @@ mod tests {
                 twist[i] *= 10f64.powi(scale);
             }
             prop_assert!((exp(&twist).to_homogeneous() - by_series(&twist)).norm() < 1e-9);
+        }
+
+        #[test]
+        fn log_is_the_inverse_of_exp(twist in prop::array::uniform6(-1.7..1.7f64), scale in -9..1) {
+            let mut twist = Vector6::from(twist);
+            for i in 3..6 {
+                twist[i] *= 10f64.powi(scale);
+            }
+            prop_assert!((log(&exp(&twist)) - twist).norm() < 1e-9);
         }
     }
 }

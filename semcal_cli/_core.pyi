@@ -22,12 +22,14 @@ __all__ = [
     "PointCloud",
     "Renderer",
     "SphericalImages",
+    "Trajectory",
     "agreement",
     "align",
     "despeckle",
     "estimate_grid",
     "held_out_gain",
     "land",
+    "parse_point_cloud",
     "polish",
     "quaternion",
     "read_class_shares",
@@ -157,8 +159,27 @@ class PointCloud:
     def labels(self) -> NDArray[np.uint16] | None:
         """(N,) raw class ids, of the label file or else of the cloud's own label field."""
     @property
+    def label_shares(self) -> ClassShares | None:
+        """Probabilities of raw class ids instead, where the label file holds them."""
+    @property
     def num_no_returns(self) -> int:
         """How many entries were left out."""
+
+@final
+class Trajectory:
+    """How a LiDAR moves in a fixed frame."""
+
+    @staticmethod
+    def constant(twist_per_s: Sequence[float], stamp: float) -> Trajectory:
+        """One twist at all times, metres and radians a second in the LiDAR frame; `stamp` is a time nearby."""
+    @staticmethod
+    def through(stamps: Sequence[float], poses: Sequence[_Float64]) -> Trajectory:
+        """Through poses (4, 4) of the LiDAR in a fixed frame; raises `InputError` unless times ascend."""
+    def compensate(self, points: _Float32, times: Sequence[float] | _Float64, moment: float) -> _Float32:
+        """Points (N, 3), each measured at its time (N,), as they lie in the LiDAR frame of one moment, seconds.
+
+        Raises `ValueError` where the trajectory does not reach.
+        """
 
 @final
 class Agreement:
@@ -225,6 +246,15 @@ def read_point_clouds(
 
     Raises:
         InputError: a file cannot be read or is not what its format promises, or counts differ.
+    """
+
+def parse_point_cloud(
+    path: str | PathLike[str], npy: bytes, labels: str | PathLike[str] | None
+) -> PointCloud:
+    """Read the sweep at `path` from records (N,) of named fields that it was turned into, an array of NumPy's format.
+
+    Raises:
+        InputError: as `read_point_clouds`.
     """
 
 def read_label_images(

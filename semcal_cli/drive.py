@@ -1,11 +1,12 @@
 """The drive: what a calibration reads, described by its `drive.yaml`."""
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.documents import describe, read_document
 from semcal_cli.poses import nearest_rigid
@@ -14,6 +15,7 @@ from semcal_cli.validation import (
     Matrix3,
     StrictModel,
     Transform,
+    Vector3,
     Version,
     check_distinct,
     length,
@@ -212,6 +214,36 @@ class Classes(StrictModel):
         return side
 
 
+class Twist(StrictModel):
+    """A steady motion of the LiDAR, in its own frame."""
+
+    linear_m_s: Vector3
+    """Velocity, metres a second."""
+    angular_rad_s: Vector3
+    """Angular velocity, radians a second."""
+
+
+class Motion(StrictModel):
+    """How the LiDAR moves during a sweep, for clouds that have a time for each point: one of three."""
+
+    twist: Twist | None = None
+    """One motion in all frames."""
+    poses: FileName | None = None
+    """File of the LiDAR's poses in a fixed frame, a line each: seconds x y z qx qy qz qw (the TUM format)."""
+    speed_m_s: Annotated[float, Field(ge=0.0)] | None = None
+    """Has no direction, so that nothing is corrected; says how many pixels that may cost."""
+    point_times: Literal["relative", "absolute"] = "relative"
+    """Whether the times of points count from `points_stamp` on, or are on the clock of the stamps."""
+
+    @model_validator(mode="after")
+    def _check_one(self) -> "Motion":
+        ways = {"twist": self.twist, "poses": self.poses, "speed_m_s": self.speed_m_s}
+        found = [name for name, value in ways.items() if value is not None]
+        if len(found) != 1:
+            raise mismatch(" and ".join(found) or "none", f"one of {', '.join(ways)}")
+        return self
+
+
 class Drive(StrictModel):
     """A drive.yaml. It knows where it lies; the files it names are looked for when they are loaded."""
 
@@ -229,8 +261,8 @@ class Drive(StrictModel):
     """Names, and merging of raw ids."""
     palette: dict[str, Color] | None = None
     """Red, green, blue of each class in colour-coded label images; other colours carry no information."""
-    motion: dict[str, Any] | None = None
-    """Motion of the rig, for clouds with per-point time."""
+    motion: Motion | None = None
+    """How the LiDAR moves during a sweep, for clouds that have a time for each point."""
     T_camera_lidar: Annotated[Transform, AfterValidator(_orthonormal)] | None = None
     """Reference that only commands that compare use: p_camera = T_camera_lidar * p_lidar."""
 
@@ -251,6 +283,13 @@ class Drive(StrictModel):
     def root(self) -> Path:
         """The folder that paths are relative to."""
         return self._path.parent
+
+    def input_files(self) -> Iterator[str]:
+        """Give the names of all files that a calibration reads."""
+        for frame in self.frames:
+            yield from filter(None, (frame.points, frame.point_labels, frame.image_labels))
+        if self.motion and self.motion.poses:
+            yield self.motion.poses
 
     def resolve(self, relative: str) -> Path:
         """Locate a file named in the drive. Absolute names stay; neither `~` nor `$VAR` is expanded."""

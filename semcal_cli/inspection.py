@@ -25,6 +25,8 @@ MAX_OFF_CENTER = 0.25
 """A principal point farther from the picture's middle than this share of it is suspicious."""
 MAX_IGNORED = 0.9
 """A side most of which carries no information is suspicious."""
+MAX_MOTION_PX = 1.0
+"""Points that a motion displaces farther, without being put back, are suspicious."""
 MIRROR_FRAMES = 4
 """So many frames are registered as they are and mirrored ..."""
 MIN_MIRROR_MARGIN = 2.0
@@ -98,6 +100,7 @@ def inspect(drive: Drive) -> DriveReport:
         suspicions=(
             *_camera_suspicions(drive),
             *_class_suspicions(observations),
+            *_motion_suspicions(observations),
             *_mirror_suspicions(observations),
         ),
     )
@@ -192,6 +195,13 @@ def _class_suspicions(observations: Observations) -> list[str]:
         for side, names in sides.items()
         if len(names) > MANY_CLASSES
     ]
+
+
+def _motion_suspicions(observations: Observations) -> list[str]:
+    error_px = observations.motion_error_px
+    if error_px is None or error_px <= MAX_MOTION_PX:
+        return []
+    return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
 
 
 def _mirror_suspicions(observations: Observations) -> list[str]:

@@ -16,6 +16,8 @@ from semcal_cli.camera import core_camera
 from semcal_cli.classes import ClassTable, class_table
 from semcal_cli.drive import Camera, Drive, Lidar
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.motion import compensated, motion_error_px
+from semcal_cli.point_clouds import read_point_clouds
 
 Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
 """Raw ids of pixels or points as read, or their probabilities."""
@@ -41,6 +43,8 @@ class Observations:
     """Likewise of the pixels."""
     num_no_returns: Sequence[int] = ()
     """Entries of each sweep that were not finite or all zero, and were left out."""
+    motion_error_px: float | None = None
+    """How far the rig's motion during a sweep may displace half of the points: see `motion.motion_error_px`."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among pixels of other classes, and took the class around them."""
 
@@ -93,25 +97,27 @@ def read_observations(drive: Drive) -> Observations:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
-    if drive.motion is not None:
-        raise InputError(f"{drive.path}: motion: is not supported yet, needed a drive without it")
     pictures = _read_pictures(drive)
     clouds = read_clouds(drive)
-    point_ids = _point_ids(drive, clouds)
-    point_table = _class_table(drive, "points", point_ids)
+    points = compensated(drive, clouds)
+    point_labels = _point_labels(drive, clouds)
+    point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
     image_table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
+    point_classes, point_shares = zip(*(_dense(labels, point_table) for labels in point_labels), strict=True)
     image_classes, image_shares = zip(*(_dense(picture, image_table) for picture in pictures), strict=True)
     size = drive.camera.height, drive.camera.width
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
-        points=[cloud.points for cloud in clouds],
-        point_classes=[point_table(ids) for ids in point_ids],
+        points=points,
+        point_classes=point_classes,
         image_classes=[classes.reshape(size) for classes in image_classes],
         point_class_names=point_table.names,
         image_class_names=image_table.names,
+        point_shares=point_shares if any(point_shares) else (),
         image_shares=image_shares if any(image_shares) else (),
         num_no_returns=[cloud.num_no_returns for cloud in clouds],
+        motion_error_px=motion_error_px(drive, clouds),
     )
 
 
@@ -167,19 +173,20 @@ def read_clouds(drive: Drive) -> list[_core.PointCloud]:
     Raises:
         InputError: a file is missing or is not what its name says.
     """
-    labels = [frame.point_labels and drive.resolve(frame.point_labels) for frame in drive.frames]
+    labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
     points = [drive.resolve(frame.points) for frame in drive.frames]
-    return _core.read_point_clouds(list(zip(points, labels, strict=True)))
+    return read_point_clouds(list(zip(points, labels, strict=True)))
 
 
-def _point_ids(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.NDArray[np.uint16]]:
-    ids = [cloud.labels for cloud in clouds if cloud.labels is not None]
-    if len(ids) < len(clouds):
-        index = next(i for i, cloud in enumerate(clouds) if cloud.labels is None)
-        found = f"found nothing, and {drive.frames[index].points} has no field of class ids"
+def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labels]:
+    labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
+    found = [each for each in labels if each is not None]
+    if len(found) < len(clouds):
+        index = next(i for i, each in enumerate(labels) if each is None)
+        nothing = f"found nothing, and {drive.frames[index].points} has no field of class ids"
         needed = "needed a file of class ids, or a field named label, class, semantic or the like"
-        raise InputError(f"{drive.path}: frames[{index}].point_labels: {found}; {needed}")
-    return ids
+        raise InputError(f"{drive.path}: frames[{index}].point_labels: {nothing}; {needed}")
+    return found
 
 
 def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> list[Path]:

@@ -141,6 +141,13 @@ class Run:
         )
         if observations.speckle > 0.0:
             note += f", {observations.speckle:.2%} isolated pixels mended"
+        if self.drive.motion is not None:
+            error_px = observations.motion_error_px
+            note += (
+                ", motion compensated"
+                if error_px is None
+                else f", motion not compensated: half of the points are {error_px:.1f} pixels off or more"
+            )
         self.report(StageReport("load", perf_counter() - start, note=note))
         return observations
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
@@ -28,7 +27,7 @@ def describe_input(drive: Drive, init: Path | None, relative_to: Path) -> Input:
         for f in drive.frames
     ]
     hashes = {drive.path.name: _sha256(drive.path)}
-    hashes |= {name: _sha256(drive.resolve(name)) for frame in frames for name in _files(frame)}
+    hashes |= {name: _sha256(drive.resolve(name)) for name in drive.input_files()}
     if init is not None:
         file = drive_file(init)
         hashes[os.path.relpath(file, relative_to)] = _sha256(file)
@@ -43,12 +42,6 @@ def describe_input(drive: Drive, init: Path | None, relative_to: Path) -> Input:
 def versions() -> dict[str, str]:
     """The versions of semcal and of the libraries that compute."""
     return {name: version(name) for name in LIBRARIES}
-
-
-def _files(frame: InputFrame) -> Iterator[str]:
-    for name in (frame.points, frame.point_labels, frame.image_labels):
-        if name is not None:
-            yield name
 
 
 def _sha256(path: Path) -> str:

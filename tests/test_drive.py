@@ -73,7 +73,7 @@ def test_accepts_every_key(tmp_path: Path, document: dict[str, Any]) -> None:
     document["ignore"] = {"points": [0], "image": [255]}
     document["classes"] = {"points": {"road": [40, 44], "no": [10]}, "image": {"road": [40]}}
     document["palette"] = {"road": [128, 64, 128]}
-    document["motion"] = {"anything": [1, {"goes": None}]}
+    document["motion"] = {"twist": {"linear_m_s": [9, 0.5, 0], "angular_rad_s": [0, 0, 0.1]}}
     document["T_camera_lidar"] = np.eye(4).tolist()
     write(tmp_path, yaml.dump(document))
     drive = read_drive(tmp_path)

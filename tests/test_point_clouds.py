@@ -4,6 +4,7 @@ import struct
 from collections.abc import Callable
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 from conftest import DRIVE, TEST_DATA
@@ -15,6 +16,7 @@ from semcal_cli import _core
 from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.observations import read_observations
+from semcal_cli.point_clouds import read_point_clouds
 
 
 def real(name: str) -> Path:
@@ -25,7 +27,7 @@ def real(name: str) -> Path:
 
 
 def read(points: Path, labels: Path | None = None) -> _core.PointCloud:
-    (cloud,) = _core.read_point_clouds([(points, labels)])
+    (cloud,) = read_point_clouds([(points, labels)])
     return cloud
 
 
@@ -87,7 +89,7 @@ def little_cloud() -> np.ndarray:
         cloud[axis] = (rng.integers(-4000, 4000, 40) + 0.5) / 64  # exact in steps of 1/128 m, as LAS stores
     cloud["intensity"] = rng.integers(0, 256, 40)
     cloud["ring"] = rng.integers(0, 64, 40)
-    cloud["label"] = rng.integers(0, 200, 40)
+    cloud["label"] = rng.integers(0, 32, 40)  # LAS 1.2 has five bits for it
     cloud["time"] = np.arange(40) / 1024
     cloud[3] = 0
     cloud[8] = 0
@@ -239,6 +241,19 @@ def write_npz(cloud: np.ndarray, path: Path) -> Path:
     return path
 
 
+def write_las(suffix: str, version: str) -> Callable[[np.ndarray, Path], Path]:
+    def write(cloud: np.ndarray, path: Path) -> Path:
+        las = laspy.create(point_format={"1.2": 1, "1.4": 6}[version], file_version=version)
+        las.header.scales = [1 / 128] * 3
+        las.x, las.y, las.z = (cloud[axis] for axis in "xyz")
+        las.intensity, las.gps_time = cloud["intensity"], cloud["time"]
+        las.classification = cloud["label"]
+        las.write(path.with_suffix(suffix))
+        return path.with_suffix(suffix)
+
+    return write
+
+
 XYZI = ("x", "y", "z", "intensity")
 WRITERS: dict[str, tuple[Callable[[np.ndarray, Path], Path], set[str]]] = {
     "KITTI .bin": (write_bin, {"intensity"}),
@@ -264,6 +279,9 @@ WRITERS: dict[str, tuple[Callable[[np.ndarray, Path], Path], set[str]]] = {
     ),
     "NPY N x 4": (write_npy(lambda cloud: columns(cloud, *XYZI).astype(np.float64)), {"intensity"}),
     "NPZ": (write_npz, {"intensity", "ring", "labels", "time"}),
+    "LAS 1.2": (write_las(".las", "1.2"), {"intensity", "labels", "time"}),
+    "LAS 1.4": (write_las(".las", "1.4"), {"intensity", "labels", "time"}),
+    "LAZ 1.4": (write_las(".laz", "1.4"), {"intensity", "labels", "time"}),
     "NPY N x 3, Fortran": (write_npy(lambda cloud: np.asfortranarray(columns(cloud, *"xyz"))), set()),
 }
 
@@ -342,3 +360,25 @@ def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> No
     observations = read_observations(read_drive(tmp_path))
     ids = np.array(observations.point_class_names)[observations.point_classes[0]]
     np.testing.assert_array_equal(ids.astype(int), np.delete(cloud["label"], [3, 8]))
+
+
+@pytest.mark.parametrize(
+    ("suffix", "place", "value", "complaint"),
+    [
+        (".las", 107, b"\xff\xff\xff\x7f", "promises 2147483647 points of 28 bytes in "),
+        (".laz", 107, b"\xff\xff\xff\x7f", "promises 2147483647 points of 28 bytes in "),
+        (".las", 100, b"\xff\xff\xff\xff", "promises 4294967295 records before byte 227 of "),
+        (".las", 96, b"\xff\xff\xff\x00", "promises 0 records before byte 16777215 of "),
+        (".laz", 0, b"PLAS", "is no readable LAS: it does not start like one"),
+    ],
+)
+def test_a_las_that_promises_too_much_is_refused_at_once(
+    tmp_path: Path, suffix: str, place: int, value: bytes, complaint: str
+) -> None:
+    path = write_las(suffix, "1.2")(little_cloud(), tmp_path / "a")
+    damaged = bytearray(path.read_bytes())
+    damaged[place : place + len(value)] = value
+    path.write_bytes(damaged)
+    with pytest.raises(InputError) as error:
+        read(path)
+    assert str(error.value).startswith(f"{path}: {complaint}")

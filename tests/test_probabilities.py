@@ -109,6 +109,28 @@ def test_a_networks_probabilities_end_at_the_truth(
     assert error.rotation_deg < MAX_ROTATION_DEG
 
 
+def test_probabilities_of_points_are_read_with_their_sweep(street: Path, tmp_path: Path) -> None:
+    hard = read_observations(read_drive(street))
+    document = read_document(street / DRIVE_FILE)
+    document["frames"] = document["frames"][:1]
+    frame = document["frames"][0]
+    ids = np.fromfile(street / frame["point_labels"], np.uint32) & 0xFFFF
+    path = save(tmp_path / "a.npz", np.float16(0.75) * one_hot(ids).astype(np.float16))
+    frame |= {key: str(street / frame[key]) for key in ("points", "image_labels")}
+    frame["point_labels"] = str(path)
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    soft = read_observations(read_drive(tmp_path))
+    assert soft.point_shares[0] is not None
+    names = np.array([*soft.point_class_names, "none"]), np.array([*hard.point_class_names, "none"])
+    found, expected = (
+        names[i][np.minimum(each.point_classes[0], len(names[i]) - 1)] for i, each in enumerate((soft, hard))
+    )
+    np.testing.assert_array_equal(found, expected)
+    save(path, one_hot(ids[1:]))
+    with pytest.raises(InputError, match=rf"a\.npz: has shape .*, needs {len(ids)} x C probabilities"):
+        read_observations(read_drive(tmp_path))
+
+
 @pytest.mark.parametrize(
     ("array", "complaint"),
     [

@@ -17,6 +17,6 @@ pub(super) fn parse<'a>(path: &Path, bytes: &'a [u8]) -> Parsed<Values<'a>> {
         "label" => Values::new(bytes, count_records(bytes, 4)?, Column::little_endian(0, 4, Scalar::U16)),
         "bin" => Values::new(bytes, bytes.len(), Column::little_endian(0, 1, Scalar::U8)),
         "npy" => npy::parse_values(bytes),
-        other => Err(format!("label format '{other}' is not known, needs .label, .bin or .npy")),
+        other => Err(format!("label format '{other}' is not known, needs .label, .bin, .npy or .npz")),
     }
 }

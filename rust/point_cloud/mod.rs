@@ -18,8 +18,10 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
+use crate::class_shares::ClassShares;
 use crate::error::{Error, Result};
 use crate::file::{extension, read_bytes};
+use crate::probabilities;
 use table::Table;
 
 /// What a parser gives; its error says what was found and what is needed, and leaves the file's name to its caller.
@@ -38,6 +40,8 @@ pub struct PointCloud {
     pub time: Option<Vec<f64>>,
     /// Raw class ids, of the label file or else of the cloud's own label field.
     pub labels: Option<Vec<u16>>,
+    /// Probabilities of raw class ids instead, where a network gave them.
+    pub label_shares: Option<ClassShares>,
     /// Entries that were not finite or all zero, and were left out.
     pub num_no_returns: usize,
 }
@@ -110,13 +114,26 @@ pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)]) -> Result<Vec<PointCloud>>
 /// A file cannot be read, its size or content is not its format's, the counts of points and labels differ, a label is
 /// no class id, or there is no return in it.
 pub fn read(points: &Path, labels: Option<&Path>) -> Result<PointCloud> {
-    let format = Format::of(points)?;
+    read_as(Format::of(points)?, points, &read_bytes(points)?, labels)
+}
+
+/// The same from the bytes of a sweep; `points` is the name that complaints give it.
+///
+/// # Errors
+/// As [`read`].
+pub fn read_as(format: Format, points: &Path, bytes: &[u8], labels: Option<&Path>) -> Result<PointCloud> {
     let complain = |reason: String| Error::file(points, reason);
-    let bytes = read_bytes(points)?;
-    let table = format.parse(&bytes).map_err(complain)?;
+    let table = format.parse(bytes).map_err(complain)?;
     let Some(path) = labels else {
         return decode_table(&table).map_err(complain);
     };
+    let (mut cloud, returns) = table.decode();
+    check_returns(&cloud).map_err(complain)?;
+    if extension(path) == "npz" {
+        let shares = probabilities::read(path, &[table.num_records()])?;
+        cloud.label_shares = Some(shares.kept(returns.keep()));
+        return Ok(cloud);
+    }
     let label_bytes = read_bytes(path)?;
     let labels = labels::parse(path, &label_bytes).map_err(|reason| Error::file(path, reason))?;
     if labels.num_records() != table.num_records() {
@@ -124,8 +141,6 @@ pub fn read(points: &Path, labels: Option<&Path>) -> Result<PointCloud> {
         let reason = format!("{found} labels for the {needed} points of {}", points.display());
         return Err(Error::file(path, reason));
     }
-    let (mut cloud, returns) = table.decode();
-    check_returns(&cloud).map_err(complain)?;
     cloud.labels = Some(labels.ids(&returns).map_err(|reason| Error::file(path, reason))?);
     Ok(cloud)
 }

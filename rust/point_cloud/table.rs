@@ -100,6 +100,7 @@ impl<'a> Table<'a> {
             ring: self.columns.ring.and_then(|column| whole_numbers(&column, &self.bytes, &returns).ok()),
             time: self.columns.time.map(|column| self.seconds(&column, &returns)),
             labels: None,
+            label_shares: None,
             points,
         };
         (cloud, returns)
@@ -154,6 +155,11 @@ impl<'a> Values<'a> {
 }
 
 impl Returns {
+    /// Of each entry whether it is one.
+    pub(super) fn keep(&self) -> &[bool] {
+        &self.keep
+    }
+
     /// The values of the returns, from their bytes.
     #[inline]
     fn take<const N: usize, T>(&self, column: &Column, bytes: &[u8], decode: impl Fn([u8; N]) -> T) -> Vec<T>

@@ -145,10 +145,7 @@ class Session:
 
 def _check_outputs(drive: Drive, outputs: list[Path]) -> None:
     """Check that results have a folder to go to, and overwrite neither an input nor one another."""
-    names = [
-        name for frame in drive.frames for name in (frame.points, frame.point_labels, frame.image_labels)
-    ]
-    taken = {drive.path.resolve(), *(drive.resolve(name).resolve() for name in names if name)}
+    taken = {drive.path.resolve(), *(drive.resolve(name).resolve() for name in drive.input_files())}
     for path in outputs:
         if not path.absolute().parent.is_dir():
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")

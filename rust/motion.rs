@@ -1,0 +1,142 @@
+//! Motion compensation (de-skew): a sweep as the LiDAR would have seen it all at one moment.
+//!
+//! A LiDAR that moves by `T(s)` (its pose in a fixed frame at time `s`) measures a point at time `s` in the frame it has
+//! then; at the moment `m` the point lies at `T(m)^-1 T(s) p`. Between two known poses the twist is constant.
+
+use std::ops::RangeInclusive;
+
+use nalgebra::{Isometry3, Point3, Vector6};
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::se3::{exp, log};
+
+/// Points that one task moves.
+const CHUNK: usize = 4096;
+
+/// How a LiDAR moves in a fixed frame.
+#[derive(Clone, Debug)]
+pub struct Trajectory {
+    /// Sorted by time.
+    knots: Vec<Knot>,
+    /// The times between which it is known.
+    known: RangeInclusive<f64>,
+}
+
+/// A pose, and the motion from there to the next one.
+#[derive(Clone, Debug)]
+struct Knot {
+    stamp: f64,
+    pose: Isometry3<f64>,
+    twist_per_s: Vector6<f64>,
+}
+
+impl Trajectory {
+    /// One twist, metres and radians a second in the LiDAR frame, at all times; the fixed frame is that of the LiDAR at
+    /// `stamp`, which should be near, since the motion from there is multiplied up.
+    pub fn constant(twist_per_s: Vector6<f64>, stamp: f64) -> Self {
+        let knot = Knot { stamp, pose: Isometry3::identity(), twist_per_s };
+        Self { knots: vec![knot], known: f64::NEG_INFINITY..=f64::INFINITY }
+    }
+
+    /// Through poses of the LiDAR in a fixed frame.
+    ///
+    /// # Errors
+    /// There are less than two, or their times do not ascend.
+    pub fn through(stamps: &[f64], poses: &[Isometry3<f64>]) -> Result<Self> {
+        let ([start, .., end], true) = (stamps, stamps.len() == poses.len()) else {
+            return Err(Error::Input(format!("found {} poses, needed at least 2", poses.len())));
+        };
+        let mut knots = Vec::with_capacity(stamps.len());
+        for (pair, ends) in stamps.windows(2).zip(poses.windows(2)) {
+            let seconds = pair[1] - pair[0];
+            if seconds.is_nan() || seconds <= 0.0 {
+                let found = format!("found time {} after {}", pair[1], pair[0]);
+                return Err(Error::Input(format!("{found}, needed times that ascend")));
+            }
+            let twist_per_s = log(&ends[0].inv_mul(&ends[1])) / seconds;
+            knots.push(Knot { stamp: pair[0], pose: ends[0], twist_per_s });
+        }
+        Ok(Self { knots, known: *start..=*end })
+    }
+
+    /// The LiDAR's pose at a time, unless nothing is known of it.
+    pub fn pose_at(&self, stamp: f64) -> Option<Isometry3<f64>> {
+        let next = self.knots.partition_point(|knot| knot.stamp <= stamp);
+        let knot = &self.knots[next.saturating_sub(1)];
+        self.known.contains(&stamp).then(|| knot.pose * exp(&(knot.twist_per_s * (stamp - knot.stamp))))
+    }
+
+    /// Moves each point from the frame that the LiDAR had at the point's own time to the one at `moment`, seconds.
+    ///
+    /// # Errors
+    /// The trajectory does not reach to one of the times: that time.
+    pub fn compensate(
+        &self,
+        points: &[[f32; 3]],
+        times: &[f64],
+        moment: f64,
+    ) -> std::result::Result<Vec<[f32; 3]>, f64> {
+        let to_moment = self.pose_at(moment).ok_or(moment)?.inverse();
+        let moved = |(point, &time): (&[f32; 3], &f64)| {
+            let motion = to_moment * self.pose_at(time).ok_or(time)?;
+            Ok((motion * Point3::from(*point).cast::<f64>()).cast::<f32>().into())
+        };
+        points.par_iter().zip(times).with_min_len(CHUNK).map(moved).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Translation3, UnitQuaternion, Vector3};
+
+    fn turning() -> Vector6<f64> {
+        Vector6::new(12.0, 0.3, -0.1, 0.02, -0.01, 0.4)
+    }
+
+    #[test]
+    fn a_point_that_stands_still_is_found_where_it_is() {
+        // Seen at three times of a tenth of a second while the LiDAR drives and turns.
+        let fixed = Point3::new(8.0, -3.0, 1.5);
+        let times = [0.0, 0.04, 0.1];
+        let seen = times.map(|t| exp(&(turning() * t)).inverse_transform_point(&fixed).cast::<f32>().into());
+        let still = Trajectory::constant(turning(), 0.02).compensate(&seen, &times, 0.07).expect("all times");
+        for point in still {
+            assert!(
+                (Point3::from(point).cast::<f64>()
+                    - Point3::from(exp(&(turning() * 0.07)).inverse_transform_point(&fixed).coords))
+                .norm()
+                    < 2e-6
+            );
+        }
+    }
+
+    #[test]
+    fn poses_of_a_constant_motion_say_the_same_as_its_twist() {
+        let start = Isometry3::from_parts(
+            Translation3::new(500.0, -20.0, 3.0),
+            UnitQuaternion::from_scaled_axis(Vector3::new(0.1, -0.2, 2.0)),
+        );
+        let stamps = [-0.1, 0.03, 0.2];
+        let poses = stamps.map(|t| start * exp(&(turning() * t)));
+        let through = Trajectory::through(&stamps, &poses).expect("ascending");
+        let (points, times) = ([[8.0, -3.0, 1.5], [-20.0, 1.0, 0.0]], [0.0, 0.1]);
+        let by_poses = through.compensate(&points, &times, 0.15).expect("inside");
+        let by_twist =
+            Trajectory::constant(turning(), 0.0).compensate(&points, &times, 0.15).expect("always");
+        for (a, b) in by_poses.iter().zip(&by_twist) {
+            assert!((Point3::from(*a) - Point3::from(*b)).norm() < 1e-4, "{a:?} {b:?}");
+        }
+        assert_eq!(through.compensate(&points, &[0.0, 0.3], 0.15), Err(0.3));
+        assert_eq!(through.compensate(&points, &[-0.2, 0.1], 0.15), Err(-0.2));
+    }
+
+    #[test]
+    fn what_is_no_trajectory_is_refused() {
+        let pose = Isometry3::identity();
+        assert!(Trajectory::through(&[0.0], &[pose]).is_err());
+        assert!(Trajectory::through(&[0.0, 0.0], &[pose, pose]).is_err());
+        assert!(Trajectory::through(&[1.0, f64::NAN], &[pose, pose]).is_err());
+    }
+}

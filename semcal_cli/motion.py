@@ -1,0 +1,129 @@
+"""Motion compensation (de-skew): sweeps as the LiDAR would have seen them at the moment of their picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.camera import core_camera
+from semcal_cli.documents import read_text
+from semcal_cli.drive import Drive, Motion
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose, pose_from_quaternion
+
+MAX_SWEEP_S = 1.0
+"""Times of points that are farther from their sweep's stamp are of another clock or unit."""
+MEAN_SINE = math.pi / 4.0
+"""Of the angle between a motion of unknown direction and a line of sight."""
+
+
+def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.NDArray[np.float32]]:
+    """Give the points (N, 3) of each frame as they lie in the LiDAR frame at `image_stamp`: see `rust/motion.rs`.
+
+    They stay where they are if the drive does not say which way the LiDAR moves.
+
+    Raises:
+        InputError: a cloud has no times or a frame no stamps, times do not go with the stamps, or the poses are none
+            or do not reach.
+    """
+    motion = drive.motion
+    if motion is None or motion.speed_m_s is not None:
+        return [cloud.points for cloud in clouds]
+    trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
+    moved = []
+    for index, cloud in enumerate(clouds):
+        times = _times(drive, motion, index, cloud)
+        moment = drive.frames[index].image_stamp
+        if moment is None:
+            raise InputError(
+                f"{drive.path}: frames[{index}].image_stamp: found nothing, needed it for motion"
+            )
+        along = trajectory or _steady(motion, moment)
+        try:
+            moved.append(along.compensate(cloud.points, times, moment))
+        except ValueError as error:
+            needed = f"needed poses before and after frames[{index}]"
+            raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
+    return moved
+
+
+def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float | None:
+    """Tell how many pixels half of the points are displaced, at least, by a motion that is not compensated.
+
+    None unless the drive gives a speed without a direction, and clouds have times. Without stamps the picture is taken
+    to be of the middle of the sweep. Turning, of which nothing is known, comes on top.
+
+    Raises:
+        InputError: times do not go with the stamps.
+    """
+    motion = drive.motion
+    if motion is None or motion.speed_m_s is None:
+        return None
+    shifts_px = []
+    for index, (frame, cloud) in enumerate(zip(drive.frames, clouds, strict=True)):
+        if cloud.time is None:
+            continue
+        if frame.points_stamp is None or frame.image_stamp is None:
+            elapsed_s = cloud.time - 0.5 * (cloud.time.min() + cloud.time.max())
+        else:
+            elapsed_s = _times(drive, motion, index, cloud) - frame.image_stamp
+        ranges_m = np.linalg.norm(cloud.points, axis=1)
+        shifts_px.append(np.abs(elapsed_s) * motion.speed_m_s * MEAN_SINE / ranges_m)
+    if not shifts_px:
+        return None
+    return float(np.median(np.concatenate(shifts_px))) * core_camera(drive.camera).pixels_per_radian
+
+
+def _times(drive: Drive, motion: Motion, index: int, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
+    """When each point was measured, on the clock of the stamps."""
+    frame = drive.frames[index]
+    if cloud.time is None:
+        needed = "needed a field named time, t, timestamp or the like for motion"
+        raise InputError(f"{drive.resolve(frame.points)}: found no times of points, {needed}")
+    if frame.points_stamp is None:
+        raise InputError(f"{drive.path}: frames[{index}].points_stamp: found nothing, needed it for motion")
+    is_relative = motion.point_times == "relative"
+    times = cloud.time + frame.points_stamp if is_relative else cloud.time
+    first, last = (times.min() - frame.points_stamp, times.max() - frame.points_stamp)
+    if not (first >= -MAX_SWEEP_S and last <= MAX_SWEEP_S):
+        found = f"found times of points from {first:g} to {last:g} s after points_stamp"
+        needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times says {motion.point_times}"
+        raise InputError(f"{drive.resolve(frame.points)}: {found}, {needed}")
+    return times
+
+
+def _steady(motion: Motion, moment: float) -> _core.Trajectory:
+    assert motion.twist is not None
+    return _core.Trajectory.constant((*motion.twist.linear_m_s, *motion.twist.angular_rad_s), moment)
+
+
+def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
+    path = drive.resolve(name)
+    stamps, poses = [], []
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            try:
+                stamp, pose = _parse_pose(line)
+            except ValueError as error:
+                raise InputError(f"{path}: line {number}: {error}") from None
+            stamps.append(stamp)
+            poses.append(pose)
+    try:
+        return _core.Trajectory.through(stamps, poses)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _parse_pose(line: str) -> tuple[float, Pose]:
+    needed = "needed seconds x y z qx qy qz qw"
+    try:
+        values = [float(word) for word in line.replace(",", " ").split()]
+    except ValueError:
+        raise ValueError(f"found something that is no number, {needed}") from None
+    if len(values) != 8 or not all(map(math.isfinite, values)):
+        raise ValueError(f"found {len(values)} numbers, {needed}, all finite")
+    return values[0], pose_from_quaternion(values[4:], values[1:4])

@@ -1,0 +1,102 @@
+"""Point clouds of every format: LAS and LAZ by laspy, the extra `las`; all others by the core."""
+
+from __future__ import annotations
+
+import io
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.errors import InputError
+
+if TYPE_CHECKING:
+    import laspy
+
+CHUNK = 1_000_000
+"""Points that are unpacked at a time, so that a header that promises too many costs nothing."""
+MAX_INFLATION = 100
+"""A LAZ file that promises to grow more than that is refused; ten times is common."""
+HEADER = struct.Struct("<4s20xBB68xHIIBHI")
+"""Signature, version, bytes of the header and before the points, VLRs, point format, bytes a point, points."""
+COUNT_1_4 = struct.Struct("<247xQ")
+"""The number of points since version 1.4."""
+VLR_BYTES = 54
+"""Of a variable-length record, at least."""
+
+FIELDS = {
+    "x": "x",
+    "y": "y",
+    "z": "z",
+    "intensity": "intensity",
+    "gps_time": "time",
+    "classification": "label",
+}
+"""What is used of a LAS, and what it is called in a cloud."""
+
+
+def read_point_clouds(files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
+    """Read sweeps, each with its file of labels or, without one, with its own field of labels, if any.
+
+    Raises:
+        InputError: a file cannot be read or is not what its name says, or counts differ.
+    """
+    others = iter(_core.read_point_clouds([file for file in files if not _is_las(file[0])]))
+    return [_read_las(*file) if _is_las(file[0]) else next(others) for file in files]
+
+
+def _is_las(path: Path) -> bool:
+    return path.suffix.lower() in (".las", ".laz")
+
+
+def _read_las(path: Path, labels: Path | None) -> _core.PointCloud:
+    try:
+        import laspy
+    except ImportError:
+        raise InputError(f"{path}: LAS and LAZ need laspy: pip install 'semcal[las]'") from None
+    _check_header(path)
+    try:
+        with laspy.open(path, read_evlrs=False) as file:
+            chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
+    except Exception as error:  # laspy lets struct's, NumPy's and lazrs's errors through
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"{path}: is no readable LAS: {reason}") from None
+    if not chunks:
+        raise InputError(f"{path}: holds no points")
+    contents = io.BytesIO()
+    np.save(contents, np.concatenate(chunks))
+    return _core.parse_point_cloud(path, contents.getvalue(), labels)
+
+
+def _check_header(path: Path) -> None:
+    """Refuse what laspy would take on trust: how many points and records there are."""
+    if not path.exists():
+        raise InputError(f"{path}: no such file")
+    if not path.is_file():
+        raise InputError(f"{path}: is no regular file, needs a file")
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        start = file.read(COUNT_1_4.size)
+    if len(start) < HEADER.size or not start.startswith(b"LASF"):
+        raise InputError(f"{path}: is no readable LAS: it does not start like one")
+    _, major, minor, header_bytes, offset, num_vlrs, _, record_bytes, count = HEADER.unpack_from(start)
+    if (major, minor) >= (1, 4) and len(start) >= COUNT_1_4.size:
+        (count,) = COUNT_1_4.unpack_from(start)
+    if offset > size or header_bytes + num_vlrs * VLR_BYTES > offset:
+        raise InputError(f"{path}: promises {num_vlrs} records before byte {offset} of {size}")
+    most = MAX_INFLATION * size if path.suffix.lower() == ".laz" else size - offset
+    if count * record_bytes > most:
+        raise InputError(f"{path}: promises {count} points of {record_bytes} bytes in {size} bytes")
+
+
+def _records(chunk: laspy.ScaleAwarePointRecord) -> npt.NDArray[np.void]:
+    names = [*("x", "y", "z"), *(name for name in FIELDS if name in chunk.point_format.dimension_names)]
+    columns = {FIELDS[name]: np.asarray(chunk[name]) for name in names}
+    records = np.empty(len(chunk), [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        records[name] = column
+    return records

@@ -1,0 +1,173 @@
+"""Motion compensation: a drive that was skewed on purpose comes out straight."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import make_pose
+from scipy.linalg import expm
+
+from semcal_cli.documents import document_text, read_document, write_text
+from semcal_cli.drive import DRIVE_FILE, read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.inspection import inspect
+from semcal_cli.observations import Observations, read_observations
+from semcal_cli.poses import Pose, quaternion_xyzw
+
+TWIST = {"linear_m_s": [9.0, 0.5, -0.2], "angular_rad_s": [0.03, -0.02, 0.35]}
+SWEEP_S = 0.1
+STAMPS = {"points_stamp": 1_600_000_000.25, "image_stamp": 1_600_000_000.31}
+
+
+def pose_at(seconds: float) -> Pose:
+    """The LiDAR's pose after so many seconds, in the frame that it begins in, by SciPy's matrix exponential."""
+    x, y, z = TWIST["angular_rad_s"]
+    generator = np.zeros((4, 4))
+    generator[:3, :3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    generator[:3, 3] = TWIST["linear_m_s"]
+    return expm(generator * seconds)
+
+
+def skew(points: np.ndarray, times: np.ndarray, moment: float) -> np.ndarray:
+    """What a LiDAR that moves measures of points that stand still, given where these are at `moment`."""
+    steps, which = np.unique(times, return_inverse=True)
+    motions = np.array([np.linalg.inv(pose_at(time)) @ pose_at(moment) for time in steps])[which]
+    return np.einsum("nij,nj->ni", motions[:, :3, :3], points) + motions[:, :3, 3]
+
+
+@pytest.fixture(scope="module")
+def skewed(street: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """The street as recorded from a moving car, without `motion`."""
+    folder = tmp_path_factory.mktemp("skewed")
+    document = read_document(street / DRIVE_FILE)
+    observations = read_observations(read_drive(street))
+    for index, frame in enumerate(document["frames"]):
+        points = observations.points[index].astype(np.float64)
+        turn = (np.arctan2(points[:, 1], points[:, 0]) + np.pi) / (2 * np.pi)
+        times = np.round(turn * 200) / 200 * SWEEP_S
+        moved = skew(points, times, STAMPS["image_stamp"] - STAMPS["points_stamp"])
+        labels = np.fromfile(street / frame["point_labels"], np.uint32) & 0xFFFF
+        dtype = [("x", "f4"), ("y", "f4"), ("z", "f4"), ("time", "f8"), ("label", "u2")]
+        records = np.zeros(len(points), dtype)
+        records["x"], records["y"], records["z"] = moved.T
+        kept = np.any(np.fromfile(street / frame["points"], np.float32).reshape(-1, 4)[:, :3], axis=1)
+        records["time"], records["label"] = times, labels[kept]
+        np.save(folder / f"{index}.npy", records)
+        frame |= {"points": str(folder / f"{index}.npy"), **STAMPS}
+        frame["image_labels"] = str(street / frame["image_labels"])
+        frame.pop("point_labels")
+        frame.pop("image", None)
+    return document
+
+
+def write_drive(folder: Path, document: dict[str, Any], motion: object) -> Path:
+    write_text(document_text(document | {"motion": motion}, "yaml"), folder / DRIVE_FILE)
+    return folder
+
+
+def load(folder: Path, document: dict[str, Any], motion: object) -> Observations:
+    return read_observations(read_drive(write_drive(folder, document, motion)))
+
+
+def offsets_m(found: Observations, expected: Observations) -> np.ndarray:
+    pairs = zip(found.points, expected.points, strict=True)
+    return np.concatenate([np.linalg.norm(a - b, axis=1) for a, b in pairs])
+
+
+def tum(start: float, stop: float, num: int) -> str:
+    """Poses in some fixed frame, as text."""
+    fixed = make_pose((0.3, -1.0, 0.2), (400.0, -70.0, 12.0))
+    lines = ["# stamp x y z qx qy qz qw"]
+    for seconds in np.linspace(start, stop, num):
+        pose = fixed @ pose_at(seconds)
+        values = [seconds + STAMPS["points_stamp"], *pose[:3, 3], *quaternion_xyzw(pose)]
+        lines.append(" ".join(f"{value:.9f}" for value in values))
+    return "\n".join(lines)
+
+
+def test_a_moving_car_sees_what_a_standing_one_sees(
+    tmp_path: Path, skewed: dict[str, Any], street: Path
+) -> None:
+    still = read_observations(read_drive(street))
+    (tmp_path / "poses.txt").write_text(tum(-0.2, 0.4, 4))
+    off_m = offsets_m(load(tmp_path, skewed, None), still)
+    assert np.median(off_m) > 0.2
+    for motion in ({"twist": TWIST}, {"poses": "poses.txt"}):
+        assert offsets_m(load(tmp_path, skewed, motion), still).max() < 1e-4
+    absolute = {"twist": TWIST, "point_times": "absolute"}
+    with pytest.raises(InputError, match=r"needed them within 1 s; motion\.point_times says absolute"):
+        load(tmp_path, skewed, absolute)
+
+
+def test_a_speed_without_direction_tells_what_it_may_cost(
+    tmp_path: Path, skewed: dict[str, Any], street: Path
+) -> None:
+    speed = float(np.linalg.norm(TWIST["linear_m_s"]))
+    observations = load(tmp_path, skewed, {"speed_m_s": speed})
+    assert observations.motion_error_px is not None
+    # Against what the motion really does to the points that the camera sees: the same size, not the same number.
+    straight = load(tmp_path, skewed, {"twist": TWIST | {"angular_rad_s": [0.0, 0.0, 0.0]}})
+    rays = [
+        [points / np.linalg.norm(points, axis=1, keepdims=True) for points in each.points]
+        for each in (observations, straight)
+    ]
+    angles = np.concatenate([np.linalg.norm(a - b, axis=1) for a, b in zip(*rays, strict=True)])
+    focal_px = observations.camera.K[0][0]
+    assert 0.5 < observations.motion_error_px / (focal_px * np.median(angles)) < 2.0
+    suspicions = inspect(read_drive(write_drive(tmp_path, skewed, {"speed_m_s": speed}))).suspicions
+    assert any("motion during a sweep displaces half of the points by" in line for line in suspicions)
+    assert load(tmp_path, skewed, {"speed_m_s": 0.0}).motion_error_px == 0.0
+
+
+@pytest.mark.parametrize(
+    ("motion", "complaint"),
+    [
+        ({}, "motion: found none, needed one of twist, poses, speed_m_s"),
+        ({"twist": TWIST, "speed_m_s": 3.0}, "motion: found twist and speed_m_s, needed one of"),
+        ({"twist": {"linear_m_s": [1, 2, 3]}}, "motion.twist.angular_rad_s: found nothing"),
+        ({"speed_m_s": -1.0}, "motion.speed_m_s: found -1.0, needed at least 0"),
+        ({"poses": "nowhere.txt"}, r"nowhere\.txt: no such file"),
+        (
+            {"poses": "late.txt"},
+            r"late\.txt: nothing is known of the motion at 16\d+(\.\d+)? s, needed poses",
+        ),
+        ({"poses": "few.txt"}, r"few\.txt: found 1 poses, needed at least 2"),
+        ({"poses": "twice.txt"}, r"twice\.txt: found time 1 after 1, needed times that ascend"),
+        (
+            {"poses": "words.txt"},
+            r"words\.txt: line 1: found something that is no number, needed seconds x y z",
+        ),
+        ({"poses": "short.txt"}, r"short\.txt: line 2: found 7 numbers, needed seconds x y z qx qy qz qw"),
+        ({"poses": "long.txt"}, r"long\.txt: line 1: found a quaternion of norm 2, needed norm 1"),
+    ],
+)
+def test_a_motion_that_cannot_be_is_refused(
+    tmp_path: Path, skewed: dict[str, Any], motion: object, complaint: str
+) -> None:
+    line = "1 0 0 0 0 0 0 1\n"
+    files = {
+        "late": tum(0.2, 0.4, 4),
+        "few": line,
+        "twice": line * 2,
+        "words": "a b c",
+        "short": "# a comment\n1 0 0 0 0 0 1",
+        "long": "1 0 0 0 0 0 0 2",
+    }
+    for name, text in files.items():
+        (tmp_path / f"{name}.txt").write_text(text)
+    with pytest.raises(InputError, match=complaint):
+        load(tmp_path, skewed, motion)
+
+
+@pytest.mark.parametrize("key", ["points_stamp", "image_stamp"])
+def test_motion_needs_stamps_and_times(
+    tmp_path: Path, skewed: dict[str, Any], street: Path, key: str
+) -> None:
+    frames = [{k: v for k, v in frame.items() if k != key} for frame in skewed["frames"]]
+    with pytest.raises(InputError, match=rf"frames\[0\]\.{key}: found nothing, needed it for motion"):
+        load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
+    for frame in frames:
+        frame |= {"points": str(street / "points/000000.bin"), **STAMPS}
+    with pytest.raises(InputError, match=r"000000\.bin: found no times of points, needed a field named time"):
+        load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
