@@ -189,6 +189,10 @@ class Frame(StrictModel):
     image_features: FileName | None = None
     """H x W x C values of the pixels."""
 
+    def key(self, name: str) -> str:
+        """Name one of its keys in a complaint, whichever place it has among the frames that are used."""
+        return f"frames[{self.points}].{name}"
+
 
 class Ignore(StrictModel):
     """Ids that carry no information."""

@@ -15,8 +15,11 @@ from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.initialization import InitializationConfig, initialize
-from semcal_cli.observations import Observations, load_observations
+from semcal_cli.observations import Observations, load_observations, read_observations
+from semcal_cli.pictures import read_picture
 
+MAX_FRAMES = 200
+"""So many frames of a drive are looked at: they fit in memory."""
 MAX_GAP_S = 0.05
 """Sweep and picture of a frame that are farther apart are suspicious: at 10 m/s that is half a metre."""
 MANY_CLASSES = 64
@@ -27,8 +30,8 @@ MAX_IGNORED = 0.9
 """A side most of which carries no information is suspicious."""
 MAX_MOTION_PX = 1.0
 """Points that a motion displaces farther, without being put back, are suspicious."""
-MIRROR_FRAMES = 4
-"""So many frames are registered as they are and mirrored ..."""
+NUM_PROBED = 4
+"""Of so many frames, pictures are measured, and clouds are registered as they are and mirrored ..."""
 MIN_MIRROR_MARGIN = 2.0
 """... and a cloud is mirrored if that explains the labels better by so many standard errors."""
 
@@ -57,7 +60,10 @@ class DriveReport:
     """What a drive holds."""
 
     drive: str
+    num_frames: int
+    """Of the whole drive."""
     frames: tuple[FrameReport, ...]
+    """Those that were looked at."""
     pattern: str
     """How the LiDAR scans, as found in the points."""
     elevations_deg: tuple[float, float]
@@ -76,21 +82,28 @@ class DriveReport:
         return bool(self.suspicions) or any(frame.suspicions for frame in self.frames)
 
 
-def inspect(drive: Drive) -> DriveReport:
-    """Look through a drive.
+def inspect(drive: Drive, max_frames: int = MAX_FRAMES) -> DriveReport:
+    """Look through a drive; of a longer one, through so many frames, evenly spaced.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says.
+        InputError: no frame can be read.
         CalibrationError: one side carries a single class over the whole drive.
     """
-    observations = load_observations(drive)
+    num_frames = len(drive.frames)
+    drive = _with_frames(drive, _spread(num_frames, max_frames))
+    observations, complaints = _load(drive)
+    places = iter(range(observations.num_frames))
     frames = tuple(
-        _inspect_frame(frame, observations.of_frames([index])) for index, frame in enumerate(drive.frames)
+        _unreadable_frame(frame, complaints[index])
+        if index in complaints
+        else _inspect_frame(frame, observations.of_frames([next(places)]))
+        for index, frame in enumerate(drive.frames)
     )
     elevations, azimuths = _field_of_points(observations.points)
     shared = set(observations.point_class_names) & set(observations.image_class_names)
     return DriveReport(
         drive=str(drive.path),
+        num_frames=num_frames,
         frames=frames,
         pattern=_pattern(observations),
         elevations_deg=elevations,
@@ -99,11 +112,45 @@ def inspect(drive: Drive) -> DriveReport:
         shared_classes=tuple(name for name in observations.point_class_names if name in shared),
         suspicions=(
             *_camera_suspicions(drive),
+            *_picture_suspicions(drive),
             *_class_suspicions(observations),
             *_motion_suspicions(observations),
             *_mirror_suspicions(observations),
         ),
     )
+
+
+def _spread(num_frames: int, count: int) -> list[int]:
+    """Evenly spaced indices, all if there are no more than `count`."""
+    return sorted({round(index) for index in np.linspace(0, num_frames - 1, min(num_frames, count))})
+
+
+def _with_frames(drive: Drive, indices: Sequence[int]) -> Drive:
+    return drive.model_copy(update={"frames": tuple(drive.frames[index] for index in indices)})
+
+
+def _load(drive: Drive) -> tuple[Observations, Mapping[int, str]]:
+    """Load the frames that can be read; complaints about the others."""
+    try:
+        return load_observations(drive), {}
+    except InputError as error:
+        first = error
+    complaints = {}
+    for index in range(len(drive.frames)):
+        try:
+            read_observations(_with_frames(drive, [index]))
+        except InputError as error:
+            complaints[index] = str(error)
+        except CalibrationError:
+            pass  # a frame of one class is no obstacle to others
+    readable = [index for index in range(len(drive.frames)) if index not in complaints]
+    if not (readable and complaints):
+        raise first
+    return load_observations(_with_frames(drive, readable)), complaints
+
+
+def _unreadable_frame(frame: Frame, complaint: str) -> FrameReport:
+    return FrameReport(frame.points, 0, 0, {}, 0, {}, 0, None, (f"cannot be used: {complaint}",))
 
 
 def _inspect_frame(frame: Frame, observations: Observations) -> FrameReport:
@@ -188,6 +235,21 @@ def _camera_suspicions(drive: Drive) -> list[str]:
     return found
 
 
+def _picture_suspicions(drive: Drive) -> list[str]:
+    named = [frame.image for frame in drive.frames if frame.image is not None]
+    found = []
+    for name in (named[index] for index in _spread(len(named), NUM_PROBED)):
+        try:
+            height, width, _ = read_picture(drive.resolve(name)).shape
+        except InputError as error:
+            found.append(str(error))
+            continue
+        if (width, height) != (drive.camera.width, drive.camera.height):
+            size = f"{drive.camera.width} x {drive.camera.height}"
+            found.append(f"{name} is {width} x {height}, the camera's pictures are {size}")
+    return found
+
+
 def _class_suspicions(observations: Observations) -> list[str]:
     sides = {"points": observations.point_class_names, "pixels": observations.image_class_names}
     return [
@@ -206,8 +268,7 @@ def _motion_suspicions(observations: Observations) -> list[str]:
 
 def _mirror_suspicions(observations: Observations) -> list[str]:
     """Register a few frames as they are and with y negated: no camera sees the mirror image of its scene."""
-    spread = np.linspace(0, observations.num_frames - 1, min(observations.num_frames, MIRROR_FRAMES))
-    few = observations.of_frames(sorted({round(index) for index in spread}))
+    few = observations.of_frames(_spread(observations.num_frames, NUM_PROBED))
     flip = np.array([1.0, -1.0, 1.0], np.float32)
     mirrored = replace(few, points=[points * flip for points in few.points])
     try:

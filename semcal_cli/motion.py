@@ -11,7 +11,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
 from semcal_cli.documents import read_text
-from semcal_cli.drive import Drive, Motion
+from semcal_cli.drive import Drive, Frame, Motion
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, pose_from_quaternion
 
@@ -35,18 +35,15 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.ND
         return [cloud.points for cloud in clouds]
     trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
     moved = []
-    for index, cloud in enumerate(clouds):
-        times = _times(drive, motion, index, cloud)
-        moment = drive.frames[index].image_stamp
+    for frame, cloud in zip(drive.frames, clouds, strict=True):
+        times, moment = _times(drive, motion, frame, cloud), frame.image_stamp
         if moment is None:
-            raise InputError(
-                f"{drive.path}: frames[{index}].image_stamp: found nothing, needed it for motion"
-            )
+            raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
         along = trajectory or _steady(motion, moment)
         try:
             moved.append(along.compensate(cloud.points, times, moment))
         except ValueError as error:
-            needed = f"needed poses before and after frames[{index}]"
+            needed = f"needed poses before and after {frame.points}"
             raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
     return moved
 
@@ -64,13 +61,13 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
     if motion is None or motion.speed_m_s is None:
         return None
     shifts_px = []
-    for index, (frame, cloud) in enumerate(zip(drive.frames, clouds, strict=True)):
+    for frame, cloud in zip(drive.frames, clouds, strict=True):
         if cloud.time is None:
             continue
         if frame.points_stamp is None or frame.image_stamp is None:
             elapsed_s = cloud.time - 0.5 * (cloud.time.min() + cloud.time.max())
         else:
-            elapsed_s = _times(drive, motion, index, cloud) - frame.image_stamp
+            elapsed_s = _times(drive, motion, frame, cloud) - frame.image_stamp
         ranges_m = np.linalg.norm(cloud.points, axis=1)
         shifts_px.append(np.abs(elapsed_s) * motion.speed_m_s * MEAN_SINE / ranges_m)
     if not shifts_px:
@@ -78,14 +75,13 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
     return float(np.median(np.concatenate(shifts_px))) * core_camera(drive.camera).pixels_per_radian
 
 
-def _times(drive: Drive, motion: Motion, index: int, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
+def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
     """When each point was measured, on the clock of the stamps."""
-    frame = drive.frames[index]
     if cloud.time is None:
         needed = "needed a field named time, t, timestamp or the like for motion"
         raise InputError(f"{drive.resolve(frame.points)}: found no times of points, {needed}")
     if frame.points_stamp is None:
-        raise InputError(f"{drive.path}: frames[{index}].points_stamp: found nothing, needed it for motion")
+        raise InputError(f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed it for motion")
     is_relative = motion.point_times == "relative"
     times = cloud.time + frame.points_stamp if is_relative else cloud.time
     first, last = (times.min() - frame.points_stamp, times.max() - frame.points_stamp)

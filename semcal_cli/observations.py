@@ -153,18 +153,15 @@ def mend(observations: Observations) -> Observations:
 
     Pictures with probabilities stay as they are.
     """
+    images = list(observations.image_classes)
     shares = observations.image_shares or [None] * observations.num_frames
-    mended = _core.despeckle(list(observations.image_classes))
-    chosen = [
-        (image, 0) if soft is not None else found
-        for image, soft, found in zip(observations.image_classes, shares, mended, strict=True)
-    ]
-    num_pixels = sum(image.size for image, _ in chosen)
-    return replace(
-        observations,
-        image_classes=[image for image, _ in chosen],
-        speckle=sum(count for _, count in chosen) / num_pixels,
-    )
+    hard = [index for index, soft in enumerate(shares) if soft is None]
+    num_mended = 0
+    for index, (mended, count) in zip(hard, _core.despeckle([images[i] for i in hard]), strict=True):
+        images[index] = mended
+        num_mended += count
+    num_pixels = sum(image.size for image in images)
+    return replace(observations, image_classes=images, speckle=num_mended / num_pixels)
 
 
 def read_clouds(drive: Drive) -> list[_core.PointCloud]:
@@ -182,10 +179,10 @@ def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labe
     labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
     found = [each for each in labels if each is not None]
     if len(found) < len(clouds):
-        index = next(i for i, each in enumerate(labels) if each is None)
-        nothing = f"found nothing, and {drive.frames[index].points} has no field of class ids"
+        frame = next(f for f, each in zip(drive.frames, labels, strict=True) if each is None)
+        nothing = "found nothing, and the cloud has no field of class ids"
         needed = "needed a file of class ids, or a field named label, class, semantic or the like"
-        raise InputError(f"{drive.path}: frames[{index}].point_labels: {nothing}; {needed}")
+        raise InputError(f"{drive.path}: {frame.key('point_labels')}: {nothing}; {needed}")
     return found
 
 
@@ -195,11 +192,9 @@ def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> l
     Raises:
         InputError: a frame has none.
     """
-    for index, frame in enumerate(drive.frames):
+    for frame in drive.frames:
         if getattr(frame, key) is None:
-            raise InputError(
-                f"{drive.path}: frames[{index}].{key}: found nothing, needed a file of class ids"
-            )
+            raise InputError(f"{drive.path}: {frame.key(key)}: found nothing, needed a file of class ids")
     return [drive.resolve(getattr(frame, key)) for frame in drive.frames]
 
 

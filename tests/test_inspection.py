@@ -11,6 +11,7 @@ from semcal_cli.documents import document_text, read_document, write_text
 from semcal_cli.drive import DRIVE_FILE, read_drive
 from semcal_cli.inspection import _mirror_suspicions, inspect
 from semcal_cli.observations import Observations
+from semcal_cli.pictures import write_picture
 
 
 def changed(street: Path, folder: Path, **changes: object) -> Path:
@@ -57,3 +58,35 @@ def test_what_looks_wrong_is_said(street: Path, tmp_path: Path) -> None:
     assert "sweep and picture are 0.200 s apart" in found.output
     report = json.loads(CliRunner().invoke(semcal, ["inspect", str(drive), "--json"]).output)
     assert report["frames"][0]["gap_s"] == pytest.approx(0.2)
+
+
+def test_frames_that_cannot_be_read_are_named_and_the_others_are_looked_at(
+    street: Path, tmp_path: Path
+) -> None:
+    document = read_document(street / DRIVE_FILE)
+    frames = document["frames"]
+    drive = changed(street, tmp_path, frames=frames)
+    (tmp_path / "cut.bin").write_bytes(b"123")
+    (tmp_path / "grey.png").write_bytes(b"no picture")
+    frames[2]["points"], frames[3]["image"] = "cut.bin", "grey.png"
+    write_text(document_text(document | {"frames": frames}, "yaml"), tmp_path / DRIVE_FILE)
+    report = inspect(read_drive(drive))
+    assert [bool(frame.suspicions) for frame in report.frames] == [False, False, True, False]
+    (complaint,) = report.frames[2].suspicions
+    assert complaint.startswith(f"cannot be used: {tmp_path}/cut.bin: 3 bytes")
+    assert report.frames[3].num_points > 0
+    assert any("grey.png: found 10 bytes of no known format" in line for line in report.suspicions)
+    found = CliRunner().invoke(semcal, ["inspect", str(drive), "--max-frames", "2"])
+    assert found.exit_code == 0, found.output
+    assert "2 of 4 looked at" in found.output
+
+
+def test_pictures_of_another_size_than_the_labels_are_suspicious(street: Path, tmp_path: Path) -> None:
+    document = read_document(street / DRIVE_FILE)
+    drive = changed(street, tmp_path, frames=document["frames"][:1])
+    document = read_document(tmp_path / DRIVE_FILE)
+    document["frames"][0]["image"] = "half.png"
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    write_picture(np.zeros((180, 320), np.uint8), tmp_path / "half.png")
+    suspicions = inspect(read_drive(drive)).suspicions
+    assert "half.png is 320 x 180, the camera's pictures are 640 x 360" in suspicions

@@ -24,14 +24,21 @@ WIDE = 240
 @click.command()
 @click.argument("drive", type=PATH)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def inspect(drive: Path, as_json: bool) -> None:
+@click.option(
+    "--max-frames",
+    type=click.IntRange(min=1),
+    default=200,
+    show_default=True,
+    help="Of a longer drive, look at so many frames, evenly spaced.",
+)
+def inspect(drive: Path, as_json: bool, max_frames: int) -> None:
     """Show what DRIVE holds, frame by frame, and what looks wrong with it."""
     from dataclasses import asdict
 
     from semcal_cli.drive import read_drive
     from semcal_cli.inspection import inspect as look_through
 
-    report = look_through(read_drive(drive))
+    report = look_through(read_drive(drive), max_frames)
     if as_json:
         click.echo(json.dumps(asdict(report), indent=2))
         return
@@ -70,7 +77,13 @@ def _print(report: DriveReport) -> None:
     console.print(table)
     low, high = report.elevations_deg
     across, down = report.field_of_view_deg
+    looked_at = (
+        f"{len(report.frames):,} of {report.num_frames:,}"
+        if len(report.frames) < report.num_frames
+        else "all"
+    )
     lines = {
+        "frames": f"{looked_at} looked at",
         "LiDAR": f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth",
         "camera": f"{across:.1f} x {down:.1f} degrees",
         "both sides": ", ".join(report.shared_classes) or "no class name in common, which does not matter",
