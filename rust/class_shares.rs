@@ -67,12 +67,16 @@ impl ClassShares {
     /// Adds an item whose classes `0..values.len()` have shares in proportion to `values`; none if these add up to zero.
     ///
     /// # Errors
-    /// A value is negative or not finite: it is returned.
+    /// A value is negative, or it or the sum is not finite: it is returned.
     pub fn push_proportional(&mut self, values: &[f32]) -> Result<(), f32> {
         if let Some(&wrong) = values.iter().find(|value| !(value.is_finite() && **value >= 0.0)) {
             return Err(wrong);
         }
-        let scale = 255.0 / values.iter().sum::<f32>();
+        let sum = values.iter().sum::<f32>();
+        if !sum.is_finite() {
+            return Err(sum);
+        }
+        let scale = 255.0 / sum;
         self.push_with(|entries| {
             let amounts = values.iter().map(|value| (value * scale).round() as u8);
             let shares = amounts.enumerate().map(|(class, amount)| Share { class: class as u8, amount });

@@ -15,6 +15,9 @@ use crate::npy::read_header;
 
 /// Raw ids are the places along the last axis; so many of them are told apart.
 const MAX_CLASSES: usize = 255;
+/// Classes that an item has a share of, on average, at most: what is spread over more tells nothing, and would fill the
+/// memory from a small file.
+const MAX_SPREAD: usize = 32;
 
 /// Reads many files of one shape, in parallel; the first failing one's error wins.
 ///
@@ -62,7 +65,9 @@ fn read_array(path: &Path, mut file: impl Read, shape: &[usize]) -> Result<Class
     let mut record = vec![0; num_classes * size];
     let mut values = vec![0.0; num_classes];
     let mut shares = ClassShares::default();
-    for index in 0..shape.iter().product::<usize>() {
+    let num_items = shape.iter().product::<usize>();
+    let max_shares = num_items.saturating_mul(MAX_SPREAD).min(u32::MAX as usize);
+    for index in 0..num_items {
         file.read_exact(&mut record).map_err(|e| Error::file(path, format!("ends early: {e}")))?;
         values.iter_mut().zip(record.chunks_exact(size)).for_each(|(value, bytes)| *value = decode(bytes));
         shares.push_proportional(&values).map_err(|wrong| {
@@ -71,6 +76,10 @@ fn read_array(path: &Path, mut file: impl Read, shape: &[usize]) -> Result<Class
                 format!("item {index}: holds {wrong}, a probability is finite and not negative"),
             )
         })?;
+        if shares.entries().len() > max_shares {
+            let reason = format!("spreads its items over more than {MAX_SPREAD} classes each, on average");
+            return Err(Error::file(path, reason));
+        }
     }
     Ok(shares)
 }
@@ -80,8 +89,12 @@ type Decode = fn(&[u8]) -> f32;
 /// Bytes of a number of the array's type, and what reads one.
 fn decoder(path: &Path, dtype: &DType) -> Result<(usize, Decode)> {
     let found = if let DType::Plain(plain) = dtype { plain.to_string() } else { "records".into() };
-    let unknown =
-        || Error::file(path, format!("holds type {found}, needs float16, float32, float64 or uint8"));
+    let unknown = || {
+        Error::file(
+            path,
+            format!("holds type {found}, needs little-endian float16, float32, float64, or uint8"),
+        )
+    };
     let DType::Plain(plain) = dtype else { return Err(unknown()) };
     let is_little = plain.endianness() != npyz::Endianness::Big;
     let size = plain.size_field() as usize;

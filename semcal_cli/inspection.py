@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
-from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.initialization import InitializationConfig, initialize
-from semcal_cli.observations import Observations, load_observations, read_observations
+from semcal_cli.motion import motion_error_px
+from semcal_cli.observations import (
+    Observations,
+    count_labels,
+    load_observations,
+    read_clouds,
+    read_pictures,
+)
 from semcal_cli.pictures import read_picture
 
-MAX_FRAMES = 200
-"""So many frames of a drive are looked at: they fit in memory."""
 MAX_GAP_S = 0.05
 """Sweep and picture of a frame that are farther apart are suspicious: at 10 m/s that is half a metre."""
 MANY_CLASSES = 64
 """No segmentation has so many: a side with more holds instances, or colours."""
-MAX_OFF_CENTER = 0.25
+MAX_OFF_CENTER = 0.12
 """A principal point farther from the picture's middle than this share of it is suspicious."""
 MAX_IGNORED = 0.9
 """A side most of which carries no information is suspicious."""
@@ -44,11 +49,11 @@ class FrameReport:
     """File of the sweep."""
     num_points: int
     num_no_returns: int
-    point_classes: Mapping[str, int]
-    """Returns of each class."""
+    point_classes: Mapping[str, int] | None
+    """Returns of each class; None without labels."""
     num_points_ignored: int
-    image_classes: Mapping[str, int]
-    """Pixels of each class."""
+    image_classes: Mapping[str, int] | None
+    """Pixels of each class; None without labels."""
     num_pixels_ignored: int
     gap_s: float | None
     """Time between sweep and picture, if both have stamps."""
@@ -60,10 +65,7 @@ class DriveReport:
     """What a drive holds."""
 
     drive: str
-    num_frames: int
-    """Of the whole drive."""
     frames: tuple[FrameReport, ...]
-    """Those that were looked at."""
     pattern: str
     """How the LiDAR scans, as found in the points."""
     elevations_deg: tuple[float, float]
@@ -82,118 +84,136 @@ class DriveReport:
         return bool(self.suspicions) or any(frame.suspicions for frame in self.frames)
 
 
-def inspect(drive: Drive, max_frames: int = MAX_FRAMES) -> DriveReport:
-    """Look through a drive; of a longer one, through so many frames, evenly spaced.
+def inspect(drive: Drive) -> DriveReport:
+    """Look through a drive, frame by frame, with labels or without.
 
     Raises:
-        InputError: no frame can be read.
-        CalibrationError: one side carries a single class over the whole drive.
+        InputError: no sweep can be read.
     """
-    num_frames = len(drive.frames)
-    drive = _with_frames(drive, _spread(num_frames, max_frames))
-    observations, complaints = _load(drive)
-    places = iter(range(observations.num_frames))
-    frames = tuple(
-        _unreadable_frame(frame, complaints[index])
-        if index in complaints
-        else _inspect_frame(frame, observations.of_frames([next(places)]))
-        for index, frame in enumerate(drive.frames)
-    )
-    elevations, azimuths = _field_of_points(observations.points)
-    shared = set(observations.point_class_names) & set(observations.image_class_names)
+    contents = [_read(drive, index) for index in range(len(drive.frames))]
+    readable = [index for index, content in enumerate(contents) if content.num_points]
+    if not readable:
+        raise InputError(contents[0].complaints[0])
+    probed = _with_frames(drive, [readable[i] for i in evenly_spaced(len(readable), NUM_PROBED)])
+    points = [cloud.points for cloud in read_clouds(probed)]
+    elevations, azimuths = _field_of_points(points)
+    of_points = _names(content.point_classes for content in contents)
+    of_pixels = _names(content.image_classes for content in contents)
     return DriveReport(
         drive=str(drive.path),
-        num_frames=num_frames,
-        frames=frames,
-        pattern=_pattern(observations),
+        frames=tuple(map(_report, drive.frames, contents)),
+        pattern=_pattern(drive, points),
         elevations_deg=elevations,
         azimuths_deg=azimuths,
         field_of_view_deg=_field_of_view(drive),
-        shared_classes=tuple(name for name in observations.point_class_names if name in shared),
+        shared_classes=tuple(name for name in of_points or () if name in (of_pixels or ())),
         suspicions=(
             *_camera_suspicions(drive),
             *_picture_suspicions(drive),
-            *_class_suspicions(observations),
-            *_motion_suspicions(observations),
-            *_mirror_suspicions(observations),
+            *_class_suspicions(of_points, of_pixels),
+            *_motion_suspicions(probed),
+            *_mirror_suspicions(probed),
         ),
     )
 
 
-def _spread(num_frames: int, count: int) -> list[int]:
-    """Evenly spaced indices, all if there are no more than `count`."""
-    return sorted({round(index) for index in np.linspace(0, num_frames - 1, min(num_frames, count))})
+@dataclass(frozen=True)
+class _Content:
+    """What the files of a frame hold."""
+
+    num_points: int = 0
+    num_no_returns: int = 0
+    point_classes: Mapping[str, int] | None = None
+    num_points_ignored: int = 0
+    image_classes: Mapping[str, int] | None = None
+    num_pixels_ignored: int = 0
+    complaints: tuple[str, ...] = ()
+
+
+def _read(drive: Drive, index: int) -> _Content:
+    """Read a frame, as far as that goes."""
+    alone = _with_frames(drive, [index])
+    content = _Content()
+    try:
+        (cloud,) = read_clouds(alone)
+        content = replace(content, num_points=len(cloud.points), num_no_returns=cloud.num_no_returns)
+        labels = cloud.labels if cloud.label_shares is None else cloud.label_shares
+        if labels is not None:
+            counts, num_ignored = count_labels(drive, "points", labels)
+            content = replace(content, point_classes=counts, num_points_ignored=num_ignored)
+    except InputError as error:
+        content = replace(content, complaints=(str(error),))
+    if alone.frames[0].image_labels is None:
+        return content
+    try:
+        (picture,) = read_pictures(alone)
+        counts, num_ignored = count_labels(drive, "image", picture)
+        return replace(content, image_classes=counts, num_pixels_ignored=num_ignored)
+    except InputError as error:
+        return replace(content, complaints=(*content.complaints, str(error)))
+
+
+def _report(frame: Frame, content: _Content) -> FrameReport:
+    stamps = frame.points_stamp, frame.image_stamp
+    gap_s = None if None in stamps else abs(stamps[0] - stamps[1])  # type: ignore[operator]
+    return FrameReport(
+        points=frame.points,
+        num_points=content.num_points,
+        num_no_returns=content.num_no_returns,
+        point_classes=content.point_classes,
+        num_points_ignored=content.num_points_ignored,
+        image_classes=content.image_classes,
+        num_pixels_ignored=content.num_pixels_ignored,
+        gap_s=gap_s,
+        suspicions=(
+            *content.complaints,
+            *_side_suspicions("points", content.point_classes, content.num_points_ignored),
+            *_side_suspicions("pixels", content.image_classes, content.num_pixels_ignored),
+            *([] if gap_s is None or gap_s <= MAX_GAP_S else [f"sweep and picture are {gap_s:.3f} s apart"]),
+        ),
+    )
+
+
+def evenly_spaced(num: int, count: int) -> list[int]:
+    """Indices of at most `count` of `num`."""
+    return sorted({round(index) for index in np.linspace(0, num - 1, min(num, count))})
 
 
 def _with_frames(drive: Drive, indices: Sequence[int]) -> Drive:
     return drive.model_copy(update={"frames": tuple(drive.frames[index] for index in indices)})
 
 
-def _load(drive: Drive) -> tuple[Observations, Mapping[int, str]]:
-    """Load the frames that can be read; complaints about the others."""
-    try:
-        return load_observations(drive), {}
-    except InputError as error:
-        first = error
-    complaints = {}
-    for index in range(len(drive.frames)):
-        try:
-            read_observations(_with_frames(drive, [index]))
-        except InputError as error:
-            complaints[index] = str(error)
-        except CalibrationError:
-            pass  # a frame of one class is no obstacle to others
-    readable = [index for index in range(len(drive.frames)) if index not in complaints]
-    if not (readable and complaints):
-        raise first
-    return load_observations(_with_frames(drive, readable)), complaints
+def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
+    """Classes of one side, over all frames; None if it has no labels."""
+    found = [names for names in counts if names is not None]
+    return list(dict.fromkeys(chain.from_iterable(found))) if found else None
 
 
-def _unreadable_frame(frame: Frame, complaint: str) -> FrameReport:
-    return FrameReport(frame.points, 0, 0, {}, 0, {}, 0, None, (f"cannot be used: {complaint}",))
-
-
-def _inspect_frame(frame: Frame, observations: Observations) -> FrameReport:
-    point_classes, pixel_classes = observations.point_classes[0], observations.image_classes[0]
-    points = _count(point_classes, observations.point_class_names)
-    pixels = _count(pixel_classes, observations.image_class_names)
-    stamps = frame.points_stamp, frame.image_stamp
-    gap_s = None if None in stamps else abs(stamps[0] - stamps[1])  # type: ignore[operator]
-    ignored = [int(np.count_nonzero(classes == NO_CLASS)) for classes in (point_classes, pixel_classes)]
-    return FrameReport(
-        points=frame.points,
-        num_points=len(point_classes),
-        num_no_returns=observations.num_no_returns[0],
-        point_classes=points,
-        num_points_ignored=ignored[0],
-        image_classes=pixels,
-        num_pixels_ignored=ignored[1],
-        gap_s=gap_s,
-        suspicions=(
-            *_side_suspicions("points", points, ignored[0] / max(point_classes.size, 1)),
-            *_side_suspicions("pixels", pixels, ignored[1] / pixel_classes.size),
-            *([] if gap_s is None or gap_s <= MAX_GAP_S else [f"sweep and picture are {gap_s:.3f} s apart"]),
-        ),
-    )
-
-
-def _count(classes: npt.NDArray[np.uint8], names: Sequence[str]) -> dict[str, int]:
-    counts = np.bincount(classes.ravel(), minlength=NO_CLASS + 1)[: len(names)]
-    return {name: int(count) for name, count in zip(names, counts, strict=True) if count}
-
-
-def _side_suspicions(side: str, counts: Mapping[str, int], ignored: float) -> list[str]:
+def _side_suspicions(side: str, counts: Mapping[str, int] | None, num_ignored: int) -> list[str]:
+    if counts is None:
+        return []
     found = []
     if len(counts) < 2:
         found.append(f"{side} of {' and '.join(counts) or 'no class'} only")
+    ignored = num_ignored / max(num_ignored + sum(counts.values()), 1)
     if ignored > MAX_IGNORED:
         found.append(f"{ignored:.0%} of the {side} carry no information")
     return found
 
 
-def _pattern(observations: Observations) -> str:
+def _pattern(drive: Drive, points: Sequence[npt.NDArray[np.float32]]) -> str:
+    size = drive.camera.height, drive.camera.width
+    unlabelled = Observations(
+        camera=drive.camera,
+        lidar=drive.lidar,
+        points=points,
+        point_classes=[np.zeros(len(cloud), np.uint8) for cloud in points],
+        image_classes=[np.zeros(size, np.uint8) for _ in points],
+        point_class_names=["any"],
+        image_class_names=["any"],
+    )
     try:
-        rows, columns, _, cell_height = _core.estimate_grid(observations.core)
+        rows, columns, _, cell_height = _core.estimate_grid(unlabelled.core)
     except CalibrationError as error:
         return str(error)
     if columns == round(math.tau / cell_height):
@@ -238,7 +258,7 @@ def _camera_suspicions(drive: Drive) -> list[str]:
 def _picture_suspicions(drive: Drive) -> list[str]:
     named = [frame.image for frame in drive.frames if frame.image is not None]
     found = []
-    for name in (named[index] for index in _spread(len(named), NUM_PROBED)):
+    for name in (named[index] for index in evenly_spaced(len(named), NUM_PROBED)):
         try:
             height, width, _ = read_picture(drive.resolve(name)).shape
         except InputError as error:
@@ -250,29 +270,30 @@ def _picture_suspicions(drive: Drive) -> list[str]:
     return found
 
 
-def _class_suspicions(observations: Observations) -> list[str]:
-    sides = {"points": observations.point_class_names, "pixels": observations.image_class_names}
-    return [
-        f"{len(names)} classes of {side}: instance ids or colours, perhaps"
-        for side, names in sides.items()
-        if len(names) > MANY_CLASSES
-    ]
+def _class_suspicions(points: Sequence[str] | None, pixels: Sequence[str] | None) -> list[str]:
+    found = []
+    for side, names in (("points", points), ("pixels", pixels)):
+        if names is None:
+            found.append(f"no labels of {side} that can be read: a calibration needs them")
+        elif len(names) < 2:
+            found.append(f"{side} of {' and '.join(names) or 'no class'} only, over all frames")
+        elif len(names) > MANY_CLASSES:
+            found.append(f"{len(names)} classes of {side}: instance ids or colours, perhaps")
+    return found
 
 
-def _motion_suspicions(observations: Observations) -> list[str]:
-    error_px = observations.motion_error_px
+def _motion_suspicions(probed: Drive) -> list[str]:
+    error_px = motion_error_px(probed, read_clouds(probed))
     if error_px is None or error_px <= MAX_MOTION_PX:
         return []
     return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
 
 
-def _mirror_suspicions(observations: Observations) -> list[str]:
+def _mirror_suspicions(probed: Drive) -> list[str]:
     """Register a few frames as they are and with y negated: no camera sees the mirror image of its scene."""
-    few = observations.of_frames(_spread(observations.num_frames, NUM_PROBED))
-    flip = np.array([1.0, -1.0, 1.0], np.float32)
-    mirrored = replace(few, points=[points * flip for points in few.points])
     try:
-        best, other = (initialize(each, InitializationConfig(), seed=0)[0] for each in (few, mirrored))
+        few = load_observations(probed)
+        best, other = (initialize(each, InitializationConfig(), seed=0)[0] for each in (few, mirrored(few)))
     except (CalibrationError, InputError):
         return []
     sigma = math.hypot(best.sigma_nats, other.sigma_nats)
@@ -283,3 +304,9 @@ def _mirror_suspicions(observations: Observations) -> list[str]:
         f"the clouds seem mirrored: with y negated, labels share {other.corrected_nats:.2f} nats instead of "
         f"{best.corrected_nats:.2f}"
     ]
+
+
+def mirrored(observations: Observations) -> Observations:
+    """Negate y of all points."""
+    flip = np.array([1.0, -1.0, 1.0], np.float32)
+    return replace(observations, points=[points * flip for points in observations.points])

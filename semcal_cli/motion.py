@@ -17,6 +17,8 @@ from semcal_cli.poses import Pose, pose_from_quaternion
 
 MAX_SWEEP_S = 1.0
 """Times of points that are farther from their sweep's stamp are of another clock or unit."""
+MIN_SWEEP_S = 0.005
+"""Times that span less are of another unit: no LiDAR turns so fast."""
 MEAN_SINE = math.pi / 4.0
 """Of the angle between a motion of unknown direction and a line of sight."""
 
@@ -51,25 +53,24 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.ND
 def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float | None:
     """Tell how many pixels half of the points are displaced, at least, by a motion that is not compensated.
 
-    None unless the drive gives a speed without a direction, and clouds have times. Without stamps the picture is taken
-    to be of the middle of the sweep. Turning, of which nothing is known, comes on top.
-
-    Raises:
-        InputError: times do not go with the stamps.
+    None unless the drive gives a speed without a direction, and clouds have times. Without stamps that go with them
+    the picture is taken to be of the middle of the sweep. Turning, of which nothing is known, comes on top.
     """
     motion = drive.motion
     if motion is None or motion.speed_m_s is None:
         return None
     shifts_px = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
-        if cloud.time is None:
+        times = cloud.time
+        if times is None or not MIN_SWEEP_S <= np.ptp(times) <= MAX_SWEEP_S:
             continue
-        if frame.points_stamp is None or frame.image_stamp is None:
-            elapsed_s = cloud.time - 0.5 * (cloud.time.min() + cloud.time.max())
-        else:
-            elapsed_s = _times(drive, motion, frame, cloud) - frame.image_stamp
+        middle = 0.5 * (times.min() + times.max())
+        if frame.points_stamp is not None and frame.image_stamp is not None:
+            zero = frame.points_stamp if motion.point_times == "relative" else 0.0
+            moment = frame.image_stamp - zero
+            middle = moment if abs(moment - middle) <= MAX_SWEEP_S else middle
         ranges_m = np.linalg.norm(cloud.points, axis=1)
-        shifts_px.append(np.abs(elapsed_s) * motion.speed_m_s * MEAN_SINE / ranges_m)
+        shifts_px.append(np.abs(times - middle) * motion.speed_m_s * MEAN_SINE / ranges_m)
     if not shifts_px:
         return None
     return float(np.median(np.concatenate(shifts_px))) * core_camera(drive.camera).pixels_per_radian
@@ -77,18 +78,23 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
 
 def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
     """When each point was measured, on the clock of the stamps."""
+    path = drive.resolve(frame.points)
     if cloud.time is None:
         needed = "needed a field named time, t, timestamp or the like for motion"
-        raise InputError(f"{drive.resolve(frame.points)}: found no times of points, {needed}")
+        raise InputError(f"{path}: found no times of points, {needed}")
     if frame.points_stamp is None:
         raise InputError(f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed it for motion")
-    is_relative = motion.point_times == "relative"
-    times = cloud.time + frame.points_stamp if is_relative else cloud.time
-    first, last = (times.min() - frame.points_stamp, times.max() - frame.points_stamp)
+    times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
+    first, last = cloud.time.min(), cloud.time.max()
+    if last - first < MIN_SWEEP_S:
+        found = f"found times of points that span {last - first:g} s"
+        needed = f"needed {MIN_SWEEP_S:g} s or more; whole numbers are taken for nanoseconds"
+        raise InputError(f"{path}: {found}, {needed}")
+    first, last = times.min() - frame.points_stamp, times.max() - frame.points_stamp
     if not (first >= -MAX_SWEEP_S and last <= MAX_SWEEP_S):
         found = f"found times of points from {first:g} to {last:g} s after points_stamp"
         needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times says {motion.point_times}"
-        raise InputError(f"{drive.resolve(frame.points)}: {found}, {needed}")
+        raise InputError(f"{path}: {found}, {needed}")
     return times
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
-from semcal_cli.classes import ClassTable, class_table
+from semcal_cli.classes import NO_CLASS, ClassTable, class_table
 from semcal_cli.drive import Camera, Drive, Lidar
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.motion import compensated, motion_error_px
@@ -97,7 +97,7 @@ def read_observations(drive: Drive) -> Observations:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
-    pictures = _read_pictures(drive)
+    pictures = read_pictures(drive)
     clouds = read_clouds(drive)
     points = compensated(drive, clouds)
     point_labels = _point_labels(drive, clouds)
@@ -126,8 +126,12 @@ def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
     return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]
 
 
-def _read_pictures(drive: Drive) -> list[Labels]:
-    """Read the label images of all frames, ids or probabilities by their suffix."""
+def read_pictures(drive: Drive) -> list[Labels]:
+    """Read the label images of all frames, ids or probabilities by their suffix.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says.
+    """
     paths, camera = label_paths(drive, "image_labels"), drive.camera
     soft = [path for path in paths if path.suffix.lower() == ".npz"] if drive.palette is None else []
     hard = [path for path in paths if path not in soft]
@@ -198,19 +202,42 @@ def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> l
     return [drive.resolve(getattr(frame, key)) for frame in drive.frames]
 
 
+def count_labels(
+    drive: Drive, side: Literal["points", "image"], labels: Labels
+) -> tuple[dict[str, int], int]:
+    """Count labels by name, and those that carry no information; probabilities by the likeliest."""
+    ignored = set(getattr(drive.ignore, side))
+    if isinstance(labels, _core.ClassShares):
+        counts = np.bincount(labels.classes)
+        ignored.add(NO_CLASS)
+    else:
+        counts = np.bincount(labels.ravel())
+    named = _named_ids(drive, side)
+    names = {value: name for name, values in named.items() for value in values}
+    found: dict[str, int] = {}
+    for value in np.flatnonzero(counts).tolist():
+        name = names.get(value, "" if named else str(value))
+        if value not in ignored and name:
+            found[name] = found.get(name, 0) + int(counts[value])
+    return found, int(counts.sum()) - sum(found.values())
+
+
+def _named_ids(drive: Drive, side: Literal["points", "image"]) -> Mapping[str, Sequence[int]]:
+    """Raw ids under each name: those of the palette are places in it."""
+    if side == "image" and drive.palette is not None:
+        return {name: (place,) for place, name in enumerate(drive.palette)}
+    return getattr(drive.classes, side) if drive.classes else {}
+
+
 def _class_table(
     drive: Drive, side: Literal["points", "image"], ids: Sequence[npt.NDArray[np.uint16]]
 ) -> ClassTable:
-    named = getattr(drive.classes, side) if drive.classes else {}
-    if side == "image" and drive.palette is not None:
-        if named or drive.ignore.image:
-            needed = "no ids beside it; colours that are not listed are ignored"
-            raise InputError(
-                f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}"
-            )
-        named = {name: (place,) for place, name in enumerate(drive.palette)}
+    has_ids = drive.ignore.image or (drive.classes and drive.classes.image)
+    if side == "image" and drive.palette is not None and has_ids:
+        needed = "no ids beside it; colours that are not listed are ignored"
+        raise InputError(f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}")
     try:
-        table = class_table(ids, named, getattr(drive.ignore, side))
+        table = class_table(ids, _named_ids(drive, side), getattr(drive.ignore, side))
     except ValueError as error:
         raise InputError(f"{drive.path}: classes.{side}: {error}") from None
     if not table.names:

@@ -18,7 +18,7 @@ from semcal_cli.calibration import (
     Stage,
     Status,
 )
-from semcal_cli.drive import Drive
+from semcal_cli.drive import Drive, Motion
 from semcal_cli.initialization import (
     MIN_OVERLAP,
     Hypothesis,
@@ -142,12 +142,7 @@ class Run:
         if observations.speckle > 0.0:
             note += f", {observations.speckle:.2%} isolated pixels mended"
         if self.drive.motion is not None:
-            error_px = observations.motion_error_px
-            note += (
-                ", motion compensated"
-                if error_px is None
-                else f", motion not compensated: half of the points are {error_px:.1f} pixels off or more"
-            )
+            note += f", motion {_compensation(self.drive.motion, observations.motion_error_px)}"
         self.report(StageReport("load", perf_counter() - start, note=note))
         return observations
 
@@ -278,6 +273,14 @@ class Run:
             T_camera_lidar=_rows(T_camera_lidar), mutual_information_nats=agreement.mutual_information
         )
         self.report(StageReport(name, perf_counter() - start, agreement, note))
+
+
+def _compensation(motion: Motion, error_px: float | None) -> str:
+    if motion.speed_m_s is None:
+        return "compensated"
+    if error_px is None:
+        return "not compensated: clouds have no times"
+    return f"not compensated: half of the points are {error_px:.1f} pixels off or more"
 
 
 def _convergence_reasons(refinement: Refinement) -> list[str]:

@@ -160,6 +160,21 @@ def test_a_motion_that_cannot_be_is_refused(
         load(tmp_path, skewed, motion)
 
 
+def test_times_of_another_unit_are_refused(tmp_path: Path, skewed: dict[str, Any]) -> None:
+    records = np.load(skewed["frames"][0]["points"])
+    microseconds = records.astype(
+        [(name, "u4" if name == "time" else kind) for name, kind in records.dtype.descr]
+    )
+    microseconds["time"] = np.round(records["time"] * 1e6)
+    np.save(tmp_path / "us.npy", microseconds)
+    frames = [skewed["frames"][0] | {"points": str(tmp_path / "us.npy")}]
+    with pytest.raises(
+        InputError, match=r"us\.npy: found times of points that span 0\.0001 s, needed 0\.005 s"
+    ):
+        load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
+    assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0}).motion_error_px is None
+
+
 @pytest.mark.parametrize("key", ["points_stamp", "image_stamp"])
 def test_motion_needs_stamps_and_times(
     tmp_path: Path, skewed: dict[str, Any], street: Path, key: str

@@ -145,7 +145,10 @@ def test_probabilities_of_points_are_read_with_their_sweep(street: Path, tmp_pat
             "item 0: holds -0.5, a probability is finite and not negative",
         ),
         (np.full((6, 9, 3), np.nan, np.float32), "item 0: holds NaN"),
-        (np.zeros((6, 9, 3), np.int32), "needs float16, float32, float64 or uint8"),
+        (np.full((6, 9, 3), 3e38, np.float32), "item 0: holds inf"),
+        (np.ones((6, 9, 255), np.uint8), "spreads its items over more than 32 classes each, on average"),
+        (np.zeros((6, 9, 3), ">f4"), "holds type '?>f4'?, needs little-endian float16"),
+        (np.zeros((6, 9, 3), np.int32), "needs little-endian float16, float32, float64, or uint8"),
         (np.asfortranarray(np.zeros((6, 9, 3), np.float32)), "is Fortran-ordered, needs C order"),
     ],
 )

@@ -24,21 +24,14 @@ WIDE = 240
 @click.command()
 @click.argument("drive", type=PATH)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option(
-    "--max-frames",
-    type=click.IntRange(min=1),
-    default=200,
-    show_default=True,
-    help="Of a longer drive, look at so many frames, evenly spaced.",
-)
-def inspect(drive: Path, as_json: bool, max_frames: int) -> None:
+def inspect(drive: Path, as_json: bool) -> None:
     """Show what DRIVE holds, frame by frame, and what looks wrong with it."""
     from dataclasses import asdict
 
     from semcal_cli.drive import read_drive
     from semcal_cli.inspection import inspect as look_through
 
-    report = look_through(read_drive(drive), max_frames)
+    report = look_through(read_drive(drive))
     if as_json:
         click.echo(json.dumps(asdict(report), indent=2))
         return
@@ -55,6 +48,7 @@ def _print(report: DriveReport) -> None:
         "points",
         "no return",
         "ignored",
+        "pixels ignored",
         "classes of points",
         "classes of pixels",
         "gap, s",
@@ -66,6 +60,7 @@ def _print(report: DriveReport) -> None:
             f"{frame.num_points:,}",
             f"{frame.num_no_returns:,}",
             f"{frame.num_points_ignored:,}",
+            f"{frame.num_pixels_ignored:,}",
             _commonest(frame.point_classes),
             _commonest(frame.image_classes),
             "" if frame.gap_s is None else f"{frame.gap_s:.3f}",
@@ -77,13 +72,7 @@ def _print(report: DriveReport) -> None:
     console.print(table)
     low, high = report.elevations_deg
     across, down = report.field_of_view_deg
-    looked_at = (
-        f"{len(report.frames):,} of {report.num_frames:,}"
-        if len(report.frames) < report.num_frames
-        else "all"
-    )
     lines = {
-        "frames": f"{looked_at} looked at",
         "LiDAR": f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth",
         "camera": f"{across:.1f} x {down:.1f} degrees",
         "both sides": ", ".join(report.shared_classes) or "no class name in common, which does not matter",
@@ -95,7 +84,9 @@ def _print(report: DriveReport) -> None:
         console.print(f"{'suspicious':<12}{line}", markup=False)
 
 
-def _commonest(counts: Mapping[str, int]) -> str:
+def _commonest(counts: Mapping[str, int] | None) -> str:
+    if counts is None:
+        return "no labels"
     names = sorted(counts, key=lambda name: -counts[name])
     more = f" and {len(names) - NUM_NAMED} more" if len(names) > NUM_NAMED else ""
     return ", ".join(names[:NUM_NAMED]) + more
