@@ -8,7 +8,8 @@ import json
 import os
 import re
 import secrets
-from collections.abc import Hashable, Iterable, Mapping
+import stat
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -88,7 +89,26 @@ def parse_document(text: str, path: Path) -> dict[Any, Any]:
         raise InputError(f"{path}: {_reason(error)}") from None
     if not isinstance(document, dict):
         raise InputError(f"{path}: found {describe(document)}, needed a mapping")
+    if (text_found := next(filter(_is_no_text, _texts(document)), None)) is not None:
+        raise InputError(f"{path}: found {ascii(text_found)[:60]}, needed text without lone surrogates")
     return document
+
+
+def _texts(document: object) -> Iterator[str]:
+    """All keys and values that are text."""
+    if isinstance(document, str):
+        yield document
+    elif isinstance(document, dict):
+        for item in document.items():
+            yield from _texts(item)
+    elif isinstance(document, list | tuple):
+        for item in document:
+            yield from _texts(item)
+
+
+def _is_no_text(text: str) -> bool:
+    """Tell whether an escape stands for half a character, which no file can hold."""
+    return any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def document_text(document: Mapping[str, Any], format: Format) -> str:
@@ -152,6 +172,29 @@ def describe(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
+def is_folder(path: Path) -> bool:
+    """Tell whether there is a folder, also for names that are too long to ask for."""
+    with suppress(OSError):
+        return path.is_dir()
+    return False
+
+
+def read_bytes(path: Path, count: int | None = None) -> bytes:
+    """Read a regular file, or its first `count` bytes: neither a pipe that nobody writes to nor an endless device.
+
+    Raises:
+        InputError: there is no such file, or it cannot be read.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            found = "a folder" if path.is_dir() else "no regular file"
+            raise InputError(f"{path}: found {found}, needed a file")
+        with path.open("rb") as file:
+            return file.read() if count is None else file.read(count)
+    except OSError as error:
+        raise InputError(f"{path}: {_os_reason(error)}") from None
+
+
 def read_text(path: Path) -> str:
     """Read a UTF-8 file, with or without a byte order mark.
 
@@ -159,9 +202,7 @@ def read_text(path: Path) -> str:
         InputError: there is no such file, or it is not UTF-8.
     """
     try:
-        return path.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise InputError(f"{path}: {_os_reason(error)}") from None
+        return read_bytes(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8 text") from None
 

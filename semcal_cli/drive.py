@@ -8,14 +8,13 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from semcal_cli.documents import describe, read_document
+from semcal_cli.documents import describe, is_folder, read_document
 from semcal_cli.poses import nearest_rigid
 from semcal_cli.validation import (
     FileName,
     Matrix3,
     StrictModel,
     Transform,
-    Vector3,
     Version,
     check_distinct,
     length,
@@ -84,6 +83,12 @@ ColorValue = Annotated[int, Field(ge=0, le=255)]
 Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
 PictureSide = Annotated[int, Field(gt=0, le=0xFFFF)]
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
+
+
+Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
+"""Seconds: nanoseconds since 1970 are more."""
+Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
+Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
 def _orthonormal(T: Transform) -> Transform:
@@ -180,9 +185,9 @@ class Frame(StrictModel):
     """Ids or class probabilities of the pixels."""
     image: FileName | None = None
     """The picture itself."""
-    points_stamp: float | None = None
+    points_stamp: Stamp | None = None
     """Seconds."""
-    image_stamp: float | None = None
+    image_stamp: Stamp | None = None
     """Seconds."""
     point_features: FileName | None = None
     """N x C values of the points."""
@@ -221,9 +226,9 @@ class Classes(StrictModel):
 class Twist(StrictModel):
     """A steady motion of the LiDAR, in its own frame."""
 
-    linear_m_s: Vector3
+    linear_m_s: Annotated[tuple[Speed, ...], length(3, 3)]
     """Velocity, metres a second."""
-    angular_rad_s: Vector3
+    angular_rad_s: Annotated[tuple[Rate, ...], length(3, 3)]
     """Angular velocity, radians a second."""
 
 
@@ -234,7 +239,7 @@ class Motion(StrictModel):
     """One motion in all frames."""
     poses: FileName | None = None
     """File of the LiDAR's poses in a fixed frame, a line each: seconds x y z qx qy qz qw (the TUM format)."""
-    speed_m_s: Annotated[float, Field(ge=0.0)] | None = None
+    speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
     """Has no direction, so that nothing is corrected; says how many pixels that may cost."""
     point_times: Literal["relative", "absolute"] = "relative"
     """Whether the times of points count from `points_stamp` on, or are on the clock of the stamps."""
@@ -263,7 +268,7 @@ class Drive(StrictModel):
     """Ids that carry no information."""
     classes: Classes | None = None
     """Names, and merging of raw ids."""
-    palette: dict[str, Color] | None = None
+    palette: Annotated[dict[str, Color], length(1, 255)] | None = None
     """Red, green, blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
     """How the LiDAR moves during a sweep, for clouds that have a time for each point."""
@@ -295,6 +300,12 @@ class Drive(StrictModel):
         if self.motion and self.motion.poses:
             yield self.motion.poses
 
+    def files(self) -> Iterator[str]:
+        """Give the names of all files that belong to the drive."""
+        yield from self.input_files()
+        for frame in self.frames:
+            yield from filter(None, (frame.image, frame.point_features, frame.image_features))
+
     def resolve(self, relative: str) -> Path:
         """Locate a file named in the drive. Absolute names stay; neither `~` nor `$VAR` is expanded."""
         return self.root / relative
@@ -302,7 +313,7 @@ class Drive(StrictModel):
 
 def drive_file(path: Path) -> Path:
     """Locate the drive.yaml of a drive that is given as its folder or as the file."""
-    return path / DRIVE_FILE if path.is_dir() else path
+    return path / DRIVE_FILE if is_folder(path) else path
 
 
 def read_drive(path: Path) -> Drive:

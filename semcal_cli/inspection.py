@@ -31,6 +31,10 @@ MANY_CLASSES = 64
 """No segmentation has so many: a side with more holds instances, or colours."""
 MAX_OFF_CENTER = 0.12
 """A principal point farther from the picture's middle than this share of it is suspicious."""
+MIN_VIEW_DEG = 1.0
+"""A lens that sees less is none."""
+MAX_RANGE_M = 1000.0
+"""Points that are, in the middle, farther than this are not in the LiDAR's frame."""
 MAX_IGNORED = 0.9
 """A side most of which carries no information is suspicious."""
 MAX_MOTION_PX = 1.0
@@ -110,6 +114,7 @@ def inspect(drive: Drive) -> DriveReport:
         suspicions=(
             *_camera_suspicions(drive),
             *_picture_suspicions(drive),
+            *_range_suspicions(points),
             *_class_suspicions(of_points, of_pixels),
             *_motion_suspicions(probed),
             *_mirror_suspicions(probed),
@@ -252,7 +257,16 @@ def _camera_suspicions(drive: Drive) -> list[str]:
             found.append(
                 f"{name} of K is {center:g} in a picture of {size}: K may belong to pictures of another size"
             )
+    if min(_field_of_view(drive)) < MIN_VIEW_DEG:
+        found.append("the lens sees next to nothing: K, distortion or parameters are wrong")
     return found
+
+
+def _range_suspicions(points: Sequence[npt.NDArray[np.float32]]) -> list[str]:
+    middle_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
+    if middle_m <= MAX_RANGE_M:
+        return []
+    return [f"half of the points are {middle_m:,.0f} m away or more: clouds have to be in the LiDAR frame"]
 
 
 def _picture_suspicions(drive: Drive) -> list[str]:

@@ -19,6 +19,7 @@ MAX_SWEEP_S = 1.0
 """Times of points that are farther from their sweep's stamp are of another clock or unit."""
 MIN_SWEEP_S = 0.005
 """Times that span less are of another unit: no LiDAR turns so fast."""
+MIN_RANGE_M = 0.1
 MEAN_SINE = math.pi / 4.0
 """Of the angle between a motion of unknown direction and a line of sight."""
 
@@ -38,15 +39,19 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.ND
     trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
     moved = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
-        times, moment = _times(drive, motion, frame, cloud), frame.image_stamp
-        if moment is None:
-            raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
+        times = _times(drive, motion, frame, cloud)
+        moment = _moment(drive, frame)
         along = trajectory or _steady(motion, moment)
         try:
-            moved.append(along.compensate(cloud.points, times, moment))
+            points = along.compensate(cloud.points, times, moment)
         except ValueError as error:
             needed = f"needed poses before and after {frame.points}"
             raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
+        if not np.isfinite(points).all():
+            raise InputError(
+                f"{drive.path}: motion: found one that moves points of {frame.points} beyond all bounds"
+            )
+        moved.append(points)
     return moved
 
 
@@ -69,7 +74,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
             zero = frame.points_stamp if motion.point_times == "relative" else 0.0
             moment = frame.image_stamp - zero
             middle = moment if abs(moment - middle) <= MAX_SWEEP_S else middle
-        ranges_m = np.linalg.norm(cloud.points, axis=1)
+        ranges_m = np.maximum(np.linalg.norm(cloud.points, axis=1), MIN_RANGE_M)
         shifts_px.append(np.abs(times - middle) * motion.speed_m_s * MEAN_SINE / ranges_m)
     if not shifts_px:
         return None
@@ -96,6 +101,18 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) 
         needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times says {motion.point_times}"
         raise InputError(f"{path}: {found}, {needed}")
     return times
+
+
+def _moment(drive: Drive, frame: Frame) -> float:
+    """When the picture was taken, which is about when the sweep was."""
+    if frame.image_stamp is None:
+        raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
+    if frame.points_stamp is not None and abs(frame.image_stamp - frame.points_stamp) > MAX_SWEEP_S:
+        found = f"found {frame.image_stamp - frame.points_stamp:g} s after points_stamp"
+        raise InputError(
+            f"{drive.path}: {frame.key('image_stamp')}: {found}, needed at most {MAX_SWEEP_S:g} s for motion"
+        )
+    return frame.image_stamp
 
 
 def _steady(motion: Motion, moment: float) -> _core.Trajectory:
@@ -126,6 +143,8 @@ def _parse_pose(line: str) -> tuple[float, Pose]:
         values = [float(word) for word in line.replace(",", " ").split()]
     except ValueError:
         raise ValueError(f"found something that is no number, {needed}") from None
-    if len(values) != 8 or not all(map(math.isfinite, values)):
-        raise ValueError(f"found {len(values)} numbers, {needed}, all finite")
+    if len(values) != 8:
+        raise ValueError(f"found {len(values)} numbers, {needed}")
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"found a number that is not finite, {needed}")
     return values[0], pose_from_quaternion(values[4:], values[1:4])

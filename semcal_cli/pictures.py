@@ -8,8 +8,11 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.documents import write_bytes
+from semcal_cli.documents import read_bytes, write_bytes
 from semcal_cli.errors import InputError
+
+MAGIC = b"\x89PNG", b"\xff\xd8\xff", b"BM"
+"""How PNG, JPEG and BMP begin."""
 
 
 def read_picture(path: Path) -> npt.NDArray[np.uint8]:
@@ -21,14 +24,18 @@ def read_picture(path: Path) -> npt.NDArray[np.uint8]:
     Raises:
         InputError: there is no such file, or it is no picture.
     """
-    try:
-        content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    except OSError as error:
-        raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    content = read_bytes(path)
+    if not content.startswith(MAGIC):
+        raise InputError(
+            f"{path}: found {len(content):,} bytes of no known format, needed a PNG, JPEG or BMP"
+        )
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = cv2.imdecode(content, flags) if content.size else None
+    try:
+        picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+    except cv2.error:
+        picture = None
     if picture is None:
-        raise InputError(f"{path}: found {content.size:,} bytes of no known format, needed a picture")
+        raise InputError(f"{path}: found a damaged picture, or too large a one, needed a picture")
     return picture.astype(np.uint8, copy=False)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.documents import read_bytes
 from semcal_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,8 +26,16 @@ HEADER = struct.Struct("<4s20xBB68xHIIBHI")
 """Signature, version, bytes of the header and before the points, VLRs, point format, bytes a point, points."""
 COUNT_1_4 = struct.Struct("<247xQ")
 """The number of points since version 1.4."""
-VLR_BYTES = 54
-"""Of a variable-length record, at least."""
+VLR = struct.Struct("<H16sHH32s")
+"""Reserved, user, record, bytes after this header, description."""
+VLR_BYTES = VLR.size
+PACKED = 0x80
+"""The bit of the point format that says LAZ."""
+LASZIP_RECORD = (b"laszip encoded", 22204)
+LASZIP = struct.Struct("<12xI16xH")
+"""Points in a chunk, and items in a point."""
+MIN_CHUNK_POINTS = 100
+"""Fewer make more table than data."""
 
 FIELDS = {
     "x": "x",
@@ -62,8 +71,12 @@ def _read_las(path: Path, labels: Path | None) -> _core.PointCloud:
     try:
         with laspy.open(path, read_evlrs=False) as file:
             chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
-    except Exception as error:  # laspy lets struct's, NumPy's and lazrs's errors through
-        reason = " ".join(str(error).split()) or type(error).__name__
+    except (
+        BaseException
+    ) as error:  # laspy lets struct's, NumPy's and lazrs's errors through, and lazrs's panics
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise InputError(f"{path}: is no readable LAS: {reason}") from None
     if not chunks:
         raise InputError(f"{path}: holds no points")
@@ -73,24 +86,48 @@ def _read_las(path: Path, labels: Path | None) -> _core.PointCloud:
 
 
 def _check_header(path: Path) -> None:
-    """Refuse what laspy would take on trust: how many points and records there are."""
-    if not path.exists():
-        raise InputError(f"{path}: no such file")
-    if not path.is_file():
-        raise InputError(f"{path}: is no regular file, needs a file")
+    """Refuse what laspy and lazrs would take on trust: how many points, records and chunks there are."""
+    start = read_bytes(path, COUNT_1_4.size)
     size = path.stat().st_size
-    with path.open("rb") as file:
-        start = file.read(COUNT_1_4.size)
     if len(start) < HEADER.size or not start.startswith(b"LASF"):
         raise InputError(f"{path}: is no readable LAS: it does not start like one")
-    _, major, minor, header_bytes, offset, num_vlrs, _, record_bytes, count = HEADER.unpack_from(start)
+    _, major, minor, header_bytes, offset, num_vlrs, point_format, record_bytes, count = HEADER.unpack_from(
+        start
+    )
     if (major, minor) >= (1, 4) and len(start) >= COUNT_1_4.size:
         (count,) = COUNT_1_4.unpack_from(start)
     if offset > size or header_bytes + num_vlrs * VLR_BYTES > offset:
-        raise InputError(f"{path}: promises {num_vlrs} records before byte {offset} of {size}")
-    most = MAX_INFLATION * size if path.suffix.lower() == ".laz" else size - offset
-    if count * record_bytes > most:
+        raise InputError(
+            f"{path}: promises a header of {header_bytes} bytes and {num_vlrs} records before byte {offset} of {size}"
+        )
+    is_packed = bool(point_format & PACKED)
+    if is_packed:
+        _check_packing(path, read_bytes(path, offset + 8)[header_bytes:], num_vlrs, offset, size)
+    if count * record_bytes > (MAX_INFLATION * size if is_packed else size - offset):
         raise InputError(f"{path}: promises {count} points of {record_bytes} bytes in {size} bytes")
+
+
+def _check_packing(path: Path, records: bytes, num_vlrs: int, offset: int, size: int) -> None:
+    """Check LASzip's record and the table of chunks."""
+    begin, laszip = 0, None
+    for _ in range(num_vlrs):
+        _, user, record_id, length, _ = VLR.unpack_from(records, min(begin, max(len(records) - VLR.size, 0)))
+        begin += VLR.size + length
+        if (user.rstrip(b"\0"), record_id) == LASZIP_RECORD:
+            laszip = records[begin - length : begin]
+    if laszip is None or len(laszip) < LASZIP.size:
+        raise InputError(f"{path}: is no readable LAZ: it has no record of LASzip's")
+    chunk_points, num_items = LASZIP.unpack_from(laszip)
+    (table,) = struct.unpack("<q", records[-8:])
+    if not offset < table <= size - 8:
+        raise InputError(f"{path}: promises a table of chunks at byte {table} of {size}")
+    with path.open("rb") as file:
+        file.seek(table + 4)
+        (num_chunks,) = struct.unpack("<I", file.read(4))
+    if chunk_points < MIN_CHUNK_POINTS or num_items == 0 or num_chunks > size:
+        raise InputError(
+            f"{path}: promises {num_chunks} chunks of {chunk_points} points of {num_items} items in {size} bytes"
+        )
 
 
 def _records(chunk: laspy.ScaleAwarePointRecord) -> npt.NDArray[np.void]:

@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from semcal_cli.calibration import Input, InputFrame
+from semcal_cli.documents import read_bytes
 from semcal_cli.drive import Drive, drive_file
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
@@ -45,4 +46,4 @@ def versions() -> dict[str, str]:
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(path)).hexdigest()

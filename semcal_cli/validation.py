@@ -13,6 +13,9 @@ from semcal_cli.documents import describe
 from semcal_cli.errors import InputError
 from semcal_cli.poses import check_rigid
 
+MAX_TRANSLATION_M = 1e6
+"""No LiDAR is farther from its camera, in whatever unit."""
+
 
 class StrictModel(BaseModel):
     """Immutable; nothing is converted but a whole number to a float; unknown keys are errors."""
@@ -69,7 +72,7 @@ def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
 
 def _check_version(version: int) -> int:
     if version != 1:
-        raise mismatch(version, "1, the only version there is")
+        raise mismatch(describe(version), "1, the only version there is")
     return version
 
 
@@ -80,7 +83,10 @@ def _check_file_name(name: str) -> str:
 
 
 def _check_rigid(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
-    check_rigid(np.array(rows))
+    T = np.array(rows)
+    check_rigid(T)
+    if (farthest := np.abs(T[:3, 3]).max()) > MAX_TRANSLATION_M:
+        raise mismatch(f"a translation of {farthest:g}", f"at most {MAX_TRANSLATION_M:g} m")
     return rows
 
 

@@ -20,6 +20,8 @@ from scipy.spatial.transform import Rotation
 from semcal_cli.calibration import Calibration, read_calibration
 from semcal_cli.cli import EXIT_FAILURE, main
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED
+from semcal_cli.documents import document_text, read_document, write_text
+from semcal_cli.drive import DRIVE_FILE
 from semcal_cli.metrics import compare_poses
 from semcal_cli.polish import PolishConfig
 from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
@@ -94,7 +96,7 @@ HOSTILE: dict[str, tuple[Edit, str]] = {
     ),
     "frame without labels": (
         lambda d, p: d["frames"][1].pop("image_labels"),
-        r"drive.yaml: frames\[1\].image_labels: found nothing, needed a file of class ids",
+        r"drive.yaml: frames\[points/000001.bin\].image_labels: found nothing, needed a file of class ids",
     ),
     "one class only": (
         lambda d, p: d.update(classes={"points": {"all": list(range(1, 256))}}),
@@ -369,3 +371,55 @@ def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
     )
     assert "calibrate" in done.stdout
     assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "picture.png", "cloud.las"])
+def test_pipes_and_devices_are_refused_at_once(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
+) -> None:
+    document = read_document(street / DRIVE_FILE)
+    frame = document["frames"][0] | {"points_stamp": 0.0, "image_stamp": 0.0}
+    frame |= {key: str(street / frame[key]) for key in ("points", "point_labels", "image_labels")}
+    frame |= {"picture.png": {"image": name}, "cloud.las": {"points": name}}.get(name, {})
+    document |= {"frames": [frame]} | ({"motion": {"poses": name}} if name == "poses.txt" else {})
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    for make in (os.mkfifo, lambda path: path.symlink_to("/dev/zero")):
+        (tmp_path / name).unlink(missing_ok=True)
+        make(tmp_path / name)
+        code, out, err = run(capfd, "calibrate" if name == "poses.txt" else "inspect", tmp_path)
+        assert name in out + err
+        assert "regular file" in out + err
+        assert code == (0 if name == "picture.png" else EXIT_FAILURE)
+
+
+def test_names_are_no_markup_and_may_be_too_long(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    document = read_document(street / DRIVE_FILE)
+    frame = {key: str(street / name) for key, name in document["frames"][0].items() if key != "image"}
+    shutil.copy(frame["points"], tmp_path / "a[red].bin")
+    document |= {"frames": [frame | {"points": "a[red].bin"}], "classes": {"points": {"x[/y]": [1, 2]}}}
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    code, out, _ = run(capfd, "inspect", tmp_path)
+    assert code == 0
+    assert "a[red].bin" in out
+    assert "x[/y]" in out
+    long = "a" * 300
+    for arguments in (("inspect", long), ("calibrate", street, "-o", tmp_path / f"{long}.yaml", "-q")):
+        code, _, err = run(capfd, *arguments)
+        assert code == EXIT_FAILURE
+        assert err.count("\n") == 1
+        assert "file name too long" in err
+
+
+def test_neither_a_picture_nor_the_start_is_overwritten(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    picture = street / read_document(street / DRIVE_FILE)["frames"][0]["image"]
+    start = shutil.copy(street / DRIVE_FILE, tmp_path / "start.yaml")
+    for arguments in (("--init", street, "--log", picture), ("--init", start, "-o", start)):
+        before = [path.read_bytes() for path in (picture, start)]
+        code, _, err = run(capfd, "refine", street, *arguments)
+        assert code == EXIT_FAILURE
+        assert "found a file that this run reads or writes, needed another name" in err
+        assert before == [path.read_bytes() for path in (picture, start)]

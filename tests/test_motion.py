@@ -127,6 +127,11 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
         ({"twist": TWIST, "speed_m_s": 3.0}, "motion: found twist and speed_m_s, needed one of"),
         ({"twist": {"linear_m_s": [1, 2, 3]}}, "motion.twist.angular_rad_s: found nothing"),
         ({"speed_m_s": -1.0}, "motion.speed_m_s: found -1.0, needed at least 0"),
+        (
+            {"twist": TWIST | {"linear_m_s": [1e39, 0, 0]}},
+            r"motion\.twist\.linear_m_s\[0\]: found 1e\+39, needed at most",
+        ),
+        ({"poses": "far.txt"}, "motion: found one that moves points of .* beyond all bounds"),
         ({"poses": "nowhere.txt"}, r"nowhere\.txt: no such file"),
         (
             {"poses": "late.txt"},
@@ -152,6 +157,7 @@ def test_a_motion_that_cannot_be_is_refused(
         "twice": line * 2,
         "words": "a b c",
         "short": "# a comment\n1 0 0 0 0 0 1",
+        "far": "1.5e9 -1e308 0 0 0 0 0 1\n1.7e9 1e308 0 0 0 0 0 1",
         "long": "1 0 0 0 0 0 0 2",
     }
     for name, text in files.items():
@@ -173,6 +179,14 @@ def test_times_of_another_unit_are_refused(tmp_path: Path, skewed: dict[str, Any
     ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
     assert load(tmp_path, skewed | {"frames": frames}, {"speed_m_s": 9.0}).motion_error_px is None
+
+
+def test_a_picture_of_another_time_is_refused(tmp_path: Path, skewed: dict[str, Any]) -> None:
+    frames = [skewed["frames"][0] | {"image_stamp": STAMPS["image_stamp"] + 1000.0}]
+    with pytest.raises(
+        InputError, match=r"image_stamp: found 1000\.06 s after points_stamp, needed at most 1 s"
+    ):
+        load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
 
 
 @pytest.mark.parametrize("key", ["points_stamp", "image_stamp"])

@@ -100,7 +100,7 @@ def test_wrong_input(tmp_path: Path) -> None:
     poses = {"truth": T_CAMERA_LIDAR}
     with pytest.raises(InputError, match=r"small.png: found 640 x 100 pixels, needed 640 x 360"):
         write_overlay(*observed(small), poses, 0, tmp_path / "o.png")
-    with pytest.raises(InputError, match=r"missing.jpg: no such file or directory"):
+    with pytest.raises(InputError, match=r"missing.jpg: no such file or folder"):
         write_overlay(*observed("missing.jpg"), poses, 0, tmp_path / "o.png")
     with pytest.raises(InputError, match=r"found 1 frames, needed one numbered 1"):
         write_overlay(*observed(None), poses, 1, tmp_path / "o.png")

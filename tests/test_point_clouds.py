@@ -367,8 +367,21 @@ def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> No
     [
         (".las", 107, b"\xff\xff\xff\x7f", "promises 2147483647 points of 28 bytes in "),
         (".laz", 107, b"\xff\xff\xff\x7f", "promises 2147483647 points of 28 bytes in "),
-        (".las", 100, b"\xff\xff\xff\xff", "promises 4294967295 records before byte 227 of "),
-        (".las", 96, b"\xff\xff\xff\x00", "promises 0 records before byte 16777215 of "),
+        (
+            ".las",
+            100,
+            b"\xff" * 4,
+            "promises a header of 227 bytes and 4294967295 records before byte 227 of ",
+        ),
+        (
+            ".las",
+            96,
+            b"\xff\xff\xff\x00",
+            "promises a header of 227 bytes and 0 records before byte 16777215 of ",
+        ),
+        (".laz", 227 + 54 + 12, b"\1\0\0\0", "promises 1 chunks of 1 points of 2 items in "),
+        (".laz", 227 + 54 + 32, b"\0\0", "promises 1 chunks of 50000 points of 0 items in "),
+        (".laz", -8, b"\xff" * 4, "promises "),
         (".laz", 0, b"PLAS", "is no readable LAS: it does not start like one"),
     ],
 )
@@ -377,6 +390,9 @@ def test_a_las_that_promises_too_much_is_refused_at_once(
 ) -> None:
     path = write_las(suffix, "1.2")(little_cloud(), tmp_path / "a")
     damaged = bytearray(path.read_bytes())
+    if place < 0:  # the number of chunks, from the start of their table
+        (points,) = struct.unpack_from("<I", damaged, 96)
+        place = struct.unpack_from("<q", damaged, points)[0] + 4
     damaged[place : place + len(value)] = value
     path.write_bytes(damaged)
     with pytest.raises(InputError) as error:

@@ -79,7 +79,7 @@ impl Format {
             "npy" => Ok(Self::Npy),
             "npz" => Ok(Self::Npz),
             other => {
-                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy or .npz";
+                let needed = ".bin, .pcd.bin, .pcd, .ply, .npy, .npz, .las or .laz";
                 Err(Error::file(path, format!("point cloud format '{other}' is not known, needs {needed}")))
             }
         }
@@ -114,7 +114,8 @@ pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)]) -> Result<Vec<PointCloud>>
 /// A file cannot be read, its size or content is not its format's, the counts of points and labels differ, a label is
 /// no class id, or there is no return in it.
 pub fn read(points: &Path, labels: Option<&Path>) -> Result<PointCloud> {
-    read_as(Format::of(points)?, points, &read_bytes(points)?, labels)
+    let bytes = read_bytes(points)?;
+    read_as(Format::of(points)?, points, &bytes, labels)
 }
 
 /// The same from the bytes of a sweep; `points` is the name that complaints give it.
@@ -162,6 +163,7 @@ fn decode_table(table: &Table<'_>) -> Parsed<PointCloud> {
 
 fn check_returns(cloud: &PointCloud) -> Parsed<()> {
     match cloud.points[..] {
+        [] if cloud.num_no_returns == 0 => Err("holds no points".into()),
         [] => Err("holds no returns: every point is zero or not finite".into()),
         _ => Ok(()),
     }

@@ -5,7 +5,9 @@ Nothing heavy is imported here or at the top of a subcommand's file, so that `se
 
 from __future__ import annotations
 
+import os
 import sys
+import warnings
 
 import click
 
@@ -21,6 +23,7 @@ from semcal_cli.cli.synth import synth
 from semcal_cli.errors import SemcalError
 
 EXIT_FAILURE = 1
+MAX_PICTURE_PIXELS = 2**27
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -35,6 +38,11 @@ for command in (calibrate, initialize, refine, evaluate, inspect, import_, synth
 
 def main() -> None:
     """Run the command line; an expected failure is one line on stderr and exit code 1."""
+    # OpenCV looks at these when it is imported: what a small file unpacks to is bounded, and complaints are ours.
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    # NumPy's, of numbers beyond all measure: what comes of them is checked.
+    warnings.simplefilter("ignore", RuntimeWarning)
     try:
         semcal()
     except SemcalError as error:

@@ -28,6 +28,6 @@ def calibrate(drive: Path, **options: Any) -> None:
 
     config, given = make_search(options)
     refinement = make_refinement(options, config.alignment.max_baseline_m)
-    with Session(drive, **options) as session:
+    with Session(drive, given=given, **options) as session:
         code = session.finish(session.run.calibrate(session.folder, config, given, refinement))
     sys.exit(code)

@@ -24,7 +24,7 @@ def initialize(drive: Path, **options: Any) -> None:
     from semcal_cli.cli.session import Session
 
     config, given = make_search(options)
-    with Session(drive, **options) as session:
+    with Session(drive, given=given, **options) as session:
         observations = session.run.load()
         hypotheses = session.run.initialize(observations, config, given)
         session.show(hypotheses)

@@ -41,6 +41,7 @@ def inspect(drive: Path, as_json: bool) -> None:
 def _print(report: DriveReport) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
     table = Table(box=None, pad_edge=False)
     for name in (
@@ -55,7 +56,7 @@ def _print(report: DriveReport) -> None:
     ):
         table.add_column(name, justify="left" if "classes" in name or name == "sweep" else "right")
     for frame in report.frames:
-        table.add_row(
+        cells = (
             frame.points,
             f"{frame.num_points:,}",
             f"{frame.num_no_returns:,}",
@@ -65,6 +66,7 @@ def _print(report: DriveReport) -> None:
             _commonest(frame.image_classes),
             "" if frame.gap_s is None else f"{frame.gap_s:.3f}",
         )
+        table.add_row(*map(Text, cells))  # names are no markup
     # Lines are cut to the terminal; a pipe gets them whole.
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:

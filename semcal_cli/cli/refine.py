@@ -41,7 +41,7 @@ def refine(drive: Path, init: Path, max_baseline_m: float | None, **options: Any
     config = make_refinement(options, MAX_BASELINE_M if max_baseline_m is None else max_baseline_m)
     given = Given(read_transform(init), name=str(init), source=init)
     check_distance(given, config.max_baseline_m)
-    with Session(drive, **options) as session:
+    with Session(drive, given=given, **options) as session:
         observations = session.run.load()
         session.run.start_at(observations, given)
         T_camera_lidar = session.run.refine(observations, given.T_camera_lidar, config, from_afar=True)

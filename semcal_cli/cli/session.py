@@ -15,8 +15,8 @@ from rich.console import Console
 from rich.status import Status
 
 from semcal_cli.calibration import Calibration, calibration_text, write_calibration
-from semcal_cli.documents import output_format, write_text
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.documents import is_folder, output_format, write_text
+from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.pipeline import Run, StageReport, set_threads
 from semcal_cli.poses import camera_center
@@ -24,6 +24,7 @@ from semcal_cli.poses import camera_center
 if TYPE_CHECKING:
     from semcal_cli.initialization import Hypothesis
     from semcal_cli.metrics import PoseError
+    from semcal_cli.pipeline import Given
 
 EXIT_NOT_TRUSTED = 3
 
@@ -41,14 +42,22 @@ class Session:
         threads: int | None = None,
         quiet: bool = False,
         max_frames: int | None = None,
+        given: Given | None = None,
     ) -> None:
         """Check everything that can be wrong before the work begins.
+
+        `given` is a transform that the command reads, too.
 
         Raises:
             InputError: the drive is invalid, or the result or the log cannot go where they shall.
         """
         spec = read_drive(drive)
-        _check_outputs(spec, [path for path in (output, log) if path is not None])
+        read = [
+            spec.path,
+            *map(spec.resolve, spec.files()),
+            *([given.source] if given and given.source else []),
+        ]
+        _check_outputs(read, [path for path in (output, log) if path is not None])
         if output is not None:
             output_format(output)
         self.console = make_console(quiet)
@@ -143,13 +152,13 @@ class Session:
         return json.dumps({"stages": stages, "host": host, "threads": self.threads}, indent=2) + "\n"
 
 
-def _check_outputs(drive: Drive, outputs: list[Path]) -> None:
+def _check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
     """Check that results have a folder to go to, and overwrite neither an input nor one another."""
-    taken = {drive.path.resolve(), *(drive.resolve(name).resolve() for name in drive.input_files())}
+    taken = {path.resolve() for path in read}
     for path in outputs:
-        if not path.absolute().parent.is_dir():
+        if not is_folder(path.absolute().parent):
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
-        if path.is_dir():
+        if is_folder(path):
             raise InputError(f"{path}: is a folder, needed a file to write to")
         if path.resolve() in taken:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
