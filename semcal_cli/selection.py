@@ -1,6 +1,9 @@
-"""Choice of frames: of a long drive, those that differ most in what they show."""
+"""Choice of frames: of a long drive, those that differ most in what they show, or evenly spaced ones."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -9,11 +12,19 @@ from semcal_cli import _core
 from semcal_cli.drive import Drive
 from semcal_cli.observations import colors, label_paths
 
+Item = TypeVar("Item")
+
 MAX_FRAMES = 70
 """More make an answer hardly better: its error is then that of the labels' borders."""
 
 THUMBNAIL = 64, 36
 """Columns and rows of the label images as they are compared."""
+
+
+def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
+    """Keep at most `count` items, the first among them, and the last if there may be two."""
+    indices = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int)
+    return [items[index] for index in indices]
 
 
 def select_frames(drive: Drive, max_frames: int) -> Drive:

@@ -314,24 +314,39 @@ end_header
 """
 
 
-def carla(root: Path) -> Tree:
+CARLA_PLAIN_PLY = """ply
+format ascii 1.0
+element vertex 3
+property float32 x
+property float32 y
+property float32 z
+property float32 I
+end_header
+10.0 -1.0 0.0 0.5
+10.0 1.0 1.0 0.25
+5.0 0.0 -1.0 1.0
+"""
+
+
+def carla(root: Path, *, semantic: bool = True) -> Tree:
     """Unreal: x forward, y right, z up, left-handed. The camera is 0.4 m right of the LiDAR and 0.5 m below it."""
     placed = {"x": 0.0, "y": 0.0, "z": 2.0, "roll": 0.0, "pitch": 0.0, "yaw": 0.0}
     lens = {"width": WIDTH, "height": HEIGHT, "fov": 90.0}
     at = placed | {"y": 0.4, "z": 1.5}
     rig = [
-        {"id": "lidar", "type": "sensor.lidar.ray_cast_semantic"} | placed,
+        {"id": "lidar", "type": "sensor.lidar.ray_cast" + "_semantic" * semantic} | placed,
         {"id": "labels", "type": "sensor.camera.semantic_segmentation"} | at | lens,
         {"id": "rgb", "type": "sensor.camera.rgb"} | at | lens,
     ]
     write(root / "sensors.json", json.dumps(rig))
     for number in (17, 18):
-        write(root / f"lidar/{number:06d}.ply", CARLA_PLY)
+        write(root / f"lidar/{number:06d}.ply", CARLA_PLY if semantic else CARLA_PLAIN_PLY)
         write_colors(root / f"labels/{number:06d}.png", (14, 0, 0))
         write_colors(root / f"rgb/{number:06d}.png", (90, 80, 70))
     # right of the LiDAR is -y there: the LiDAR is 0.4 m left of the camera, and 0.5 m above it
     T = moved(FORWARD, -0.4, -0.5, 0.0)
-    return Tree(root, ("--version", "0.9.15"), T, {"Road": [1], "Car": [14]}, {}, ([0], []))
+    points, ignored = ({"Road": [1], "Car": [14]}, [0]) if semantic else ({}, [])
+    return Tree(root, ("--version", "0.9.15"), T, points, {}, (ignored, []))
 
 
 TREES: dict[str, Callable[[Path], Tree]] = {

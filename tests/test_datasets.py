@@ -10,6 +10,7 @@ import pytest
 from click.testing import CliRunner
 from conftest import documents
 from dataset_trees import (
+    CARLA_PLAIN_PLY,
     CARLA_PLY,
     FORWARD,
     KITTI_360_DRIVE,
@@ -17,6 +18,7 @@ from dataset_trees import (
     POINTS,
     TREES,
     Tree,
+    carla,
     moved,
     numbers,
     write,
@@ -33,7 +35,7 @@ from semcal_cli.datasets import DATASETS
 from semcal_cli.datasets.carla import pose_from_unreal
 from semcal_cli.datasets.ontologies import ontology_names, read_ontology
 from semcal_cli.datasets.ply import read_vertices
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.drive import Drive, Frame, read_drive
 from semcal_cli.errors import InputError
 
 PRINTED = 1e-9  # digits of the generated calibration files
@@ -60,19 +62,48 @@ def test_every_data_set_has_a_tree() -> None:
 
 @pytest.mark.parametrize("name", TREES)
 def test_every_import_writes_a_drive(tmp_path: Path, name: str) -> None:
-    tree = TREES[name](tmp_path / "tree")
-    drive = imported(name, tree, tmp_path / "drives/a")
+    check_import(name, TREES[name](tmp_path / "tree"), tmp_path / "drives/a")
+
+
+def check_import(name: str, tree: Tree, folder: Path) -> Drive:
+    drive = imported(name, tree, folder)
     np.testing.assert_allclose(drive.T_camera_lidar, tree.T_camera_lidar, atol=PRINTED)
     assert drive.camera.K[0][0] > 0.0
     for frame in drive.frames:
-        named = (frame.points, frame.point_labels, frame.image_labels, frame.image)
-        assert [file for file in named if file and Path(file).is_absolute()] == []
-        assert [file for file in named if file and not drive.resolve(file).is_file()] == []
+        assert [file for file in named_files(frame) if Path(file).is_absolute()] == []
         assert frame.image_labels or frame.image
+    check_files(drive)
     points, image = (drive.classes.points, drive.classes.image) if drive.classes else ({}, {})
     assert {key: list(points[key]) for key in tree.points} == tree.points
     assert {key: list(image[key]) for key in tree.image} == tree.image
     assert (list(drive.ignore.points), list(drive.ignore.image)) == tree.ignored
+    return drive
+
+
+def named_files(frame: Frame) -> list[str]:
+    named = (frame.points, frame.point_labels, frame.image_labels, frame.image)
+    return [file for file in named if file]
+
+
+def check_files(drive: Drive) -> None:
+    """What a drive names is there."""
+    files = [file for frame in drive.frames for file in named_files(frame)]
+    assert [file for file in files if not drive.resolve(file).is_file()] == []
+
+
+@pytest.mark.parametrize("name", [name for name in TREES if name != "kitti-360"])
+def test_every_import_takes_labels_of_points_from_a_folder(tmp_path: Path, name: str) -> None:
+    """Named as the clouds; the labels and classes of the data set are forgotten."""
+    tree = TREES[name](tmp_path / "tree")
+    clouds = [Path(frame.points) for frame in imported(name, tree, tmp_path / "drive").frames]
+    labels = [f"{cloud.name.removesuffix('.bin').removesuffix('.pcd')}.label" for cloud in clouds]
+    for label in labels:
+        write_labels(tmp_path / "network" / label, [1, 2, 3])
+    drive = imported(name, tree, tmp_path / "drive", "--point-labels", tmp_path / "network")
+    assert [frame.point_labels for frame in drive.frames] == [f"../network/{label}" for label in labels]
+    assert not drive.classes or not drive.classes.points
+    assert not drive.ignore or not drive.ignore.points
+    check_files(drive)
 
 
 def written_cloud(drive: Drive, frame: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -106,7 +137,7 @@ def test_a_kitti_point_lands_where_the_projection_says(tmp_path: Path) -> None:
     drive = imported("kitti-odometry", TREES["kitti-odometry"](tmp_path / "tree"), tmp_path / "drive")
     K, T = np.array(drive.camera.K), np.array(drive.T_camera_lidar)
     point = np.array([10.0, 1.0, 0.5, 1.0])
-    expected = P2 @ (moved(FORWARD, 0.1, 0.2, 0.3) @ point * [1, 1, 1, 1])
+    expected = P2 @ moved(FORWARD, 0.1, 0.2, 0.3) @ point
     found = K @ (T @ point)[:3]
     np.testing.assert_allclose(found[:2] / found[2], expected[:2] / expected[2], atol=1e-7)
 
@@ -148,16 +179,28 @@ def test_kitti_360_raw_sweeps_where_there_are_no_windows(tmp_path: Path) -> None
     frame = read_drive(tmp_path / "drive").frames[0]
     assert frame.points.endswith("velodyne_points/data/0000000250.bin")
     assert "note: raw sweeps carry no labels\n" in stderr
+    write_labels(tmp_path / "network/0000000250.label", [1, 2, 3])
+    run_import("kitti-360", tree.root, "--point-labels", tmp_path / "network", "-o", tmp_path / "drive")
+    assert read_drive(tmp_path / "drive").frames[0].point_labels == "../network/0000000250.label"
+
+
+def test_kitti_360_points_cut_from_windows_take_no_labels(tmp_path: Path) -> None:
+    """No file of labels has their number."""
+    tree = TREES["kitti-360"](tmp_path / "tree")
+    write_labels(tmp_path / "network/0000000250.label", [1, 2, 3])
+    found = complaint(
+        "kitti-360", tree.root, "--point-labels", tmp_path / "network", "-o", tmp_path / "drive"
+    )
+    assert found == (
+        f"--point-labels: {tmp_path}/network: found clouds that are cut from accumulated points, with their "
+        "labels; needed sweeps, whose points are in the order of the labels"
+    )
+    assert not (tmp_path / "drive").exists()
 
 
 def test_kitti_360_fisheye(tmp_path: Path) -> None:
     tree = TREES["kitti-360"](tmp_path / "tree")
-    try:
-        run_import("kitti-360", tree.root, "--camera", "image_02", "-o", tmp_path / "drive")
-    except InputError as error:
-        if "found 'omnidirectional', needed" not in str(error):
-            raise
-        pytest.skip("drives have no omnidirectional camera yet")
+    run_import("kitti-360", tree.root, "--camera", "image_02", "-o", tmp_path / "drive")
     drive = read_drive(tmp_path / "drive")
     np.testing.assert_allclose(drive.T_camera_lidar, moved(FORWARD, 0.1, 0.2, 0.3), atol=PRINTED)
     assert drive.camera.parameters == {"xi": 2.213404750785489}
@@ -193,6 +236,14 @@ def test_nuscenes_reference_over_several_frames_is_their_mean(tmp_path: Path) ->
     assert [frame.points_stamp for frame in drive.frames] == [1.5, 2.0]
 
 
+def test_nuscenes_predictions_are_named_after_the_sweep(tmp_path: Path) -> None:
+    """As the devkit wants them for a submission."""
+    tree = TREES["nuscenes"](tmp_path / "tree")
+    write_labels(tmp_path / "predicted/d0_lidarseg.bin", [1, 2, 3], "u1")
+    drive = imported("nuscenes", tree, tmp_path / "drive", "--point-labels", tmp_path / "predicted")
+    assert drive.frames[0].point_labels == "../predicted/d0_lidarseg.bin"
+
+
 # CARLA
 
 
@@ -201,6 +252,45 @@ def test_carla_clouds_are_mirrored(tmp_path: Path) -> None:
     points, labels = written_cloud(imported("carla", tree, tmp_path / "drive"))
     np.testing.assert_array_equal(points, [[10, 1, 0], [10, -1, 1], [5, 0, -1]])
     assert labels.tolist() == [1, 14, 24]
+
+
+def test_carla_clouds_without_tags_name_no_labels(tmp_path: Path) -> None:
+    tree = carla(tmp_path / "tree", semantic=False)
+    drive = check_import("carla", tree, tmp_path / "drive")
+    assert [frame.point_labels for frame in drive.frames] == [None, None]
+    assert not (tmp_path / "drive/point_labels").exists()
+    stderr = run_import("carla", tree.root, *tree.arguments, "-o", tmp_path / "drive")
+    assert "note: no labels of points: a calibration needs them, see --point-labels DIR\n" in stderr
+
+
+@pytest.mark.parametrize("semantic", [False, True])
+def test_carla_labels_of_ones_own_go_before_tags(tmp_path: Path, semantic: bool) -> None:
+    """A frame without a file is left out: its tags are of other classes."""
+    tree = carla(tmp_path / "tree", semantic=semantic)
+    write_labels(tmp_path / "network/000018.label", [7, 8, 9])
+    drive = imported("carla", tree, tmp_path / "drive", "--point-labels", tmp_path / "network")
+    assert [frame.points for frame in drive.frames] == ["points/000018.bin"]
+    points, labels = written_cloud(drive)
+    np.testing.assert_array_equal(points, [[10, 1, 0], [10, -1, 1], [5, 0, -1]])
+    assert labels.tolist() == [7, 8, 9]
+    assert not (tmp_path / "drive/point_labels").exists()
+
+
+def test_a_semantic_carla_cloud_needs_tags(tmp_path: Path) -> None:
+    tree = TREES["carla"](tmp_path / "tree")
+    write(tree.root / "lidar/000017.ply", CARLA_PLAIN_PLY)
+    assert complaint("carla", tree.root, *tree.arguments, "-o", tmp_path / "drive") == (
+        f"{tree.root}/lidar/000017.ply: found points without labels, needed a label each"
+    )
+
+
+def test_a_carla_sensor_whose_name_is_too_long_for_a_folder(tmp_path: Path) -> None:
+    tree = TREES["carla"](tmp_path / "tree")
+    rig = json.loads((tree.root / "sensors.json").read_text())
+    rig[0]["id"] = "a" * 300
+    write(tree.root / "sensors.json", json.dumps(rig))
+    found = complaint("carla", tree.root, *tree.arguments, "-o", tmp_path / "drive")
+    assert found == f"{tree.root}/{'a' * 300}: file name too long"
 
 
 def test_a_carla_yaw_turns_right_and_a_pitch_looks_up() -> None:
@@ -226,6 +316,37 @@ def test_carla_tags_of_both_releases_and_both_kinds_of_pictures(tmp_path: Path) 
     drive = imported("carla", tree, tmp_path / "colors")
     assert drive.palette
     assert drive.palette["Road"] == (128, 64, 128)
+    # one black picture does not make the others raw
+    write_colors(tree.root / "labels/000017.png", (0, 0, 0))
+    assert imported("carla", tree, tmp_path / "black").palette == drive.palette
+
+
+def test_a_class_table_is_turned_red_for_raw_carla_pictures(tmp_path: Path) -> None:
+    tree = TREES["carla"](tmp_path / "tree")
+    palette = imported("carla", tree, tmp_path / "drive", "--image-classes", "carla").palette
+    assert palette
+    assert palette["Car"] == (14, 0, 0)
+    write(tmp_path / "own.yaml", "ignore: []\nclasses: {vehicle: {ids: [14, 15]}}\n")
+    arguments = (*tree.arguments, "--image-classes", tmp_path / "own.yaml", "-o", tmp_path / "own")
+    assert complaint("carla", tree.root, *arguments) == (
+        f"--image-classes: {tmp_path}/own.yaml: class 'vehicle': found 2 ids, needed one: the label images are "
+        "colours, and a palette has one colour a class"
+    )
+    # label images of one's own are no tags
+    write_colors(tmp_path / "network/000017.png", (0, 0, 142))
+    own = ("--image-labels", tmp_path / "network", "--image-classes", "carla")
+    palette = imported("carla", tree, tmp_path / "drive", *own).palette
+    assert palette
+    assert palette["Car"] == (0, 0, 142)
+
+
+def test_carla_releases_before_the_known_tables_are_refused(tmp_path: Path) -> None:
+    tree = TREES["carla"](tmp_path / "tree")
+    for release in ("0.9.9", "0.9.5", "0.8.20"):
+        assert complaint("carla", tree.root, "--version", release, "-o", tmp_path / "drive") == (
+            f"--version: found {release!r}, needed 0.9.10 or later: earlier tags are not known"
+        )
+    run_import("carla", tree.root, "--version", "0.9.10", "-o", tmp_path / "drive")
 
 
 def test_carla_intrinsics(tmp_path: Path) -> None:
@@ -283,6 +404,17 @@ def test_labels_of_ones_own_networks(tmp_path: Path) -> None:
     assert drive.classes.points == {}
     assert drive.classes.image["road"] == (0,)
     assert drive.ignore.image == (255,)
+
+
+def test_labels_that_no_frame_has_on_both_sides(tmp_path: Path) -> None:
+    tree = TREES["kitti-odometry"](tmp_path / "tree")
+    write_labels(tmp_path / "points/000000.label", [1, 2, 3])
+    write_ids(tmp_path / "image/000001.png")
+    folders = ("--image-labels", tmp_path / "image", "--point-labels", tmp_path / "points")
+    assert complaint("kitti-odometry", tree.root, *folders, "-o", tmp_path / "drive") == (
+        "found 1 frames with labels of points and 1 with labels of pictures, none of 3 with both, "
+        "needed at least one"
+    )
 
 
 def test_colour_coded_labels_need_a_table_with_colours(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 WITH_VERSION = {
     "nuscenes": "The folder of the tables, as v1.0-mini, if there are several.",
-    "carla": "The release that wrote the data, as 0.9.15: tags changed at 0.9.14.",
+    "carla": "The release that wrote the data, as 0.9.15, from 0.9.10 on: tags changed at 0.9.14.",
 }
 
 
@@ -154,10 +154,11 @@ for _name, _summary in DATASETS.items():
     type=PATH,
     required=True,
     metavar="FILE",
-    help="Intrinsics: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
+    help="Intrinsics of the raw pictures: a ROS camera_info (its K and D, not P), a Kalibr camchain or an OpenCV "
+    "FileStorage.",
 )
 @click.option(
-    "--model", metavar="NAME", help="Camera model, for an OpenCV FileStorage that does not tell it."
+    "--model", metavar="NAME", help="Camera model, if the file of the intrinsics tells none, or another."
 )
 @click.option(
     "--reference", type=PATH, metavar="FILE", help="T_camera_lidar to compare with, in any known format."
@@ -181,6 +182,7 @@ def folder(
 
     Quote the patterns. Files are paired by the times in their names where all names hold one (1581624663.149,
     1581624663_149, nanoseconds), else by their names without suffix. Files without a partner are counted.
+    --camera names one of the cameras of a Kalibr camchain.
     """
     from semcal_cli.datasets.folder import Folder, read
 

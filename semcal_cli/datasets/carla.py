@@ -17,17 +17,20 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.datasets.files import files_by_stem, pick
-from semcal_cli.datasets.ontologies import NamedClass, Ontology, read_ontology
-from semcal_cli.datasets.recording import Cloud, Recording, Request, SourceFrame
+from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
 from semcal_cli.documents import describe, read_text
 from semcal_cli.errors import InputError
 from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
+from semcal_cli.selection import evenly_spaced
 
 SEGMENTATION, PICTURE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
-NEW_TAGS = (0, 9, 14)
-"""The first release with Cityscapes' train order; before, tags were others."""
+OLD_TAGS, NEW_TAGS = (0, 9, 10), (0, 9, 14)
+"""The first releases of the two tables; the second has Cityscapes' train order. Before, tags were others still."""
+NUM_PROBED = 5
+"""Label images that tell tags in red from colours: one black picture is both."""
 
 
 @dataclass(frozen=True)
@@ -51,24 +54,15 @@ def read(request: Request) -> Recording:
     frames = _frames(request.root, rig, camera, lidar)
     if not frames:
         raise InputError(f"{request.root}: found no frame that {camera.name} and {lidar.name} share")
-    raw = _is_raw(frames[0].image_labels)
     return Recording(
         camera=_pinhole(request.root / "sensors.json", camera),
         frames=frames,
         T_camera_lidar=_camera_from_vehicle(camera) @ lidar.T_vehicle_sensor,
         point_classes=ontology if lidar.type == SEMANTIC_LIDAR else None,
-        image_classes=in_red(ontology) if raw else ontology,
+        image_classes=ontology,
+        ids_in_red=_are_raw([frame.image_labels for frame in frames if frame.image_labels]),
         remarks=("CARLA's clouds are mirrored: copies with y negated are written",),
     )
-
-
-def in_red(ontology: Ontology) -> Ontology:
-    """Colour classes as a raw picture does: the tag in the red channel, nothing in the others."""
-    classes = {
-        name: NamedClass(ids=named.ids, color=(named.ids[0], 0, 0))
-        for name, named in ontology.classes.items()
-    }
-    return Ontology(ignore=ontology.ignore, classes=classes)
 
 
 def pose_from_unreal(x: float, y: float, z: float, roll: float, pitch: float, yaw: float) -> Pose:
@@ -96,6 +90,8 @@ def _table(version: str | None) -> str:
         raise InputError(
             f"--version: {found}, needed CARLA's release as 0.9.15: its tags changed at 0.9.14"
         ) from None
+    if release < OLD_TAGS:
+        raise InputError(f"--version: found {version!r}, needed 0.9.10 or later: earlier tags are not known")
     return "carla" if release >= NEW_TAGS else "carla-0.9.13"
 
 
@@ -160,7 +156,9 @@ def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> lis
     return [
         SourceFrame(
             name=cloud.stem,
-            points=partial(_convert, cloud),
+            points=Conversion(
+                partial(_convert, cloud), has_labels=lidar.type == SEMANTIC_LIDAR, source=cloud
+            ),
             image_labels=image_labels[number],
             image=images.get(number),
         )
@@ -193,8 +191,8 @@ def _convert(path: Path) -> Cloud:
     return Cloud(points, None if cloud.labels is None else cloud.labels.astype(np.uint32))
 
 
-def _is_raw(path: Path | None) -> bool:
-    """Whether a label image holds tags in the red channel, and not the colours of CityScapesPalette."""
+def _are_raw(label_images: list[Path]) -> bool:
+    """Whether label images hold tags in the red channel, and not the colours of CityScapesPalette."""
     from semcal_cli.pictures import read_picture
 
-    return path is not None and not read_picture(path)[..., :2].any()
+    return not any(read_picture(path)[..., :2].any() for path in evenly_spaced(label_images, NUM_PROBED))

@@ -10,7 +10,7 @@ import numpy as np
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.drive import Drive
 from semcal_cli.errors import InputError
-from semcal_cli.selection import select_frames
+from semcal_cli.selection import evenly_spaced, select_frames
 
 SPREAD_FRAMES = 20
 """Frames that `spread` chooses if no other number is given."""
@@ -38,8 +38,8 @@ def narrowed(recording: Recording, choice: Choice) -> Recording:
     """
     near = [frame for frame in recording.frames if _gap_s(frame) <= (choice.max_gap_s or np.inf)]
     remarks = list(recording.remarks)
-    if len(near) < len(recording.frames):
-        left_out = len(recording.frames) - len(near)
+    left_out = len(recording.frames) - len(near)
+    if left_out:
         remarks.append(f"{left_out:,} pairs more than {choice.max_gap_s} s apart are left out")
     if not near:
         raise InputError(
@@ -51,7 +51,7 @@ def narrowed(recording: Recording, choice: Choice) -> Recording:
             f"--frames: found {len(near):,} frames, none of those asked for, needed at least one"
         )
     if choice.spread:
-        frames = calmest(frames, choice.max_frames or SPREAD_FRAMES)
+        frames = slowest(frames, choice.max_frames or SPREAD_FRAMES)
     elif choice.max_frames:
         frames = evenly_spaced(frames, choice.max_frames)
     return replace(recording, frames=frames, remarks=tuple(remarks))
@@ -81,21 +81,13 @@ def most_varied(drive: Drive, sources: Sequence[SourceFrame], choice: Choice) ->
     return [index for index, frame in enumerate(frames) if id(frame) in kept]
 
 
-def evenly_spaced(frames: Sequence[SourceFrame], count: int) -> list[SourceFrame]:
-    """Keep at most `count` frames, the first and the last among them."""
-    if count == 1:
-        return list(frames[:1])
-    indices = np.linspace(0, len(frames) - 1, min(count, len(frames))).round().astype(int)
-    return [frames[index] for index in indices]
-
-
-def calmest(frames: Sequence[SourceFrame], count: int) -> list[SourceFrame]:
+def slowest(frames: Sequence[SourceFrame], count: int) -> list[SourceFrame]:
     """Keep the slower half of the frames, but at least `count`; all where a speed is not known."""
     speeds = [frame.speed_mps for frame in frames]
     if any(speed is None for speed in speeds):
         return list(frames)
-    slowest = np.argsort(np.array(speeds, dtype=float), kind="stable")[: max(count, (len(frames) + 1) // 2)]
-    return [frames[index] for index in sorted(slowest)]
+    order = np.argsort(np.array(speeds, dtype=float), kind="stable")
+    return [frames[index] for index in sorted(order[: max(count, (len(frames) + 1) // 2)])]
 
 
 def _gap_s(frame: SourceFrame) -> float:

@@ -19,9 +19,13 @@ def need(path: Path) -> Path:
     """Give the path of a file or folder that is there.
 
     Raises:
-        InputError: it is not.
+        InputError: it is not, or its name is none that a file may have.
     """
-    if not path.exists():
+    try:
+        there = path.exists()
+    except OSError as error:
+        raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    if not there:
         raise InputError(f"{path}: no such file or folder")
     return path
 

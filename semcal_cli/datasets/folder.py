@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import glob
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from semcal_cli.datasets.intrinsics import read_intrinsics
-from semcal_cli.datasets.pairing import by_time, pairs, stamp_s, stem
+from semcal_cli.datasets.pairing import by_time, pairs, stamps_s, stem
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
@@ -27,33 +27,59 @@ class Folder:
     camera: str | None = None
     """Which camera of a Kalibr camchain; None: the only one."""
     model: str | None = None
-    """The camera model, for an OpenCV FileStorage that does not tell it."""
+    """The camera model, if the file of the intrinsics does not tell it or tells another."""
     reference: Path | None = None
     """A transform to compare with."""
+
+
+@dataclass(frozen=True)
+class Partners:
+    """Files of one kind that belong to clouds."""
+
+    of_cloud: dict[Path, Path] = field(default_factory=dict)
+    stamps_s: dict[Path, float] = field(default_factory=dict)
+    """Times of the files whose names hold one."""
+    remarks: tuple[str, ...] = ()
 
 
 def read(folder: Folder) -> Recording:
     """Pair the files and read the intrinsics.
 
     Raises:
-        InputError: a pattern finds nothing, nothing can be paired, or a file is wrong.
+        InputError: a pattern finds nothing, nothing can be paired, no cloud has all its files, or a file is wrong.
     """
     camera = read_intrinsics(folder.camera_info, folder.camera, folder.model)
     clouds = _find("--points", folder.points)
-    point_labels, remarks = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
-    image_labels, more = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)
-    images, most = _partners(clouds, "--images", folder.images, folder.max_gap_s)
-    needed = [found for found in (point_labels, image_labels, images if not image_labels else None) if found]
+    point_labels = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
+    image_labels = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)
+    images = _partners(clouds, "--images", folder.images, folder.max_gap_s)
+    pictures = image_labels if image_labels.of_cloud else images
+    needed = [found.of_cloud for found in (point_labels, pictures) if found.of_cloud]
+    whole = [cloud for cloud in clouds if all(cloud in found for found in needed)]
+    if not whole:
+        option = "--image-labels" if image_labels.of_cloud else "--images"
+        raise InputError(
+            f"--points: found {len(clouds):,} clouds, {len(point_labels.of_cloud):,} with a file of --point-labels, "
+            f"{len(pictures.of_cloud):,} with one of {option}, none with both, needed at least one"
+        )
+    stamps = stamps_s(clouds)
     frames = [
-        _frame(cloud, point_labels.get(cloud), image_labels.get(cloud), images.get(cloud))
-        for cloud in clouds
-        if all(cloud in found for found in needed)
+        SourceFrame(
+            name=stem(cloud),
+            points=cloud,
+            point_labels=point_labels.of_cloud.get(cloud),
+            image_labels=image_labels.of_cloud.get(cloud),
+            image=images.of_cloud.get(cloud),
+            points_stamp=stamps.get(cloud),
+            image_stamp=pictures.stamps_s.get(pictures.of_cloud[cloud]) if pictures.of_cloud else None,
+        )
+        for cloud in whole
     ]
     return Recording(
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
         T_camera_lidar=_reference(folder.reference),
-        remarks=(*remarks, *more, *most),
+        remarks=(*point_labels.remarks, *image_labels.remarks, *images.remarks),
     )
 
 
@@ -65,12 +91,10 @@ def _find(option: str, pattern: str) -> list[Path]:
     return found
 
 
-def _partners(
-    clouds: list[Path], option: str, pattern: str | None, max_gap_s: float
-) -> tuple[dict[Path, Path], list[str]]:
+def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: float) -> Partners:
     """Pair one kind of files with the clouds, and say how many are left alone."""
     if pattern is None:
-        return {}, []
+        return Partners()
     files = _find(option, pattern)
     found = pairs(clouds, files, max_gap_s)
     how = f"by time, within {max_gap_s} s" if by_time(clouds, files) else "by name"
@@ -81,22 +105,7 @@ def _partners(
         )
     alone = len(clouds) - len(found), len(files) - len(found)
     counts = f"{option}: {len(found):,} pairs {how}; unpaired: {alone[0]:,} clouds, {alone[1]:,} files"
-    return found, [counts] if any(alone) else []
-
-
-def _frame(
-    cloud: Path, point_labels: Path | None, image_labels: Path | None, image: Path | None
-) -> SourceFrame:
-    picture = image_labels or image
-    return SourceFrame(
-        name=stem(cloud),
-        points=cloud,
-        point_labels=point_labels,
-        image_labels=image_labels,
-        image=image,
-        points_stamp=stamp_s(stem(cloud)),
-        image_stamp=stamp_s(stem(picture)) if picture else None,
-    )
+    return Partners(found, stamps_s(files), (counts,) if any(alone) else ())
 
 
 def _reference(path: Path | None) -> Pose | None:

@@ -1,17 +1,20 @@
 """Intrinsics from what calibration tools write: a ROS camera_info, a Kalibr camchain, an OpenCV FileStorage.
 
-Each becomes the `camera:` block of a drive, whose counts and values are checked there.
+Each becomes the `camera:` block of a drive, whose counts and values are checked there. It is the camera of the raw
+pictures: of a camera_info K and D are taken, not R and P, which belong to the rectified ones.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 from semcal_cli.datasets.files import pick
 from semcal_cli.datasets.storage import Storage, is_storage
-from semcal_cli.documents import describe, read_document, read_text
+from semcal_cli.documents import describe, parse_document, read_text
+from semcal_cli.drive import DISTORTION_COUNTS, PARAMETERS
 from semcal_cli.errors import InputError
 
 ROS_MODELS = {
@@ -24,8 +27,15 @@ ROS_MODELS = {
 }
 """sensor_msgs/distortion_models.h, image_geometry, and names that drivers use for the same."""
 KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"}
-OPENCV_MODELS = {5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
-"""By the count of coefficients."""
+OPENCV_MODELS = {
+    4: "plumb_bob",
+    5: "plumb_bob",
+    8: "rational_polynomial",
+    12: "thin_prism",
+    14: "thin_prism",
+}
+"""By the count of coefficients, if the lens is no fisheye."""
+DOCUMENT_END = re.compile(r"^---[ \t]*$")
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
 )
@@ -37,23 +47,62 @@ def read_intrinsics(path: Path, camera: str | None = None, model: str | None = N
     Args:
         path: The file.
         camera: Which of a camchain's cameras; None: the only one.
-        model: The camera model, which an OpenCV FileStorage does not always tell.
+        model: The camera model, which an OpenCV FileStorage does not always tell; it goes before what the file says.
 
     Raises:
-        InputError: the file is of no known kind, or a key is missing or wrong.
+        InputError: the file is of no known kind, a key is missing or wrong, or `camera` or `model` does not fit.
     """
-    if is_storage(read_text(path)):
+    block = _read(path, camera, model)
+    return block if model is None else _with_model(path, block, model)
+
+
+def _read(path: Path, camera: str | None, model: str | None) -> dict[str, Any]:
+    text = read_text(path)
+    if is_storage(text):
+        _refuse_camera(path, camera)
         return _opencv(path, model)
-    document = read_document(path)
+    document = parse_document(_first_document(text), path)
     chain = [
         str(key) for key, value in document.items() if isinstance(value, dict) and "camera_model" in value
     ]
     if chain:
         return _kalibr(path, document[pick("camera", camera, chain, path)])
     if "distortion_model" in document:
+        _refuse_camera(path, camera)
         return _ros(path, document)
     keys = ", ".join(describe(key) for key in list(document)[:5]) or "none"
     raise InputError(f"{path}: found top-level keys {keys}, needed {KNOWN_AS}")
+
+
+def _first_document(text: str) -> str:
+    """Cut off what follows the first message of `ros2 topic echo`, which ends each in `---`."""
+    lines = text.split("\n")
+    started = False
+    for index, line in enumerate(lines):
+        if started and DOCUMENT_END.match(line.rstrip()):
+            return "\n".join(lines[:index])
+        started = started or (bool(line.strip()) and not line.startswith(("%", "#", "---")))
+    return text
+
+
+def _refuse_camera(path: Path, camera: str | None) -> None:
+    if camera is not None:
+        raise InputError(f"{path}: found one camera without a name, needed no --camera ({camera!r})")
+
+
+def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:
+    """Take K and the coefficients as those of another model."""
+    counts = next((counts for name, counts in DISTORTION_COUNTS.items() if name == model), None)
+    if counts is None:
+        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(DISTORTION_COUNTS)}")
+    if block["model"] != model and {block["model"], model} & PARAMETERS.keys():
+        raise InputError(f"{path}: found model {block['model']!r}, which cannot be taken as --model {model}")
+    distortion = block.get("distortion", [])
+    if not isinstance(distortion, list) or len(distortion) not in counts:
+        found = len(distortion) if isinstance(distortion, list) else describe(distortion)
+        needed = " or ".join(map(str, counts))
+        raise InputError(f"{path}: found {found} coefficients, needed {needed} for --model {model}")
+    return block | {"model": model}
 
 
 def read_mei(path: Path) -> dict[str, Any]:
@@ -76,20 +125,45 @@ def _mei(storage: Storage) -> dict[str, Any]:
 
 
 def _ros(path: Path, document: dict[Any, Any]) -> dict[str, Any]:
-    """sensor_msgs/CameraInfo: as camera_calibration_parsers write it, or as `ros2 topic echo` prints it."""
+    """sensor_msgs/CameraInfo: as camera_calibration_parsers write it, or as `ros2 topic echo` prints it.
+
+    K is for the full picture (CameraInfo.msg), so one that is binned or cut out of it is refused.
+    """
     model = ROS_MODELS.get(str(document["distortion_model"]))
     if model is None:
         raise _unknown(path, "distortion_model", document["distortion_model"], ROS_MODELS)
     K = _data(path, document, "camera_matrix", "K", "k")
     if not isinstance(K, list) or len(K) != 9:
         raise InputError(f"{path}: camera_matrix: found {describe(K)}, needed 9 numbers by rows")
+    width = _first(path, document, "image_width", "width")
+    height = _first(path, document, "image_height", "height")
+    _refuse_parts(path, document, width, height)
+    distortion = _data(path, document, "distortion_coefficients", "D", "d")
+    if model == "rational_polynomial" and isinstance(distortion, list):
+        model = "thin_prism" if len(distortion) in DISTORTION_COUNTS["thin_prism"][1:] else model
     return {
         "model": model,
-        "width": _first(path, document, "image_width", "width"),
-        "height": _first(path, document, "image_height", "height"),
+        "width": width,
+        "height": height,
         "K": [K[0:3], K[3:6], K[6:9]],
-        "distortion": _data(path, document, "distortion_coefficients", "D", "d"),
+        "distortion": distortion,
     }
+
+
+def _refuse_parts(path: Path, document: dict[Any, Any], width: Any, height: Any) -> None:
+    """Refuse a picture that is binned or cut out: 0 is the default, and the same as 1 or the full picture."""
+    roi = document.get("roi") or {}
+    if not isinstance(roi, dict):
+        raise InputError(f"{path}: roi: found {describe(roi)}, needed a mapping")
+    allowed = {"binning_x": (0, 1), "binning_y": (0, 1)}
+    allowed_roi = {"x_offset": (0,), "y_offset": (0,), "width": (0, width), "height": (0, height)}
+    for where, node, values in (("", document, allowed), ("roi.", roi, allowed_roi)):
+        for key, needed in values.items():
+            if node.get(key, 0) not in needed:
+                raise InputError(
+                    f"{path}: {where}{key}: found {describe(node[key])}, needed {' or '.join(map(str, needed))}: "
+                    "K is for the full picture"
+                )
 
 
 def _kalibr(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
@@ -160,10 +234,15 @@ def _opencv(path: Path, model: str | None) -> dict[str, Any]:
 def _opencv_model(storage: Storage, num_coefficients: int) -> str:
     """Tell the model by the count of coefficients; four are as well those of cv2.fisheye."""
     if "fisheye_model" in storage.document:
-        return "fisheye" if storage.number("fisheye_model") else "plumb_bob"
-    if num_coefficients not in OPENCV_MODELS:
-        found = f"found {num_coefficients} coefficients and no fisheye_model"
+        if storage.number("fisheye_model"):
+            return "fisheye"
+    elif num_coefficients == 4:
+        found = "found 4 coefficients and no fisheye_model"
         raise InputError(f"{storage.path}: {found}, needed --model, as plumb_bob or fisheye")
+    if num_coefficients not in OPENCV_MODELS:
+        counts = ", ".join(map(str, OPENCV_MODELS))
+        found = f"distortion_coefficients: found {num_coefficients} numbers"
+        raise InputError(f"{storage.path}: {found}, needed one of: {counts}")
     return OPENCV_MODELS[num_coefficients]
 
 

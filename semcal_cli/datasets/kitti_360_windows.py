@@ -41,7 +41,8 @@ class Windows:
         """Cut the points around the LiDAR out of the window in whose middle a frame is."""
         holding = [numbers for numbers in self._ranges if frame in numbers]
         nearest = min(holding, key=lambda numbers: abs(numbers[0] + numbers[-1] - 2 * frame))
-        return partial(_cut, self._ranges[nearest], T_world_lidar, self._visible_only)
+        cut = partial(_cut, self._ranges[nearest], T_world_lidar, self._visible_only)
+        return Conversion(cut, has_labels=True, source=None)
 
 
 def _cut(path: Path, T_world_lidar: Pose, visible_only: bool) -> Cloud:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Literal, TypeAlias
 
 from semcal_cli.datasets.files import files_by_stem
-from semcal_cli.datasets.recording import Recording, SourceFrame
+from semcal_cli.datasets.recording import Conversion, Recording, SourceFrame
 from semcal_cli.errors import InputError
 
 Side: TypeAlias = Literal["point_labels", "image_labels"]
@@ -23,15 +23,16 @@ CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".
 def with_labels(recording: Recording, side: Side, folder: Path) -> Recording:
     """Take the labels of one side from a folder: files named as the frame, its picture or its cloud.
 
-    The classes are then whatever the network writes: the data set's are forgotten.
+    The labels and classes of the data set are forgotten: the classes are whatever the network writes.
 
     Raises:
-        InputError: no frame has a file there.
+        InputError: no frame has a file there, or the clouds are made so that no file can fit.
     """
     files = files_by_stem(folder, *SUFFIXES[side])
+    frames = [_without_labels(frame, side, folder) for frame in recording.frames]
     frames = [
         replace(frame, **{side: next((files[stem] for stem in _stems(frame) if stem in files), None)})  # type: ignore[arg-type]
-        for frame in recording.frames
+        for frame in frames
     ]
     if not any(getattr(frame, side) for frame in frames):
         expected = " or ".join(dict.fromkeys(_stems(recording.frames[0])))
@@ -39,23 +40,31 @@ def with_labels(recording: Recording, side: Side, folder: Path) -> Recording:
             f"{folder}: found {len(files):,} label files, none named as a frame; needed {expected} "
             f"with {', '.join(SUFFIXES[side])}"
         )
-    classes: Literal["point_classes", "image_classes"] = (
-        "point_classes" if side == "point_labels" else "image_classes"
-    )
-    return replace(recording, frames=frames, **{classes: None})  # type: ignore[arg-type]
+    if side == "point_labels":
+        return replace(recording, frames=frames, point_classes=None)
+    return replace(recording, frames=frames, image_classes=None, ids_in_red=False)
 
 
 def labelled(recording: Recording) -> Recording:
-    """Leave out frames that lack the labels that others have, and say how many."""
-    remarks = []
+    """Leave out frames that lack the labels that others have, and say how many.
+
+    Raises:
+        InputError: some frames have labels of points, others of pictures, and none has both.
+    """
     frames = list(recording.frames)
+    num_points = sum(frame.has_point_labels for frame in frames)
+    num_pictures = sum(frame.image_labels is not None for frame in frames)
+    remarks = []
     for side, what, option in (
-        ("point_labels", "points", "--point-labels DIR"),
+        ("has_point_labels", "points", "--point-labels DIR"),
         ("image_labels", "pictures", "--image-labels DIR"),
     ):
-        kept = [
-            frame for frame in frames if getattr(frame, side) or (side == "point_labels" and converted(frame))
-        ]
+        kept = [frame for frame in frames if getattr(frame, side)]
+        if not kept and num_points and num_pictures:
+            raise InputError(
+                f"found {num_points:,} frames with labels of points and {num_pictures:,} with labels of "
+                f"pictures, none of {len(recording.frames):,} with both, needed at least one"
+            )
         if not kept:
             remarks.append(f"no labels of {what}: a calibration needs them, see {option}")
         elif len(kept) < len(frames):
@@ -64,9 +73,16 @@ def labelled(recording: Recording) -> Recording:
     return replace(recording, frames=frames, remarks=(*recording.remarks, *remarks))
 
 
-def converted(frame: SourceFrame) -> bool:
-    """Whether the cloud, with its labels, is written anew."""
-    return not isinstance(frame.points, Path)
+def _without_labels(frame: SourceFrame, side: Side, folder: Path) -> SourceFrame:
+    """Forget the labels that a conversion makes."""
+    if side == "image_labels" or not isinstance(frame.points, Conversion):
+        return frame
+    if frame.points.source is None:
+        raise InputError(
+            f"--point-labels: {folder}: found clouds that are cut from accumulated points, with their labels; "
+            "needed sweeps, whose points are in the order of the labels"
+        )
+    return replace(frame, points=replace(frame.points, has_labels=False))
 
 
 def _stems(frame: SourceFrame) -> Iterator[str]:
@@ -74,6 +90,7 @@ def _stems(frame: SourceFrame) -> Iterator[str]:
     yield frame.name
     if frame.image is not None:
         yield frame.image.stem
-    if isinstance(frame.points, Path):
-        name = frame.points.name
-        yield next((name.removesuffix(s) for s in CLOUD_SUFFIXES if name.endswith(s)), frame.points.stem)
+    if frame.cloud_file is not None:
+        name = frame.cloud_file.name
+        yield next((name.removesuffix(s) for s in CLOUD_SUFFIXES if name.endswith(s)), frame.cloud_file.stem)
+    yield from frame.label_names

@@ -2,6 +2,7 @@
 
 Quaternions are w first. Sensor poses are sensor to vehicle, vehicle poses vehicle to world, at the time of each sensor:
 T_camera_lidar = inv(T_ego_camera) inv(T_world_ego at the picture) (T_world_ego at the sweep) T_ego_lidar.
+Predictions are named after the token of the sweep, as <token>_lidarseg.bin (nuscenes-devkit, eval/lidarseg/README.md).
 """
 
 from __future__ import annotations
@@ -53,6 +54,7 @@ def read(request: Request) -> Recording:
             image_stamp=picture.timestamp * MICROSECONDS,
             speed_mps=speed,
             T_camera_lidar=inverse(T_world_sensor[picture.token]) @ T_world_sensor[sweep.token],
+            label_names=(f"{sweep.token}_lidarseg",),
         )
         for (sweep, picture), speed in zip(keyframes, _speeds(keyframes, T_world_sensor), strict=True)
     ]

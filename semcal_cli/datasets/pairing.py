@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +12,12 @@ from semcal_cli.datasets.labels import CLOUD_SUFFIXES
 from semcal_cli.errors import InputError
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
-SPLIT_SECONDS = re.compile(r"(?<!\d)(\d{9,10})[._-](\d{9}|\d{6}|\d{3})(?!\d)")
-"""Seconds, then milliseconds, microseconds or nanoseconds."""
-WHOLE_UNITS = re.compile(r"(?<!\d)(\d{19}|\d{16}|\d{13}|\d{10})(?!\d)")
-"""Unix time in nanoseconds, microseconds, milliseconds or seconds, told by its digits."""
+SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")
+"""Unix seconds, from 2001 on: 0000000005 is a number. Then their fraction, or nanoseconds."""
+WHOLE_UNITS = re.compile(r"(?<!\d)([1-9](?:\d{18}|\d{15}|\d{12}|\d{9}))(?!\d)")
+"""Unix time in nanoseconds, microseconds, milliseconds or seconds, told by its digits; from 2001 on."""
+PADDED = (3, 6, 9)
+"""Digits of milliseconds, microseconds and nanoseconds."""
 
 
 def stem(path: Path) -> str:
@@ -24,22 +26,55 @@ def stem(path: Path) -> str:
     return path.name.removesuffix(suffix)
 
 
-def stamp_s(name: str) -> float | None:
-    """The time in a file's name, in seconds; None if there is none."""
+def stamps_s(files: Sequence[Path]) -> dict[Path, float]:
+    """The times in the names of one kind of files, in seconds; files without one are left out.
+
+    ROS's seconds and nanoseconds are often joined without zeros in front: 1581624663_98000000 is 1581624663.098. Only
+    the names of all files together tell this from a fraction.
+
+    Raises:
+        InputError: digits after the seconds are neither a fraction nor nanoseconds.
+    """
+    found = {path: SPLIT_SECONDS.findall(stem(path)) for path in files}
+    split = {path: matches[-1] for path, matches in found.items() if matches}
+    nanoseconds = {mark: _are_nanoseconds(split, mark) for mark in "._-"}
+    stamps = {path: _plain_stamp_s(stem(path)) for path in files}
+    for path, (seconds, mark, digits) in split.items():
+        fraction = digits.zfill(9) if nanoseconds[mark] else digits
+        stamps[path] = float(f"{seconds}.{fraction}")
+    return {path: stamp for path, stamp in stamps.items() if stamp is not None}
+
+
+def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> bool:
+    """Whether what follows the seconds and a mark is nanoseconds without zeros in front, and no fraction."""
+    groups = {path: digits for path, (_, between, digits) in split.items() if between == mark}
+    odd = next((path for path, digits in groups.items() if len(digits) not in PADDED), None)
+    if odd is None:
+        return False
+    longest = max(map(len, groups.values()))
+    padded = any(len(digits) > 1 and digits.startswith("0") for digits in groups.values())
+    if mark == ".":  # a decimal point: its fraction may have any length, but one of nine digits is ROS's
+        return longest == 9 and not padded
+    if longest <= 6 or padded:
+        raise InputError(
+            f"{odd}: found {len(groups[odd])} digits after the seconds, needed 3, 6 or 9 in every name, or "
+            "nanoseconds without zeros in front"
+        )
+    return True
+
+
+def _plain_stamp_s(name: str) -> float | None:
+    """A name that is a decimal number, or the last whole Unix time in it."""
     if PLAIN_SECONDS.fullmatch(name):
         return float(name)
-    if found := SPLIT_SECONDS.findall(name):
-        seconds, fraction = found[-1]
-        return float(f"{seconds}.{fraction}")
     if found := WHOLE_UNITS.findall(name):
-        digits = found[-1]
-        return int(digits) / 10.0 ** (len(digits) - 10)
+        return int(found[-1]) / 10.0 ** (len(found[-1]) - 10)
     return None
 
 
 def by_time(*sides: Sequence[Path]) -> bool:
     """Whether every name holds a time."""
-    return all(stamp_s(stem(path)) is not None for side in sides for path in side)
+    return all(len(stamps_s(side)) == len(set(side)) for side in sides)
 
 
 def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> dict[Path, Path]:
@@ -48,13 +83,14 @@ def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> d
     By time, two files belong together if each is the nearest of the other, within `max_gap_s`.
 
     Raises:
-        InputError: two files of one side have the same name.
+        InputError: two files of one side have the same name, or a time in a name is not clear.
     """
     if not by_time(clouds, others):
         named = _by_name(others)
         return {cloud: named[name] for name, cloud in _by_name(clouds).items() if name in named}
     cloud_stamps, other_stamps = (
-        np.array([stamp_s(stem(p)) for p in side], dtype=float) for side in (clouds, others)
+        np.array([stamps[path] for path in side])
+        for side, stamps in ((clouds, stamps_s(clouds)), (others, stamps_s(others)))
     )
     nearest_other = _nearest(cloud_stamps, other_stamps)
     nearest_cloud = _nearest(other_stamps, cloud_stamps)

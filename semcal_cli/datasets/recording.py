@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,8 +38,15 @@ class Cloud:
     """(N,) ids."""
 
 
-Conversion: TypeAlias = Callable[[], Cloud]
-"""Makes a cloud that no file of the data set holds as a drive needs it."""
+@dataclass(frozen=True)
+class Conversion:
+    """Makes a cloud that no file of the data set holds as a drive needs it."""
+
+    cloud: Callable[[], Cloud]
+    has_labels: bool
+    """Whether the cloud comes with labels that are to be written."""
+    source: Path | None
+    """The file of the same points in the same order; None: there is none, so that no file of labels can fit."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +56,7 @@ class SourceFrame:
     name: str
     """Number or name in the data set."""
     points: Path | Conversion
+    """The file of the cloud, or what makes it."""
     point_labels: Path | None = None
     image_labels: Path | None = None
     image: Path | None = None
@@ -60,6 +68,19 @@ class SourceFrame:
     """How fast the rig moves."""
     T_camera_lidar: Pose | None = None
     """Reference of this frame alone, where motion between sweep and picture is in it."""
+    label_names: tuple[str, ...] = ()
+    """Names, without suffix, of label files of this data set that do not follow from the frame's files."""
+
+    @property
+    def cloud_file(self) -> Path | None:
+        """The file that holds the points in their order, if there is one."""
+        return self.points.source if isinstance(self.points, Conversion) else self.points
+
+    @property
+    def has_point_labels(self) -> bool:
+        """Whether its points have labels, in a file or by the conversion."""
+        converted = isinstance(self.points, Conversion) and self.points.has_labels
+        return converted or self.point_labels is not None
 
 
 @dataclass(frozen=True)
@@ -76,5 +97,7 @@ class Recording:
     """The `lidar:` block of a drive, if the scan pattern is known."""
     point_classes: Ontology | None = None
     image_classes: Ontology | None = None
+    ids_in_red: bool = False
+    """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
     remarks: tuple[str, ...] = ()
     """What the user should know, a sentence each."""

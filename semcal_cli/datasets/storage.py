@@ -1,12 +1,14 @@
-"""OpenCV's FileStorage as YAML or JSON. OpenCV's own parser aborts the process on many a damaged file.
+"""OpenCV's FileStorage as YAML, JSON or XML. OpenCV's own parser aborts the process on many a damaged file.
 
 Its YAML (modules/core/src/persistence_yml.cpp) is YAML but for the first line, `%YAML:1.0`, tags on matrices, and, by
-older versions, no space after a key's colon.
+older versions, no space after a key's colon. Its XML (persistence_xml.cpp) has a key as an element, an item of a
+sequence as an element `_`, and numbers with blanks between.
 """
 
 from __future__ import annotations
 
 import re
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,11 +19,13 @@ from semcal_cli.errors import InputError
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
 MATRIX_TAG = re.compile(r"!!opencv-\w+|!<tag:[^>\n]*>")
 TIGHT_COLON = re.compile(r"^(\s*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE)
+DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 def is_storage(text: str) -> bool:
     """Whether a text was written by OpenCV."""
-    return text.lstrip().startswith(("%YAML:", "<?xml")) or "opencv-matrix" in text
+    return text.lstrip().startswith(("%YAML:", "<")) or "opencv-matrix" in text
 
 
 class Storage:
@@ -29,12 +33,8 @@ class Storage:
 
     def __init__(self, path: Path):
         text = read_text(path)
-        if text.lstrip().startswith("<"):
-            raise InputError(f"{path}: found XML, needed a FileStorage in YAML or JSON")
-        for pattern, replacement in ((FIRST_LINE, ""), (MATRIX_TAG, ""), (TIGHT_COLON, r"\1: ")):
-            text = pattern.sub(replacement, text)
         self.path = path
-        self.document = parse_document(text, path)
+        self.document = _parse_xml(text, path) if text.lstrip().startswith("<") else _parse_yaml(text, path)
 
     def numbers(self, *keys: str) -> list[float]:
         """The numbers of a matrix or a list, in order; of a number, itself.
@@ -87,3 +87,50 @@ class Storage:
         if others or not value.is_integer():
             raise InputError(f"{self.path}: {names[0]}: found {value}, needed a whole number")
         return int(value)
+
+
+def _parse_yaml(text: str, path: Path) -> dict[Any, Any]:
+    """Parse YAML or JSON."""
+    for pattern, replacement in ((FIRST_LINE, ""), (MATRIX_TAG, ""), (TIGHT_COLON, r"\1: ")):
+        text = pattern.sub(replacement, text)
+    return parse_document(text, path)
+
+
+def _parse_xml(text: str, path: Path) -> dict[Any, Any]:
+    """Parse XML that declares nothing of its own, so that no small file can grow into a large document."""
+    if found := DECLARATION.search(text):
+        raise InputError(f"{path}: found <!{found.group(1)}, needed XML without declarations")
+    try:
+        root = ET.fromstring(text.lstrip())
+        document = _node(root)
+    except ET.ParseError as error:
+        raise InputError(f"{path}: line {error.position[0]}: found no well-formed XML, needed it") from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path}: {_xml_reason(error)}") from None
+    if root.tag != "opencv_storage" or not isinstance(document, dict):
+        raise InputError(
+            f"{path}: found XML of {describe(root.tag)}, needed 'opencv_storage' with keys in it"
+        )
+    return document
+
+
+def _node(element: ET.Element) -> Any:
+    """A mapping, a list, a text, or one number or several."""
+    if len(element):
+        if all(child.tag == "_" for child in element):
+            return [_node(child) for child in element]
+        keys = [child.tag for child in element]
+        if len(set(keys)) < len(keys):
+            repeated = next(key for key in keys if keys.count(key) > 1)
+            raise ValueError(f"key {describe(repeated)} is given twice")
+        return {child.tag: _node(child) for child in element}
+    text = (element.text or "").strip()
+    words = text.split()
+    if not words or not all(NUMBER.fullmatch(word) for word in words):
+        return text.strip('"')
+    values = [float(word) for word in words]
+    return values if len(values) > 1 else values[0]
+
+
+def _xml_reason(error: Exception) -> str:
+    return "nested too deeply" if isinstance(error, RecursionError) else str(error)

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.datasets.choice import Choice, most_varied, narrowed
-from semcal_cli.datasets.labels import converted, labelled, with_labels
+from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
 from semcal_cli.datasets.pictures import holds_colors
-from semcal_cli.datasets.recording import Recording, SourceFrame
+from semcal_cli.datasets.recording import Conversion, Recording, SourceFrame
 from semcal_cli.documents import document_text, write_bytes, write_text
 from semcal_cli.drive import DRIVE_FILE, Drive
 from semcal_cli.errors import InputError
@@ -67,11 +67,11 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
     document = _document(recording, path)
     validate(Drive, document, path)
     _make_folder(path.parent)
-    copies = [frame for frame in chosen if converted(frame)]
-    for frame in copies:
-        _write_cloud(frame, path.parent)
+    conversions = {f.name: f.points for f in chosen if isinstance(f.points, Conversion)}
+    for name, conversion in conversions.items():
+        _write_cloud(name, conversion, path.parent)
     write_text(document_text(document, "yaml"), path)
-    return Written(path, len(chosen), len(copies), (*recording.remarks, *_spread_remarks(chosen)))
+    return Written(path, len(chosen), len(conversions), (*recording.remarks, *_motion_remarks(chosen)))
 
 
 def _make_drive(recording: Recording, path: Path) -> Drive:
@@ -89,7 +89,16 @@ def _with_options(recording: Recording, options: Options) -> Recording:
         recording = replace(recording, image_classes=read_ontology(options.image_classes))
     if options.point_classes:
         recording = replace(recording, point_classes=read_ontology(options.point_classes))
+    if recording.image_classes and recording.ids_in_red:
+        recording = replace(recording, image_classes=_in_red(recording.image_classes, options))
     return recording
+
+
+def _in_red(table: Ontology, options: Options) -> Ontology:
+    try:
+        return table.in_red()
+    except InputError as error:
+        raise InputError(f"--image-classes: {options.image_classes}: {error}") from None
 
 
 def _document(recording: Recording, path: Path) -> dict[str, Any]:
@@ -107,13 +116,13 @@ def _document(recording: Recording, path: Path) -> dict[str, Any]:
 
 def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:
     document: dict[str, Any] = {}
-    if isinstance(frame.points, Path):
-        paths = {"points": frame.points, "point_labels": frame.point_labels}
-        document = {key: _relative(path, folder) for key, path in paths.items() if path}
-    else:
-        document = dict(zip(("points", "point_labels"), _copies(frame), strict=True))
-    pictures = {"image_labels": frame.image_labels, "image": frame.image}
-    document |= {key: _relative(path, folder) for key, path in pictures.items() if path}
+    if isinstance(frame.points, Conversion):
+        copies = dict(zip(("points", "point_labels"), _copies(frame.name), strict=True))
+        document = copies if frame.points.has_labels else {"points": copies["points"]}
+    for key in ("points", "point_labels", "image_labels", "image"):
+        path = getattr(frame, key)
+        if isinstance(path, Path):
+            document[key] = _relative(path, folder)
     stamps = {"points_stamp": frame.points_stamp, "image_stamp": frame.image_stamp}
     return document | {key: float(stamp) for key, stamp in stamps.items() if stamp is not None}
 
@@ -145,7 +154,7 @@ def _reference(recording: Recording) -> Pose | None:
     return nearest_rigid(np.mean(poses, axis=0))
 
 
-def _spread_remarks(frames: Sequence[SourceFrame]) -> list[str]:
+def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
     """Say how far the transforms of single frames are from their mean."""
     poses = [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
     if len(poses) < 2:
@@ -159,20 +168,21 @@ def _spread_remarks(frames: Sequence[SourceFrame]) -> list[str]:
     ]
 
 
-def _write_cloud(frame: SourceFrame, folder: Path) -> None:
-    assert not isinstance(frame.points, Path)
-    cloud = frame.points()
-    points, labels = (folder / name for name in _copies(frame))
-    for path in (points, labels):
-        _make_folder(path.parent)
-    if cloud.labels is not None:
+def _write_cloud(name: str, conversion: Conversion, folder: Path) -> None:
+    cloud = conversion.cloud()
+    points, labels = (folder / copy for copy in _copies(name))
+    if conversion.has_labels:
+        if cloud.labels is None:
+            raise InputError(f"{conversion.source or name}: found points without labels, needed a label each")
+        _make_folder(labels.parent)
         write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
+    _make_folder(points.parent)
     write_bytes(cloud.points.astype("<f4").tobytes(), points)
 
 
-def _copies(frame: SourceFrame) -> tuple[str, str]:
-    """Names of a converted cloud and its labels."""
-    return f"points/{frame.name}.bin", f"point_labels/{frame.name}.label"
+def _copies(name: str) -> tuple[str, str]:
+    """Names of the converted cloud of a frame and its labels."""
+    return f"points/{name}.bin", f"point_labels/{name}.label"
 
 
 def _relative(path: Path, folder: Path) -> str:

@@ -45,6 +45,22 @@ class Ontology(StrictModel):
         """Colour of each name, as the `palette:` block of a drive has it; empty if there are none."""
         return {name: list(named.color) for name, named in self.classes.items() if named.color}
 
+    def in_red(self) -> Ontology:
+        """Colour the classes as pictures do whose red is the id, and whose green and blue are 0.
+
+        Raises:
+            InputError: a class has several ids, which would be several colours.
+        """
+        classes = {}
+        for name, named in self.classes.items():
+            if len(named.ids) != 1:
+                raise InputError(
+                    f"class {name!r}: found {len(named.ids)} ids, needed one: "
+                    "the label images are colours, and a palette has one colour a class"
+                )
+            classes[name] = NamedClass(ids=named.ids, color=(named.ids[0], 0, 0))
+        return Ontology(ignore=self.ignore, classes=classes)
+
 
 def ontology_names() -> list[str]:
     """Names of the tables that ship."""
