@@ -81,15 +81,38 @@ def parse_document(text: str, path: Path) -> dict[Any, Any]:
     Raises:
         InputError: the text is not well-formed, or holds something else.
     """
+    document = _parse(text, path)
+    if not isinstance(document, dict):
+        raise InputError(f"{path}: found {describe(document)}, needed a mapping")
+    return document
+
+
+def read_list(path: Path) -> list[dict[Any, Any]]:
+    """Read a list of mappings from a JSON file (by its suffix) or a YAML file.
+
+    Raises:
+        InputError: there is no such file, it is not UTF-8 or not well-formed, or holds something else.
+    """
+    document = _parse(read_text(path), path)
+    if not isinstance(document, list):
+        raise InputError(f"{path}: found {describe(document)}, needed a list of mappings")
+    for index, item in enumerate(document):
+        if not isinstance(item, dict):
+            raise InputError(f"{path}: [{index}]: found {describe(item)}, needed a mapping")
+    return document
+
+
+def _parse(text: str, path: Path) -> Any:
     try:
         document = _parse_json(text) if path.suffix.lower() == ".json" else yaml.load(text, _Loader)
+        # Only an escape can stand for a lone surrogate.
+        texts = _texts(document) if "\\" in text else iter(())
+        text_found = next(filter(_is_no_text, texts), None)
     except RecursionError:
         raise InputError(f"{path}: nested too deeply") from None
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         raise InputError(f"{path}: {_reason(error)}") from None
-    if not isinstance(document, dict):
-        raise InputError(f"{path}: found {describe(document)}, needed a mapping")
-    if (text_found := next(filter(_is_no_text, _texts(document)), None)) is not None:
+    if text_found is not None:
         raise InputError(f"{path}: found {ascii(text_found)[:60]}, needed text without lone surrogates")
     return document
 
@@ -251,6 +274,8 @@ def _reason(error: Exception) -> str:
             return line + ", ".join(filter(None, (error.context, error.problem)))
         case yaml.reader.ReaderError():
             return f"character {error.position} is a control character"
+    if "set_int_max_str_digits" in str(error):  # Python's advice to programmers
+        return "found a whole number of too many digits"
     return str(error)
 
 

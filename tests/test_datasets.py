@@ -520,7 +520,12 @@ def test_what_is_not_there_is_named_with_what_is(
             "P2: 1",
             "found keys P2, needed Tr, or R0_rect and Tr_velo_to_cam",
         ),
-        ("kitti-odometry", "sequences/00/times.txt", "0 x", "line 2: found 'x', needed 1 numbers"),
+        (
+            "kitti-odometry",
+            "sequences/00/times.txt",
+            "0 x",
+            "line 2: found 'x', needed 1 numbers, all finite",
+        ),
         (
             "kitti-raw",
             "2011_09_26/2011_09_26_drive_0001_sync/image_02/timestamps.txt",
@@ -536,7 +541,12 @@ def test_what_is_not_there_is_named_with_what_is(
         ("nuscenes", "v1.0-mini/ego_pose.json", "[]", "found no row with token 'e0', needed one"),
         ("nuscenes", "v1.0-mini/scene.json", "{}", "found a mapping, needed a list of mappings"),
         ("nuscenes", "samples/LIDAR_TOP/a__LIDAR_TOP__1.pcd.bin", None, "no such file or folder"),
-        ("carla", "sensors.json", '[{"type": "sensor.x"}]', "sensor None: x: found nothing, needed a number"),
+        (
+            "carla",
+            "sensors.json",
+            '[{"type": "sensor.lidar.ray_cast", "id": "a"}]',
+            "sensor 'a': x: found nothing, needed a number",
+        ),
     ],
 )
 def test_a_wrong_file_is_named(

@@ -7,7 +7,6 @@ left-handed frame (x forward, y right, z up), so that clouds are written anew wi
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,14 +15,17 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.datasets.files import files_by_stem, pick
+from semcal_cli.datasets.files import inside, need_file, numbered_files, pick
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
-from semcal_cli.documents import describe, read_text
+from semcal_cli.datasets.values import MAX_MOUNT_M, number, picture_side
+from semcal_cli.documents import describe, read_list
 from semcal_cli.errors import InputError
 from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
 from semcal_cli.selection import evenly_spaced
 
+PLACES, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
+FOV_DEG = 0.1, 179.9
 SEGMENTATION, PICTURE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
@@ -47,7 +49,8 @@ class Sensor:
 def read(request: Request) -> Recording:
     """Find the frames that a segmentation camera and a LiDAR share."""
     ontology = read_ontology(_table(request.version))
-    rig = _read_rig(request.root / "sensors.json")
+    sensors = request.root / "sensors.json"
+    rig = _read_rig(sensors)
     cameras = [sensor.name for sensor in rig if sensor.type == SEGMENTATION]
     camera = _named(rig, pick("camera", request.camera, cameras, request.root))
     lidar = _named(rig, pick("LiDAR", None, _lidars(rig), request.root))
@@ -55,7 +58,7 @@ def read(request: Request) -> Recording:
     if not frames:
         raise InputError(f"{request.root}: found no frame that {camera.name} and {lidar.name} share")
     return Recording(
-        camera=_pinhole(request.root / "sensors.json", camera),
+        camera=_pinhole(sensors, camera),
         frames=frames,
         T_camera_lidar=_camera_from_vehicle(camera) @ lidar.T_vehicle_sensor,
         point_classes=ontology if lidar.type == SEMANTIC_LIDAR else None,
@@ -96,30 +99,27 @@ def _table(version: str | None) -> str:
 
 
 def _read_rig(path: Path) -> list[Sensor]:
-    try:
-        document = json.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: {error}") from None
-    if not isinstance(document, list) or not all(isinstance(sensor, dict) for sensor in document):
-        raise InputError(f"{path}: found {describe(document)}, needed a list of sensors")
+    """The sensors that data sets are made of: others, as of speed, have no place."""
+    kinds = (SEGMENTATION, PICTURE, LIDAR, SEMANTIC_LIDAR)
     return [
-        _sensor(path, settings) for settings in document if str(settings.get("type")).startswith("sensor.")
+        _sensor(path, index, settings)
+        for index, settings in enumerate(read_list(path))
+        if settings.get("type") in kinds
     ]
 
 
-def _sensor(path: Path, settings: dict[str, Any]) -> Sensor:
-    name = str(settings.get("id"))
-    placed = [_number(path, settings, key) for key in ("x", "y", "z", "roll", "pitch", "yaw")]
-    return Sensor(name, str(settings["type"]), pose_from_unreal(*placed), settings)
+def _sensor(path: Path, index: int, settings: dict[str, Any]) -> Sensor:
+    name = settings.get("id")
+    inside(path.parent, name, f"{path}: [{index}].id")
+    places = [
+        number(_key(path, settings, key), settings.get(key), -MAX_MOUNT_M, MAX_MOUNT_M) for key in PLACES
+    ]
+    angles = [number(_key(path, settings, key), settings.get(key)) for key in ANGLES]
+    return Sensor(str(name), settings["type"], pose_from_unreal(*places, *angles), settings)
 
 
-def _number(path: Path, settings: dict[str, Any], key: str) -> float:
-    value = settings.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise InputError(
-            f"{path}: sensor {settings.get('id')!r}: {key}: found {describe(value)}, needed a number"
-        )
-    return float(value)
+def _key(path: Path, settings: dict[str, Any], key: str) -> str:
+    return f"{path}: sensor {describe(settings['id'])}: {key}"
 
 
 def _lidars(rig: list[Sensor]) -> list[str]:
@@ -141,10 +141,12 @@ def _camera_from_vehicle(camera: Sensor) -> Pose:
 
 def _pinhole(path: Path, camera: Sensor) -> dict[str, Any]:
     """The renderer's pinhole: the optical axis meets the picture's middle, which lies between pixel centres."""
-    width, height, fov_deg = (_number(path, camera.settings, key) for key in ("width", "height", "fov"))
+    where = {key: _key(path, camera.settings, key) for key in ("width", "height", "fov")}
+    width, height = (picture_side(where[key], camera.settings.get(key)) for key in ("width", "height"))
+    fov_deg = number(where["fov"], camera.settings.get("fov"), *FOV_DEG)
     focal = 0.5 * width / float(np.tan(np.radians(0.5 * fov_deg)))
     K = [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]]
-    return {"model": "plumb_bob", "width": int(width), "height": int(height), "K": K}
+    return {"model": "plumb_bob", "width": width, "height": height, "K": K}
 
 
 def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> list[SourceFrame]:
@@ -157,7 +159,7 @@ def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> lis
         SourceFrame(
             name=cloud.stem,
             points=Conversion(
-                partial(_convert, cloud), has_labels=lidar.type == SEMANTIC_LIDAR, source=cloud
+                partial(_convert, cloud), has_labels=lidar.type == SEMANTIC_LIDAR, file=cloud, in_order=True
             ),
             image_labels=image_labels[number],
             image=images.get(number),
@@ -177,13 +179,13 @@ def _looks_alike(other: Sensor, camera: Sensor) -> bool:
 
 
 def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
-    files = files_by_stem(folder, *suffixes)
-    return dict(sorted((int(stem), path) for stem, path in files.items() if stem.isdigit()))
+    files = numbered_files(folder, *suffixes)
+    return dict(sorted((int(stem), path) for stem, path in files.items()))
 
 
 def _convert(path: Path) -> Cloud:
     """Mirror a cloud into a right-handed frame; `ObjTag` becomes the label."""
-    (cloud,) = _core.read_point_clouds([(path, None)])
+    (cloud,) = _core.read_point_clouds([(need_file(path), None)])
     points = np.zeros((len(cloud.points), 4), dtype=np.float32)
     points[:, :3] = cloud.points * np.array([1.0, -1.0, 1.0], np.float32)
     if cloud.intensity is not None:

@@ -57,14 +57,18 @@ def narrowed(recording: Recording, choice: Choice) -> Recording:
     return replace(recording, frames=frames, remarks=tuple(remarks))
 
 
-def most_varied(drive: Drive, sources: Sequence[SourceFrame], choice: Choice) -> Sequence[int]:
+def most_varied(drive: Drive, recording: Recording, choice: Choice) -> Sequence[int]:
     """Indices of the frames whose label images differ most; all if `spread` was not asked for.
 
     Args:
         drive: The drive that all frames would make; its folder need not be there yet.
-        sources: Its frames, where they lie.
+        recording: Its frames, where they lie.
         choice: How many.
+
+    Raises:
+        InputError: a frame has no label image, or one is wrong.
     """
+    sources = recording.frames
     if not choice.spread:
         return range(len(sources))
     frames = [
@@ -73,7 +77,8 @@ def most_varied(drive: Drive, sources: Sequence[SourceFrame], choice: Choice) ->
         if source.image_labels
     ]
     if len(frames) < len(sources):
-        raise InputError("--spread: found frames without label images, needed --image-labels")
+        needed = f"--image-labels {recording.labels_by}"
+        raise InputError(f"--spread: found frames without label images, needed {needed}")
     chosen = select_frames(
         drive.model_copy(update={"frames": tuple(frames)}), choice.max_frames or SPREAD_FRAMES
     )

@@ -4,35 +4,69 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from pathlib import Path
 
-import numpy as np
-
-from semcal_cli.documents import read_text
+from semcal_cli.documents import describe, is_folder, read_bytes
 from semcal_cli.errors import InputError
-from semcal_cli.poses import Vector
 
 MAX_LISTED = 8
+MAX_LISTED_LENGTH = 40
 
 
-def need(path: Path) -> Path:
-    """Give the path of a file or folder that is there.
+def need_file(path: Path) -> Path:
+    """Give the path of a regular file that is there.
 
     Raises:
-        InputError: it is not, or its name is none that a file may have.
+        InputError: it is not, or it cannot be read.
     """
+    read_bytes(path, 0)
+    return path
+
+
+def need_folder(path: Path) -> Path:
+    """Give the path of a folder that is there.
+
+    Raises:
+        InputError: it is not, or its name is none that a folder may have.
+    """
+    if is_folder(path):
+        return path
     try:
-        there = path.exists()
+        path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{path}: no such file or folder") from None
     except OSError as error:
         raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None
-    if not there:
-        raise InputError(f"{path}: no such file or folder")
-    return path
+    raise InputError(f"{path}: found a file, needed a folder")
+
+
+def inside(root: Path, name: object, where: str) -> Path:
+    """Locate what a data set's own table names, which lies inside its folder; it need not be there.
+
+    Raises:
+        InputError: the name is none that a file inside `root` may have.
+    """
+    path = Path(name) if isinstance(name, str) else Path()
+    if path == Path() or path.is_absolute() or ".." in path.parts or not _is_writable(str(name)):
+        raise InputError(f"{where}: found {describe(name)}, needed a name inside {root}")
+    return root / path
+
+
+def writable_name(path: Path, name: str) -> str:
+    """Give the name that a drive.yaml shall have for a file.
+
+    Raises:
+        InputError: it is not text.
+    """
+    if not _is_writable(name):
+        raise InputError(f"{str(path)!a}: found name {name!a}, needed UTF-8")
+    return name
 
 
 def folders(root: Path) -> list[str]:
     """Names of the folders in a folder, sorted."""
-    return sorted(path.name for path in need(root).iterdir() if path.is_dir())
+    return [path.name for path in _content(root) if is_folder(path)]
 
 
 def files_by_stem(folder: Path, *suffixes: str) -> dict[str, Path]:
@@ -42,69 +76,68 @@ def files_by_stem(folder: Path, *suffixes: str) -> dict[str, Path]:
         InputError: there is no such folder.
     """
     found: dict[str, Path] = {}
+    content = _content(folder)
     for suffix in suffixes:
-        for path in sorted(need(folder).glob(f"*{suffix}")):
-            found.setdefault(path.name.removesuffix(suffix), path)
+        for path in content:
+            if path.name.endswith(suffix):
+                found.setdefault(path.name.removesuffix(suffix), path)
     return dict(sorted(found.items()))
 
 
-def pick(kind: str, wanted: str | None, known: Sequence[str], where: Path) -> str:
-    """Choose one of what there is: the one that is wanted, or the only one.
+def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
+    """Those of `files_by_stem` that are named by a number in plain digits."""
+    files = files_by_stem(folder, *suffixes)
+    return {stem: path for stem, path in files.items() if stem.isascii() and stem.isdecimal()}
+
+
+def pick(
+    kind: str, wanted: str | None, known: Sequence[str], where: Path, *, usual: str | None = None
+) -> str:
+    """Choose one of what there is: the one that is wanted; if none is, the usual one, or the only one.
 
     Raises:
         InputError: it is not there, or there are several and none is wanted.
     """
-    if wanted in known:
-        return str(wanted)
-    if wanted is None and len(known) == 1:
+    choice = usual if wanted is None else wanted
+    if choice in known:
+        return str(choice)
+    if choice is None and len(known) == 1:
         return known[0]
-    found = "none given" if wanted is None else f"found {wanted!r}"
-    raise InputError(f"{where}: {kind}: {found}, needed {_one_of(wanted or '', known)}")
+    found = "none given" + (f", and no {usual}" if usual else "") if wanted is None else f"found {wanted!r}"
+    raise InputError(f"{where}: {kind}: {found}, needed {one_of(choice or '', known)}")
 
 
-def read_keyed(path: Path) -> dict[str, str]:
-    """Read `key: values` lines, as KITTI's calibration files have them.
-
-    Raises:
-        InputError: there is no such file, or it is no text.
-    """
-    lines = (line.partition(":") for line in read_text(path).splitlines())
-    return {key.strip(): values.strip() for key, colon, values in lines if colon}
-
-
-def numbers(path: Path, keyed: dict[str, str], key: str, *counts: int) -> Vector:
-    """Give the finite numbers (count,) under a key of a file that `read_keyed` read.
-
-    Raises:
-        InputError: the key is missing, or holds something else.
-    """
-    if key not in keyed:
-        raise InputError(f"{path}: found no key {key!r}, needed {_one_of(key, list(keyed))}")
-    return parse_numbers(path, key, keyed[key], *counts)
-
-
-def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
-    """Parse the finite numbers (count,) of a text.
-
-    Raises:
-        InputError: the text holds something else.
-    """
-    needed = " or ".join(map(str, counts))
-    try:
-        values = np.array([float(word) for word in text.split()])
-    except ValueError:
-        raise InputError(f"{path}: {key}: found {text[:40]!r}, needed {needed} numbers") from None
-    if len(values) not in counts or not np.isfinite(values).all():
-        raise InputError(f"{path}: {key}: found {len(values)} numbers, needed {needed}, all finite")
-    return values
-
-
-def _one_of(wanted: str, known: Iterable[str]) -> str:
+def one_of(wanted: str, known: Iterable[str]) -> str:
     """List what there is, the nearest first, if it is much."""
     names = list(known)
     if not names:
         return "one, but there is none"
     if len(names) > MAX_LISTED:
         near = difflib.get_close_matches(wanted, names, n=MAX_LISTED, cutoff=0.0)
-        return f"one of {len(names)}, nearest: {', '.join(near)}"
-    return f"one of: {', '.join(names)}" if len(names) > 1 else names[0]
+        return f"one of {len(names)}, nearest: {', '.join(map(_cut, near))}"
+    return f"one of: {', '.join(map(_cut, names))}" if len(names) > 1 else _cut(names[0])
+
+
+def listed(names: Iterable[object]) -> str:
+    """List the first of what was found in a file."""
+    first = [_cut(str(name)) for name in names]
+    more = [f"and {len(first) - MAX_LISTED:,} more"] if len(first) > MAX_LISTED else []
+    return ", ".join(first[:MAX_LISTED] + more) or "none"
+
+
+def _cut(name: str) -> str:
+    return name if len(name) <= MAX_LISTED_LENGTH else f"{name[: MAX_LISTED_LENGTH - 3]}..."
+
+
+def _content(folder: Path) -> list[Path]:
+    try:
+        return sorted(need_folder(folder).iterdir())
+    except OSError as error:
+        raise InputError(f"{folder}: {(error.strerror or str(error)).lower()}") from None
+
+
+def _is_writable(name: str) -> bool:
+    """Whether a drive.yaml, which is UTF-8, can hold a name."""
+    with suppress(UnicodeEncodeError):
+        return b"\0" not in name.encode("utf-8")
+    return False

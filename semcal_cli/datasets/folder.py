@@ -6,12 +6,17 @@ import glob
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s, stem
 from semcal_cli.datasets.recording import Recording, SourceFrame
+from semcal_cli.datasets.values import rigid
+from semcal_cli.drive import drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.poses import Pose
+from semcal_cli.validation import MAX_TRANSLATION_M
 
 
 @dataclass(frozen=True)
@@ -80,6 +85,8 @@ def read(folder: Folder) -> Recording:
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
         T_camera_lidar=_reference(folder.reference),
         remarks=(*point_labels.remarks, *image_labels.remarks, *images.remarks),
+        read=(folder.camera_info, *([drive_file(folder.reference)] if folder.reference else [])),
+        labels_by="GLOB",
     )
 
 
@@ -109,4 +116,7 @@ def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: f
 
 
 def _reference(path: Path | None) -> Pose | None:
-    return None if path is None else read_transform(path)
+    if path is None:
+        return None
+    with np.errstate(all="ignore"):
+        return rigid(f"{path}", read_transform(path), MAX_TRANSLATION_M)

@@ -1,7 +1,7 @@
 """Intrinsics from what calibration tools write: a ROS camera_info, a Kalibr camchain, an OpenCV FileStorage.
 
-Each becomes the `camera:` block of a drive, whose counts and values are checked there. It is the camera of the raw
-pictures: of a camera_info K and D are taken, not R and P, which belong to the rectified ones.
+Each becomes the `camera:` block of a drive. It is the camera of the raw pictures: of a camera_info K and D are taken,
+not R and P, which belong to the rectified ones.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 
 from semcal_cli.datasets.files import pick
 from semcal_cli.datasets.storage import Storage, is_storage
+from semcal_cli.datasets.values import camera_block, number, picture_side
 from semcal_cli.documents import describe, parse_document, read_text
 from semcal_cli.drive import DISTORTION_COUNTS, PARAMETERS
 from semcal_cli.errors import InputError
@@ -35,6 +36,19 @@ OPENCV_MODELS = {
     14: "thin_prism",
 }
 """By the count of coefficients, if the lens is no fisheye."""
+NAMES = {
+    "K": ("camera_matrix", "cameraMatrix", "CameraMatrix", "K", "k"),
+    "distortion": ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d"),
+    "width": ("image_width", "width"),
+    "height": ("image_height", "height"),
+}
+"""What ROS and OpenCV call the keys of a camera block, the first that is there."""
+KALIBR_KEYS = {"K": "intrinsics", "distortion": "distortion_coeffs", "parameters": "intrinsics"}
+MEI_KEYS = {
+    "K": "projection_parameters",
+    "distortion": "distortion_parameters",
+    "parameters": "mirror_parameters",
+}
 DOCUMENT_END = re.compile(r"^---[ \t]*$")
 KNOWN_AS = (
     "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
@@ -52,24 +66,30 @@ def read_intrinsics(path: Path, camera: str | None = None, model: str | None = N
     Raises:
         InputError: the file is of no known kind, a key is missing or wrong, or `camera` or `model` does not fit.
     """
-    block = _read(path, camera, model)
-    return block if model is None else _with_model(path, block, model)
+    block, keys = _read(path, camera, model)
+    return camera_block(path, block if model is None else _with_model(path, block, model), keys)
 
 
-def _read(path: Path, camera: str | None, model: str | None) -> dict[str, Any]:
+def _read(path: Path, camera: str | None, model: str | None) -> tuple[dict[str, Any], dict[str, str]]:
+    """The block, unchecked, and the file's own names of its keys."""
     text = read_text(path)
     if is_storage(text):
         _refuse_camera(path, camera)
-        return _opencv(path, model)
+        storage = Storage(path)
+        if "mirror_parameters" in storage.document:
+            return _mei(storage), MEI_KEYS
+        return _opencv(storage, model), _names(storage.document)
     document = parse_document(_first_document(text), path)
-    chain = [
-        str(key) for key, value in document.items() if isinstance(value, dict) and "camera_model" in value
-    ]
+    chain = {
+        str(key): value
+        for key, value in document.items()
+        if isinstance(value, dict) and "camera_model" in value
+    }
     if chain:
-        return _kalibr(path, document[pick("camera", camera, chain, path)])
+        return _kalibr(path, chain[pick("camera", camera, list(chain), path)]), KALIBR_KEYS
     if "distortion_model" in document:
         _refuse_camera(path, camera)
-        return _ros(path, document)
+        return _ros(path, document), _names(document)
     keys = ", ".join(describe(key) for key in list(document)[:5]) or "none"
     raise InputError(f"{path}: found top-level keys {keys}, needed {KNOWN_AS}")
 
@@ -107,7 +127,7 @@ def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]
 
 def read_mei(path: Path) -> dict[str, Any]:
     """Read the omnidirectional camera of Mei and Rives as camodocal and KITTI-360 write it."""
-    return _mei(Storage(path))
+    return camera_block(path, _mei(Storage(path)), MEI_KEYS)
 
 
 def _mei(storage: Storage) -> dict[str, Any]:
@@ -116,8 +136,8 @@ def _mei(storage: Storage) -> dict[str, Any]:
     )
     return {
         "model": "omnidirectional",
-        "width": storage.whole_number("image_width"),
-        "height": storage.whole_number("image_height"),
+        "width": storage.side("image_width"),
+        "height": storage.side("image_height"),
         "K": _intrinsic_matrix(fx, fy, cx, cy),
         "distortion": [storage.number("distortion_parameters", key) for key in ("k1", "k2", "p1", "p2")],
         "parameters": {"xi": storage.number("mirror_parameters", "xi")},
@@ -161,7 +181,7 @@ def _refuse_parts(path: Path, document: dict[Any, Any], width: Any, height: Any)
         for key, needed in values.items():
             if node.get(key, 0) not in needed:
                 raise InputError(
-                    f"{path}: {where}{key}: found {describe(node[key])}, needed {' or '.join(map(str, needed))}: "
+                    f"{path}: {where}{key}: found {describe(node[key])}, needed {' or '.join(map(describe, needed))}: "
                     "K is for the full picture"
                 )
 
@@ -171,9 +191,9 @@ def _kalibr(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
     read = _KALIBR_MODELS.get(str(camera["camera_model"]))
     if read is None:
         raise _unknown(path, "camera_model", camera["camera_model"], _KALIBR_MODELS)
-    resolution = _numbers(path, camera, "resolution", 2)
-    block = {"width": int(resolution[0]), "height": int(resolution[1])}
-    return block | read(path, camera)
+    sides = _numbers(path, camera, "resolution", 2)
+    width, height = (picture_side(f"{path}: resolution", side) for side in sides)
+    return {"width": width, "height": height} | read(path, camera)
 
 
 def _kalibr_pinhole(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
@@ -213,19 +233,16 @@ _KALIBR_MODELS: dict[str, Callable[[Path, dict[Any, Any]], dict[str, Any]]] = {
 }
 
 
-def _opencv(path: Path, model: str | None) -> dict[str, Any]:
-    """What OpenCV's calibration samples write, and their usual variants; or camodocal's MEI camera."""
-    storage = Storage(path)
-    if "mirror_parameters" in storage.document:
-        return _mei(storage)
+def _opencv(storage: Storage, model: str | None) -> dict[str, Any]:
+    """What OpenCV's calibration samples write, and their usual variants."""
     K = storage.first(("camera_matrix", "cameraMatrix", "CameraMatrix", "K"))
     if len(K) != 9:
-        raise InputError(f"{path}: camera_matrix: found {len(K)} numbers, needed 9 by rows")
+        raise InputError(f"{storage.path}: camera_matrix: found {len(K)} numbers, needed 9 by rows")
     distortion = storage.first(("distortion_coefficients", "distCoeffs", "dist_coeffs", "D"))
     return {
         "model": model or _opencv_model(storage, len(distortion)),
-        "width": storage.whole_number("image_width", "width"),
-        "height": storage.whole_number("image_height", "height"),
+        "width": storage.side("image_width", "width"),
+        "height": storage.side("image_height", "height"),
         "K": [K[0:3], K[3:6], K[6:9]],
         "distortion": distortion,
     }
@@ -246,6 +263,11 @@ def _opencv_model(storage: Storage, num_coefficients: int) -> str:
     return OPENCV_MODELS[num_coefficients]
 
 
+def _names(document: Mapping[Any, Any]) -> dict[str, str]:
+    """The file's own names of the keys of the block."""
+    return {key: next((name for name in names if name in document), key) for key, names in NAMES.items()}
+
+
 def _data(path: Path, document: dict[Any, Any], *names: str) -> Any:
     """A matrix's numbers: under `data`, or directly."""
     value = _first(path, document, *names)
@@ -262,7 +284,7 @@ def _numbers(path: Path, document: dict[Any, Any], name: str, count: int) -> lis
         or any(isinstance(value, bool) or not isinstance(value, int | float) for value in values)
     ):
         raise InputError(f"{path}: {name}: found {describe(values)}, needed {count} numbers")
-    return [float(value) for value in values]
+    return [number(f"{path}: {name}", value) for value in values]
 
 
 def _first(path: Path, document: dict[Any, Any], *names: str) -> Any:

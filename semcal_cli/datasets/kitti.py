@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.datasets.files import numbers, read_keyed
-from semcal_cli.datasets.trajectory import pose_from_rows
+from semcal_cli.datasets.files import listed
+from semcal_cli.datasets.values import camera_block, numbers, read_keyed, rigid, transform
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose
 
@@ -22,49 +22,69 @@ LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25
 """Velodyne HDL-64E, 10 turns a second."""
 
 
-def calibration(path: Path, camera: int) -> tuple[list[list[float]], Pose]:
+def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[str, Any], Pose]:
     """Read a calib.txt of KITTI odometry (`Tr`), or of KITTI object (`R0_rect` and `Tr_velo_to_cam`).
 
     Returns:
-        K of camera k, and its T_camera_lidar.
+        The block of camera k, whose pictures have a size, and its T_camera_lidar.
     """
     keyed = read_keyed(path)
     if "Tr" in keyed:
-        T_camera0_lidar = pose_from_rows(numbers(path, keyed, "Tr", 12))  # rectified already
+        T_camera0_lidar = transform(path, keyed, "Tr")  # rectified already
     elif "Tr_velo_to_cam" in keyed:
-        R0_rect = rotation(numbers(path, keyed, "R0_rect", 9))
-        T_camera0_lidar = R0_rect @ pose_from_rows(numbers(path, keyed, "Tr_velo_to_cam", 12))
+        T_camera0_lidar = rotation(path, keyed, "R0_rect") @ transform(path, keyed, "Tr_velo_to_cam")
     else:
-        raise InputError(
-            f"{path}: found keys {', '.join(keyed) or 'none'}, needed Tr, or R0_rect and Tr_velo_to_cam"
-        )
-    P = numbers(path, keyed, f"P{camera}", 12).reshape(3, 4)
-    return P[:, :3].tolist(), beside_camera0(path, P) @ T_camera0_lidar
+        raise InputError(f"{path}: found keys {listed(keyed)}, needed Tr, or R0_rect and Tr_velo_to_cam")
+    P = projection(path, keyed, f"P{camera}")
+    block = pinhole(path, f"P{camera}", P, width, height)
+    return block, beside_camera0(path, f"P{camera}", P) @ T_camera0_lidar
 
 
-def beside_camera0(path: Path, P: npt.NDArray[np.float64]) -> Pose:
+def projection(path: Path, keyed: dict[str, str], key: str) -> npt.NDArray[np.float64]:
+    """Read a projection (3, 4)."""
+    return numbers(path, keyed, key, 12).reshape(3, 4)
+
+
+def rotation(path: Path, keyed: dict[str, str], key: str) -> Pose:
+    """Read a transform that turns only, of nine numbers.
+
+    Raises:
+        InputError: it is not there, or no rotation.
+    """
+    T = np.eye(4)
+    T[:3, :3] = numbers(path, keyed, key, 9).reshape(3, 3)
+    return rigid(f"{path}: {key}", T)
+
+
+def translated(path: Path, key: str, translation: npt.ArrayLike) -> Pose:
+    """Make a transform that moves only.
+
+    Raises:
+        InputError: it is too far.
+    """
+    T = np.eye(4)
+    T[:3, 3] = translation
+    return rigid(f"{path}: {key}", T)
+
+
+def beside_camera0(path: Path, key: str, P: npt.NDArray[np.float64]) -> Pose:
     """T_camera_camera0 of a rectified camera from its projection (3, 4).
 
     Raises:
-        InputError: K cannot be inverted.
+        InputError: K cannot be inverted, or the camera is too far.
     """
-    T = np.eye(4)
     try:
-        T[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
+        with np.errstate(all="ignore"):
+            return translated(path, key, np.linalg.solve(P[:, :3], P[:, 3]))
     except np.linalg.LinAlgError:
-        raise InputError(
-            f"{path}: found projection {P.tolist()}, needed one whose left 3 x 3 can be inverted"
-        ) from None
-    return T
+        raise InputError(f"{path}: {key}: found {P.tolist()}, needed a left 3 x 3 to invert") from None
 
 
-def rotation(values: npt.NDArray[np.float64]) -> Pose:
-    """Make a transform (4, 4) that turns only, of nine numbers."""
-    T = np.eye(4)
-    T[:3, :3] = values.reshape(3, 3)
-    return T
+def pinhole(path: Path, key: str, P: npt.NDArray[np.float64], width: int, height: int) -> dict[str, Any]:
+    """The camera block of a rectified camera, from its projection (3, 4).
 
-
-def pinhole(K: list[list[float]], width: int, height: int) -> dict[str, Any]:
-    """The camera block of a rectified camera."""
-    return {"model": "plumb_bob", "width": width, "height": height, "K": K}
+    Raises:
+        InputError: the projection has no such K.
+    """
+    block = {"model": "plumb_bob", "width": width, "height": height, "K": P[:, :3].tolist()}
+    return camera_block(path, block, {"K": key})

@@ -13,13 +13,14 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.datasets import kitti
-from semcal_cli.datasets.files import files_by_stem, folders, need, numbers, parse_numbers, pick, read_keyed
+from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
 from semcal_cli.datasets.intrinsics import read_mei
 from semcal_cli.datasets.kitti_360_windows import Windows
-from semcal_cli.datasets.kitti_raw import read_stamps
+from semcal_cli.datasets.kitti_raw import read_stamps, rectified_size
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, pose_from_rows, speeds_mps
+from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, speeds_mps
+from semcal_cli.datasets.values import MAX_WORLD_M, parse_numbers, pose_from_rows, read_keyed, transform
 from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, inverse
@@ -28,6 +29,7 @@ USUAL_CAMERA = "image_00"
 PICTURES = {"image_00": "data_rect", "image_01": "data_rect", "image_02": "data_rgb", "image_03": "data_rgb"}
 """The folder of the pictures of each camera: 0 and 1 are rectified, 2 and 3 fisheyes that look to the sides."""
 PARTS = ("train", "test")
+MAX_FRAME = 10**9
 
 
 def read(request: Request) -> Recording:
@@ -35,7 +37,7 @@ def read(request: Request) -> Recording:
     root = request.root
     sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
     sequence = pick("sequence", request.sequence, sequences, root)
-    camera = pick("camera", request.camera or USUAL_CAMERA, list(PICTURES), root)
+    camera = pick("camera", request.camera, list(PICTURES), root, usual=USUAL_CAMERA)
     block, T_camera_camera0 = _camera(root / "calibration", camera)
     T_velo_camera0 = _camera_to_velodyne(root / "calibration/calib_cam_to_velo.txt")
     folder = _windows_folder(root, sequence)
@@ -60,6 +62,7 @@ def read(request: Request) -> Recording:
         point_classes=ontology if folder else None,
         image_classes=ontology if any(frame.image_labels for frame in frames) else None,
         remarks=remarks,
+        read=(_fisheye(root / "calibration", camera),),
     )
 
 
@@ -82,29 +85,33 @@ def _camera(folder: Path, camera: str) -> tuple[dict[str, Any], Pose]:
     """The camera block, and T_camera_camera0 of what it sees: rectified, or the fisheye itself."""
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
     if PICTURES[camera] == "data_rgb":
-        return read_mei(need(folder / f"{camera}.yaml")), T
+        return read_mei(_fisheye(folder, camera)), T
     path, number = folder / "perspective.txt", camera.removeprefix("image_")
     keyed = read_keyed(path)
-    K = numbers(path, keyed, f"P_rect_{number}", 12).reshape(3, 4)[:, :3]
-    width, height = numbers(path, keyed, f"S_rect_{number}", 2)
     # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
-    R_rect = kitti.rotation(numbers(path, keyed, f"R_rect_{number}", 9))
-    return kitti.pinhole(K.tolist(), int(width), int(height)), R_rect @ T
+    P = kitti.projection(path, keyed, f"P_rect_{number}")
+    block = kitti.pinhole(path, f"P_rect_{number}", P, *rectified_size(path, keyed, number))
+    return block, kitti.rotation(path, keyed, f"R_rect_{number}") @ T
+
+
+def _fisheye(folder: Path, camera: str) -> Path:
+    return folder / f"{camera}.yaml"
 
 
 def _camera_to_pose(folder: Path, camera: str) -> Pose:
     path = folder / "calib_cam_to_pose.txt"
-    return pose_from_rows(numbers(path, read_keyed(path), camera, 12))
+    return transform(path, read_keyed(path), camera)
 
 
 def _camera_to_velodyne(path: Path) -> Pose:
     """T_velo_camera0: twelve numbers without a key."""
-    return pose_from_rows(parse_numbers(path, "camera 0 to LiDAR", read_text(path), 12))
+    key = "camera 0 to LiDAR"
+    return pose_from_rows(f"{path}: {key}", parse_numbers(path, key, read_text(path), 12))
 
 
 def _raw_frames(root: Path, sequence: str, camera: str) -> list[SourceFrame]:
     points = root / "data_3d_raw" / sequence / "velodyne_points"
-    clouds = files_by_stem(points / "data", ".bin")
+    clouds = numbered_files(points / "data", ".bin")
     stamps = read_stamps(points / "timestamps.txt")
     images, labels, image_stamps = _pictures(root, sequence, camera)
     return [
@@ -124,7 +131,7 @@ def _raw_frames(root: Path, sequence: str, camera: str) -> list[SourceFrame]:
 def _window_frames(
     root: Path, sequence: str, camera: str, folder: Path, T_pose_lidar: Pose
 ) -> list[SourceFrame]:
-    poses = _read_poses(need(root / "data_poses" / sequence / "poses.txt"))
+    poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
     speeds = _speeds(poses)
     images, labels, image_stamps = _pictures(root, sequence, camera)
     windows = Windows(folder, visible_only=PICTURES[camera] == "data_rect")
@@ -163,8 +170,14 @@ def _pictures(
 def _read_poses(path: Path) -> dict[int, Pose]:
     """T_world_pose of the frames that have one: their number and 12 numbers a line."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
-    rows = [parse_numbers(path, f"line {i}", line, 13) for i, line in enumerate(lines, start=1)]
-    return {int(row[0]): pose_from_rows(row[1:]) for row in rows}
+    return dict(_numbered_pose(path, f"line {i}", line) for i, line in enumerate(lines, start=1))
+
+
+def _numbered_pose(path: Path, key: str, line: str) -> tuple[int, Pose]:
+    frame, *rows = parse_numbers(path, key, line, 13).tolist()
+    if not frame.is_integer() or not 0 <= frame <= MAX_FRAME:
+        raise InputError(f"{path}: {key}: found frame {frame:g}, needed a whole number from 0 to {MAX_FRAME}")
+    return int(frame), pose_from_rows(f"{path}: {key}", np.array(rows), MAX_WORLD_M)
 
 
 def _speeds(poses: dict[int, Pose]) -> dict[int, float]:

@@ -42,7 +42,7 @@ class Windows:
         holding = [numbers for numbers in self._ranges if frame in numbers]
         nearest = min(holding, key=lambda numbers: abs(numbers[0] + numbers[-1] - 2 * frame))
         cut = partial(_cut, self._ranges[nearest], T_world_lidar, self._visible_only)
-        return Conversion(cut, has_labels=True, source=None)
+        return Conversion(cut, has_labels=True, file=self._ranges[nearest], in_order=False)
 
 
 def _cut(path: Path, T_world_lidar: Pose, visible_only: bool) -> Cloud:

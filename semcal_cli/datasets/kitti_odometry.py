@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 
 from semcal_cli.datasets import kitti
-from semcal_cli.datasets.files import files_by_stem, folders, need, parse_numbers, pick
+from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
 from semcal_cli.datasets.pictures import picture_size
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_poses, speeds_mps
+from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_positions, speeds_mps
+from semcal_cli.datasets.values import parse_numbers, stamp_s
 from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
 
@@ -22,16 +24,17 @@ def read(request: Request) -> Recording:
     sequences = request.root / "sequences"
     sequence = pick("sequence", request.sequence, folders(sequences), sequences)
     folder = sequences / sequence
-    cameras = [name for name in folders(folder) if name.startswith("image_")]
-    camera = pick("camera", request.camera or USUAL_CAMERA, cameras, folder)
+    cameras = [name for name in folders(folder) if re.fullmatch("image_[0-9]+", name)]
+    camera = pick("camera", request.camera, cameras, folder, usual=USUAL_CAMERA)
     frames = _frames(folder, camera, request.root / "poses" / f"{sequence}.txt")
     if not frames:
         raise InputError(f"{folder}: found no frame with a sweep in velodyne and a picture in {camera}")
     image = frames[0].image
     assert image is not None
-    K, T_camera_lidar = kitti.calibration(need(folder / "calib.txt"), int(camera.removeprefix("image_")))
+    number = int(camera.removeprefix("image_"))
+    block, T_camera_lidar = kitti.calibration(folder / "calib.txt", number, *picture_size(image))
     return Recording(
-        camera=kitti.pinhole(K, *picture_size(image)),
+        camera=block,
         lidar=kitti.LIDAR,
         frames=frames,
         T_camera_lidar=T_camera_lidar,
@@ -39,7 +42,7 @@ def read(request: Request) -> Recording:
 
 
 def _frames(folder: Path, camera: str, poses: Path) -> list[SourceFrame]:
-    clouds = files_by_stem(folder / "velodyne", ".bin")
+    clouds = numbered_files(folder / "velodyne", ".bin")
     images = files_by_stem(folder / camera, ".png", ".jpg")
     stamps = _stamps(folder / "times.txt")
     speeds = _speeds(poses)
@@ -53,7 +56,7 @@ def _frames(folder: Path, camera: str, poses: Path) -> list[SourceFrame]:
             speed_mps=speeds.get(int(number)),
         )
         for number, cloud in clouds.items()
-        if number in images and number.isdigit()
+        if number in images
     ]
 
 
@@ -62,10 +65,14 @@ def _stamps(path: Path) -> dict[int, float]:
     if not path.exists():
         return {}
     lines = read_text(path).split()
-    return {i: float(parse_numbers(path, f"line {i + 1}", line, 1)[0]) for i, line in enumerate(lines)}
+    return {i: _stamp(path, f"line {i + 1}", line) for i, line in enumerate(lines)}
+
+
+def _stamp(path: Path, key: str, line: str) -> float:
+    return stamp_s(f"{path}: {key}", float(parse_numbers(path, key, line, 1)[0]))
 
 
 def _speeds(path: Path) -> dict[int, float]:
     if not path.exists():
         return {}
-    return dict(enumerate(np.ravel(speeds_mps(read_poses(path)[:, :3, 3], KITTI_PERIOD_S)).tolist()))
+    return dict(enumerate(np.ravel(speeds_mps(read_positions(path), KITTI_PERIOD_S)).tolist()))

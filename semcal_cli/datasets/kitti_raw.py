@@ -8,11 +8,10 @@ from __future__ import annotations
 from datetime import datetime, timezone
 from pathlib import Path
 
-import numpy as np
-
 from semcal_cli.datasets import kitti
-from semcal_cli.datasets.files import files_by_stem, folders, numbers, pick, read_keyed
+from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
+from semcal_cli.datasets.values import numbers, parse_numbers, picture_side, read_keyed, stamp_s
 from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose
@@ -28,7 +27,7 @@ def read(request: Request) -> Recording:
     drive = pick("sequence", request.sequence, drives, request.root)
     day = request.root / drive[: len("2011_09_26")]
     cameras = [name for name in folders(day / drive) if name.startswith("image_")]
-    camera = pick("camera", request.camera or USUAL_CAMERA, cameras, day / drive)
+    camera = pick("camera", request.camera, cameras, day / drive, usual=USUAL_CAMERA)
     frames = _frames(day / drive, camera)
     if not frames:
         raise InputError(f"{day / drive}: found no frame with a sweep and a picture in {camera}")
@@ -38,28 +37,36 @@ def read(request: Request) -> Recording:
 def _calibrated(day: Path, camera: str, frames: list[SourceFrame]) -> Recording:
     path = day / "calib_cam_to_cam.txt"
     keyed = read_keyed(path)
-    P = numbers(path, keyed, f"P_rect_{camera}", 12).reshape(3, 4)
-    width, height = numbers(path, keyed, f"S_rect_{camera}", 2)
-    R_rect = kitti.rotation(numbers(path, keyed, "R_rect_00", 9))
-    T_camera_lidar = kitti.beside_camera0(path, P) @ R_rect @ _velodyne_to_camera0(day)
+    key = f"P_rect_{camera}"
+    P = kitti.projection(path, keyed, key)
+    R_rect = kitti.rotation(path, keyed, "R_rect_00")
     return Recording(
-        camera=kitti.pinhole(P[:, :3].tolist(), int(width), int(height)),
+        camera=kitti.pinhole(path, key, P, *rectified_size(path, keyed, camera)),
         lidar=kitti.LIDAR,
         frames=frames,
-        T_camera_lidar=T_camera_lidar,
+        T_camera_lidar=kitti.beside_camera0(path, key, P) @ R_rect @ _velodyne_to_camera0(day),
     )
+
+
+def rectified_size(path: Path, keyed: dict[str, str], camera: str) -> tuple[int, int]:
+    """Width and height of a rectified camera's pictures.
+
+    Raises:
+        InputError: they are not there, or no whole numbers of pixels.
+    """
+    key = f"S_rect_{camera}"
+    width, height = (picture_side(f"{path}: {key}", side) for side in numbers(path, keyed, key, 2).tolist())
+    return width, height
 
 
 def _velodyne_to_camera0(day: Path) -> Pose:
     path = day / "calib_velo_to_cam.txt"
     keyed = read_keyed(path)
-    T = kitti.rotation(numbers(path, keyed, "R", 9))
-    T[:3, 3] = numbers(path, keyed, "T", 3)
-    return T
+    return kitti.translated(path, "T", numbers(path, keyed, "T", 3)) @ kitti.rotation(path, keyed, "R")
 
 
 def _frames(folder: Path, camera: str) -> list[SourceFrame]:
-    clouds = files_by_stem(folder / "velodyne_points/data", ".bin")
+    clouds = numbered_files(folder / "velodyne_points/data", ".bin")
     images = files_by_stem(folder / camera / "data", ".png", ".jpg")
     points_stamps, image_stamps = (
         read_stamps(folder / part / "timestamps.txt") for part in ("velodyne_points", camera)
@@ -74,7 +81,7 @@ def _frames(folder: Path, camera: str) -> list[SourceFrame]:
             speed_mps=_speed(folder / "oxts/data" / f"{number}.txt"),
         )
         for number, cloud in clouds.items()
-        if number in images and number.isdigit()
+        if number in images
     ]
 
 
@@ -95,19 +102,21 @@ def parse_stamp(path: Path, number: int, line: str) -> float:
     whole, _, fraction = line.strip().partition(".")
     try:
         moment = datetime.strptime(whole, "%Y-%m-%d %H:%M:%S").replace(tzinfo=timezone.utc)
-        return moment.timestamp() + float(f"0.{fraction or 0}")
+        if fraction and not fraction.isdecimal():
+            raise ValueError(fraction)
+        seconds = moment.timestamp() + float(f"0.{fraction or 0}")
     except ValueError:
         raise InputError(
             f"{path}: line {number}: found {line[:40]!r}, needed a time as 2011-09-26 13:02:25.95"
         ) from None
+    return stamp_s(f"{path}: line {number}", seconds)
 
 
 def _speed(path: Path) -> float | None:
     """Speed of a frame from its inertial packet, if there is one."""
     if not path.exists():
         return None
-    values = np.array(read_text(path).split(), dtype=object)
-    try:
-        return abs(float(values[FORWARD_SPEED]))
-    except (IndexError, ValueError):
-        raise InputError(f"{path}: found {len(values)} values, needed at least 9 numbers") from None
+    values = read_text(path).split()
+    if len(values) <= FORWARD_SPEED:
+        raise InputError(f"{path}: found {len(values)} values, needed at least {FORWARD_SPEED + 1}")
+    return abs(float(parse_numbers(path, f"value {FORWARD_SPEED + 1}", values[FORWARD_SPEED], 1)[0]))

@@ -56,8 +56,8 @@ def labelled(recording: Recording) -> Recording:
     num_pictures = sum(frame.image_labels is not None for frame in frames)
     remarks = []
     for side, what, option in (
-        ("has_point_labels", "points", "--point-labels DIR"),
-        ("image_labels", "pictures", "--image-labels DIR"),
+        ("has_point_labels", "points", "--point-labels"),
+        ("image_labels", "pictures", "--image-labels"),
     ):
         kept = [frame for frame in frames if getattr(frame, side)]
         if not kept and num_points and num_pictures:
@@ -66,7 +66,9 @@ def labelled(recording: Recording) -> Recording:
                 f"pictures, none of {len(recording.frames):,} with both, needed at least one"
             )
         if not kept:
-            remarks.append(f"no labels of {what}: a calibration needs them, see {option}")
+            remarks.append(
+                f"no labels of {what}: a calibration needs them, see {option} {recording.labels_by}"
+            )
         elif len(kept) < len(frames):
             remarks.append(f"{len(frames) - len(kept):,} frames without labels of {what} are left out")
         frames = kept or frames
@@ -77,7 +79,7 @@ def _without_labels(frame: SourceFrame, side: Side, folder: Path) -> SourceFrame
     """Forget the labels that a conversion makes."""
     if side == "image_labels" or not isinstance(frame.points, Conversion):
         return frame
-    if frame.points.source is None:
+    if not frame.points.in_order:
         raise InputError(
             f"--point-labels: {folder}: found clouds that are cut from accumulated points, with their labels; "
             "needed sweeps, whose points are in the order of the labels"

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.files import folders, need, pick
+from semcal_cli.datasets.files import folders, inside, need_file, pick
 from semcal_cli.datasets.nuscenes_tables import (
     CalibratedSensor,
     EgoPose,
@@ -26,8 +26,11 @@ from semcal_cli.datasets.nuscenes_tables import (
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import speeds_mps
+from semcal_cli.datasets.values import camera_block, picture_side, rigid
+from semcal_cli.documents import describe
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, inverse
+from semcal_cli.validation import MAX_TRANSLATION_M
 
 LIDAR_CHANNEL = "LIDAR_TOP"
 USUAL_CAMERA = "CAM_FRONT"
@@ -47,19 +50,24 @@ def read(request: Request) -> Recording:
     frames = [
         SourceFrame(
             name=sweep.token,
-            points=need(request.root / sweep.filename),
-            point_labels=need(point_labels[sweep.token]) if sweep.token in point_labels else None,
-            image=need(request.root / picture.filename),
+            points=_file(tables, request.root, sweep),
+            point_labels=need_file(point_labels[sweep.token]) if sweep.token in point_labels else None,
+            image=_file(tables, request.root, picture),
             points_stamp=sweep.timestamp * MICROSECONDS,
             image_stamp=picture.timestamp * MICROSECONDS,
             speed_mps=speed,
-            T_camera_lidar=inverse(T_world_sensor[picture.token]) @ T_world_sensor[sweep.token],
+            T_camera_lidar=rigid(
+                f"{tables.path('ego_pose')}: rows {describe(sweep.ego_pose_token)} and "
+                f"{describe(picture.ego_pose_token)}: T_camera_lidar",
+                inverse(T_world_sensor[picture.token]) @ T_world_sensor[sweep.token],
+                MAX_TRANSLATION_M,
+            ),
             label_names=(f"{sweep.token}_lidarseg",),
         )
         for (sweep, picture), speed in zip(keyframes, _speeds(keyframes, T_world_sensor), strict=True)
     ]
     return Recording(
-        camera=_camera(keyframes[0][1], sensors),
+        camera=_camera(tables, keyframes[0][1], sensors),
         lidar=LIDAR,
         frames=frames,
         point_classes=read_ontology("nuscenes-lidarseg") if point_labels else None,
@@ -74,7 +82,7 @@ def _keyframes(
     names = {row.token: row.channel for row in tables.rows("sensor", Sensor)}
     channels = {row.token: names.get(row.sensor_token, "") for row in sensors}
     cameras = sorted({channel for channel in channels.values() if channel.startswith("CAM_")})
-    camera = pick("camera", request.camera or USUAL_CAMERA, cameras, request.root)
+    camera = pick("camera", request.camera, cameras, request.root, usual=USUAL_CAMERA)
     found: dict[str, dict[str, SampleData]] = {LIDAR_CHANNEL: {}, camera: {}}
     for row in tables.rows("sample_data", SampleData):
         channel = channels.get(row.calibrated_sensor_token, "")
@@ -112,15 +120,33 @@ def _speeds(keyframes: list[tuple[SampleData, SampleData]], T_world_sensor: dict
     return [float(speed) for speed in speeds_mps(positions, np.diff(stamps_s))]
 
 
-def _camera(picture: SampleData, sensors: list[CalibratedSensor]) -> dict[str, Any]:
+def _camera(tables: Tables, picture: SampleData, sensors: list[CalibratedSensor]) -> dict[str, Any]:
     """The camera block; pictures of nuScenes come without distortion."""
     sensor = next(row for row in sensors if row.token == picture.calibrated_sensor_token)
     K = [list(values) for values in sensor.camera_intrinsic]
-    return {"model": "plumb_bob", "width": picture.width, "height": picture.height, "K": K}
+    row = f"{tables.path('sample_data')}: row {describe(picture.token)}"
+    width, height = (
+        picture_side(f"{row}: {key}", side)
+        for key, side in (("width", picture.width), ("height", picture.height))
+    )
+    block = {"model": "plumb_bob", "width": width, "height": height, "K": K}
+    key = f"row {describe(sensor.token)}: camera_intrinsic"
+    return camera_block(tables.path("calibrated_sensor"), block, {"K": key})
 
 
 def _lidarseg(tables: Tables, root: Path) -> dict[str, Path]:
     """Label files by the token of the sweep; none if nuScenes-lidarseg is not there."""
     if not tables.path("lidarseg").exists():
         return {}
-    return {row.sample_data_token: root / row.filename for row in tables.rows("lidarseg", Lidarseg)}
+    return {
+        row.sample_data_token: inside(root, row.filename, _filename(tables, "lidarseg", row.token))
+        for row in tables.rows("lidarseg", Lidarseg)
+    }
+
+
+def _file(tables: Tables, root: Path, row: SampleData) -> Path:
+    return need_file(inside(root, row.filename, _filename(tables, "sample_data", row.token)))
+
+
+def _filename(tables: Tables, table: str, token: str) -> str:
+    return f"{tables.path(table)}: row {describe(token)}: filename"

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, TypeAlias, TypeVar
 
-from pydantic import BaseModel, ConfigDict, RootModel
+from pydantic import BaseModel, ConfigDict, Field, RootModel
 
-from semcal_cli.documents import describe, read_text
+from semcal_cli.datasets.values import MAX_STAMP_S, MAX_WORLD_M
+from semcal_cli.documents import describe, read_list
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, pose_from_quaternion
 from semcal_cli.validation import FileName, Vector3, Vector4, length, validate
+
+Metres: TypeAlias = Annotated[float, Field(ge=-MAX_WORLD_M, le=MAX_WORLD_M)]
 
 
 class Row(BaseModel):
@@ -26,7 +28,7 @@ class Row(BaseModel):
 class Placed(Row):
     """A row with a pose: sensor to vehicle, or vehicle to world."""
 
-    translation: Vector3
+    translation: Annotated[tuple[Metres, ...], length(3, 3)]
     rotation: Vector4
     """w x y z."""
 
@@ -67,7 +69,7 @@ class SampleData(Row):
     calibrated_sensor_token: str
     ego_pose_token: str
     filename: FileName
-    timestamp: int
+    timestamp: Annotated[int, Field(ge=0, le=int(MAX_STAMP_S * 1e6))]
     """Microseconds."""
     is_key_frame: bool
     width: int = 0
@@ -102,13 +104,7 @@ class Tables:
             InputError: there is no such table, or a row of it is wrong.
         """
         path = self.path(table)
-        try:
-            rows: Any = json.loads(read_text(path))
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: {error}") from None
-        if not isinstance(rows, list):
-            raise InputError(f"{path}: found {describe(rows)}, needed a list of mappings")
-        return validate(RootModel[list[model]], rows, path).root  # type: ignore[valid-type]
+        return validate(RootModel[list[model]], read_list(path), path).root  # type: ignore[valid-type]
 
     def poses(self, table: str, model: type[PlacedModel], tokens: Collection[str]) -> dict[str, Pose]:
         """The transforms of the rows with these tokens.
@@ -119,7 +115,9 @@ class Tables:
         rows = {row.token: row for row in self.rows(table, model) if row.token in tokens}
         missing = sorted(set(tokens) - rows.keys())
         if missing:
-            raise InputError(f"{self.path(table)}: found no row with token {missing[0]!r}, needed one")
+            raise InputError(
+                f"{self.path(table)}: found no row with token {describe(missing[0])}, needed one"
+            )
         return {token: self._pose(table, row) for token, row in rows.items()}
 
     def _pose(self, table: str, row: Placed) -> Pose:
@@ -127,4 +125,4 @@ class Tables:
         try:
             return pose_from_quaternion((x, y, z, w), row.translation)
         except ValueError as error:
-            raise InputError(f"{self.path(table)}: row {row.token!r}: {error}") from None
+            raise InputError(f"{self.path(table)}: row {describe(row.token)}: {error}") from None

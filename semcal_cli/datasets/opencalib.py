@@ -8,10 +8,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.datasets.files import folders, need, numbers, pick, read_keyed
+from semcal_cli.datasets.files import folders, need_file, pick
 from semcal_cli.datasets.pictures import picture_size
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.trajectory import pose_from_rows
+from semcal_cli.datasets.values import camera_block, numbers, read_keyed, transform
 from semcal_cli.errors import InputError
 
 
@@ -25,10 +25,11 @@ def read(request: Request) -> Recording:
     distortion = numbers(calibration, keyed, "D", 4, 5)
     width, height = picture_size(image)
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
+    camera |= {"K": K.tolist(), "distortion": distortion.tolist()}
     return Recording(
-        camera={**camera, "K": K.tolist(), "distortion": distortion.tolist()},
-        frames=[SourceFrame(name=folder.name, points=need(folder / "calib.pcd"), image=image)],
-        T_camera_lidar=pose_from_rows(numbers(calibration, keyed, "T", 12)),
+        camera=camera_block(calibration, camera, {"distortion": "D"}),
+        frames=[SourceFrame(name=folder.name, points=need_file(folder / "calib.pcd"), image=image)],
+        T_camera_lidar=transform(calibration, keyed, "T"),
     )
 
 

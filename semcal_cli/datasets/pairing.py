@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.datasets.labels import CLOUD_SUFFIXES
+from semcal_cli.datasets.values import MAX_STAMP_S
 from semcal_cli.errors import InputError
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
@@ -66,7 +67,7 @@ def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> b
 def _plain_stamp_s(name: str) -> float | None:
     """A name that is a decimal number, or the last whole Unix time in it."""
     if PLAIN_SECONDS.fullmatch(name):
-        return float(name)
+        return stamp if (stamp := float(name)) <= MAX_STAMP_S else None
     if found := WHOLE_UNITS.findall(name):
         return int(found[-1]) / 10.0 ** (len(found[-1]) - 10)
     return None

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from semcal_cli.errors import InputError
+from semcal_cli.datasets.values import picture_side
+from semcal_cli.documents import read_bytes
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_SIZE = 26
@@ -16,8 +17,13 @@ def picture_size(path: Path) -> tuple[int, int]:
     """Give width and height of a picture.
 
     Raises:
-        InputError: there is no such file, or it is no picture.
+        InputError: there is no such file, or it is no picture, or one without pixels.
     """
+    width, height = _size(path)
+    return picture_side(f"{path}: width", width), picture_side(f"{path}: height", height)
+
+
+def _size(path: Path) -> tuple[int, int]:
     header = _header(path)
     if header.startswith(PNG_SIGNATURE) and len(header) == PNG_HEADER_SIZE:
         return int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
@@ -34,8 +40,4 @@ def holds_colors(path: Path) -> bool:
 
 
 def _header(path: Path) -> bytes:
-    try:
-        with path.open("rb") as file:
-            return file.read(PNG_HEADER_SIZE)
-    except OSError as error:
-        raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    return read_bytes(path, PNG_HEADER_SIZE)

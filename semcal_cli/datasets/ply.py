@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.datasets.files import listed
+from semcal_cli.documents import read_bytes
 from semcal_cli.errors import InputError
 
 END = re.compile(rb"\nend_header\r?\n")
@@ -36,10 +38,7 @@ def read_vertices(path: Path) -> npt.NDArray[Any]:
     Raises:
         InputError: there is no such file, or it is no PLY that begins with so many vertices of plain numbers.
     """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+    content = read_bytes(path)
     end = END.search(content, 0, MAX_HEADER)
     if not content.startswith(b"ply") or not end:
         raise InputError(f"{path}: found no PLY header, needed one")
@@ -58,7 +57,7 @@ def vertex_column(path: Path, vertices: npt.NDArray[Any], name: str, dtype: type
     """
     names = vertices.dtype.names or ()
     if name not in names:
-        raise InputError(f"{path}: found properties {', '.join(names)}, needed {name}")
+        raise InputError(f"{path}: found properties {listed(names)}, needed {name}")
     return vertices[name].astype(dtype)
 
 
@@ -67,12 +66,12 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
     words = [line.split() for line in lines[1:]]
     form = next((line[1] for line in words if line[:1] == ["format"] and len(line) == 3), "none")
     if form not in FORMATS:
-        raise InputError(f"{path}: found format {form}, needed one of: {', '.join(FORMATS)}")
+        raise InputError(f"{path}: found format {form[:40]}, needed one of: {', '.join(FORMATS)}")
     elements = [index for index, line in enumerate(words) if line[:1] == ["element"]]
     first = words[elements[0]] if elements else []
     if len(first) != 3 or first[1] != "vertex" or not first[2].isascii() or not first[2].isdigit():
         raise InputError(
-            f"{path}: found first element {' '.join(first[1:]) or 'none'}, needed vertex and its number"
+            f"{path}: found first element {' '.join(first[1:])[:40] or 'none'}, needed vertex and its number"
         )
     last = elements[1] if len(elements) > 1 else len(words)
     properties = [line for line in words[elements[0] : last] if line[:1] == ["property"]]
@@ -80,7 +79,7 @@ def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
         raise InputError(f"{path}: found vertices without properties or with lists, needed plain numbers")
     names = [line[2] for line in properties]
     if len(set(names)) < len(names):
-        raise InputError(f"{path}: found a property twice in {', '.join(names)}, needed each once")
+        raise InputError(f"{path}: found a property twice in {listed(names)}, needed each once")
     return (
         int(first[2][:18]),
         np.dtype([(n, FORMATS[form] + TYPES[p[1]]) for n, p in zip(names, properties, strict=True)]),

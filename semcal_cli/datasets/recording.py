@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.datasets.files import need_folder
 from semcal_cli.datasets.ontologies import Ontology
 from semcal_cli.poses import Pose
 
@@ -26,6 +27,14 @@ class Request:
     """None: the data set's usual one."""
     version: str | None = None
     """The folder of nuScenes' tables; the release of CARLA."""
+
+    def __post_init__(self) -> None:
+        """Check that there is such a folder.
+
+        Raises:
+            InputError: there is none.
+        """
+        need_folder(self.root)
 
 
 @dataclass(frozen=True)
@@ -45,8 +54,10 @@ class Conversion:
     cloud: Callable[[], Cloud]
     has_labels: bool
     """Whether the cloud comes with labels that are to be written."""
-    source: Path | None
-    """The file of the same points in the same order; None: there is none, so that no file of labels can fit."""
+    file: Path
+    """Where the points come from."""
+    in_order: bool
+    """Whether these are the points of the file in its order; else no file of labels can fit."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +85,9 @@ class SourceFrame:
     @property
     def cloud_file(self) -> Path | None:
         """The file that holds the points in their order, if there is one."""
-        return self.points.source if isinstance(self.points, Conversion) else self.points
+        if isinstance(self.points, Conversion):
+            return self.points.file if self.points.in_order else None
+        return self.points
 
     @property
     def has_point_labels(self) -> bool:
@@ -101,3 +114,7 @@ class Recording:
     """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
     remarks: tuple[str, ...] = ()
     """What the user should know, a sentence each."""
+    read: tuple[Path, ...] = ()
+    """Files of YAML that were read, so that no drive.yaml goes there."""
+    labels_by: str = "DIR"
+    """What --point-labels and --image-labels take."""

@@ -10,13 +10,17 @@ import re
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.datasets.files import files_by_stem, folders, need, parse_numbers, pick
+import numpy as np
+
+from semcal_cli.datasets.files import files_by_stem, folders, pick
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_poses, speeds_mps
+from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_positions, speeds_mps
+from semcal_cli.datasets.values import camera_block, parse_numbers, rigid
 from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
+from semcal_cli.poses import Pose
 
 CAMERA = "pylon_camera_node"
 WIDTH, HEIGHT = 1920, 1200
@@ -24,37 +28,45 @@ DISTORTION = [-0.134313, -0.025905, 0.002181, 0.00084, 0.0]
 """k1 k2 p1 p2 k3; camera_info.txt leaves them out, the project's own projection (utils/lidar2img.ipynb) has them."""
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 16.6, "fov_down_deg": -16.6}
 """Ouster OS1-64, first generation."""
-PICTURE_NAME = re.compile(r"frame(\d{6})-(\d+)_(\d{3})")
+PICTURE_NAME = re.compile(r"frame([0-9]{6})-([0-9]{1,10})_([0-9]{3})")
 
 
 def read(request: Request) -> Recording:
     """Find the frames of a sequence that have a sweep and a picture, or its labels."""
-    sequences = [name for name in folders(request.root) if re.fullmatch(r"\d{5}", name)]
+    sequences = [name for name in folders(request.root) if re.fullmatch("[0-9]{5}", name)]
     folder = request.root / pick("sequence", request.sequence, sequences, request.root)
     pick("camera", request.camera, [CAMERA], folder)
     ontology = read_ontology("rellis-3d")
     frames = _frames(folder)
     if not frames:
         raise InputError(f"{folder}: found no frame with a sweep and a picture or its labels")
+    transforms = folder / "transforms.yaml"
     return Recording(
         camera=_camera(folder / "camera_info.txt"),
         lidar=LIDAR,
         frames=frames,
-        T_camera_lidar=read_transform(need(folder / "transforms.yaml")),
+        T_camera_lidar=_reference(transforms),
         point_classes=ontology,
         image_classes=ontology,
+        read=(transforms,),
     )
+
+
+def _reference(path: Path) -> Pose:
+    with np.errstate(all="ignore"):
+        return rigid(f"{path}", read_transform(path))
 
 
 def _camera(path: Path) -> dict[str, Any]:
     fx, fy, cx, cy = parse_numbers(path, "intrinsics", read_text(path), 4).tolist()
-    return {
+    block = {
         "model": "plumb_bob",
         "width": WIDTH,
         "height": HEIGHT,
         "K": [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]],
         "distortion": DISTORTION,
     }
+    return camera_block(path, block, {"K": "intrinsics"})
 
 
 def _frames(folder: Path) -> list[SourceFrame]:
@@ -103,6 +115,5 @@ def _speeds(path: Path, numbers: list[str]) -> dict[str, float]:
     """Speed at each sweep, from the poses of the data set if they are there: a line each sweep, 10 a second."""
     if not path.exists():
         return {}
-    poses = read_poses(path)
-    speeds = speeds_mps(poses[:, :3, 3], KITTI_PERIOD_S)
+    speeds = speeds_mps(read_positions(path), KITTI_PERIOD_S)
     return dict(zip(numbers, speeds, strict=False))

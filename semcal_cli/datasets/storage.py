@@ -13,6 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from semcal_cli.datasets.files import listed
+from semcal_cli.datasets.values import number, picture_side
 from semcal_cli.documents import describe, parse_document, read_text
 from semcal_cli.errors import InputError
 
@@ -52,7 +54,7 @@ class Storage:
             isinstance(value, int | float) and not isinstance(value, bool) for value in values
         ):
             raise InputError(f"{self.path}: {'.'.join(keys)}: found {describe(node)}, needed numbers")
-        return [float(value) for value in values]
+        return [number(f"{self.path}: {'.'.join(keys)}", value) for value in values]
 
     def first(self, names: Sequence[str]) -> list[float]:
         """The numbers under the first of several names that is there.
@@ -63,8 +65,9 @@ class Storage:
         for name in names:
             if name in self.document:
                 return self.numbers(name)
-        known = ", ".join(map(str, self.document))
-        raise InputError(f"{self.path}: found keys {known}, needed one of: {', '.join(names)}")
+        raise InputError(
+            f"{self.path}: found keys {listed(self.document)}, needed one of: {', '.join(names)}"
+        )
 
     def number(self, *keys: str) -> float:
         """One number.
@@ -77,16 +80,14 @@ class Storage:
             raise InputError(f"{self.path}: {'.'.join(keys)}: found {len(values)} numbers, needed one")
         return values[0]
 
-    def whole_number(self, *names: str) -> int:
-        """A whole number under the first of several names that is there.
+    def side(self, *names: str) -> int:
+        """The pixels along a side of the picture, under the first of several names that is there.
 
         Raises:
             InputError: there is none.
         """
-        (value, *others) = self.first(names)
-        if others or not value.is_integer():
-            raise InputError(f"{self.path}: {names[0]}: found {value}, needed a whole number")
-        return int(value)
+        values = self.first(names)
+        return picture_side(f"{self.path}: {names[0]}", values[0] if len(values) == 1 else values)
 
 
 def _parse_yaml(text: str, path: Path) -> dict[Any, Any]:

@@ -7,28 +7,28 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.datasets.files import parse_numbers
+from semcal_cli.datasets.values import MAX_WORLD_M, number, parse_numbers
 from semcal_cli.documents import read_text
-from semcal_cli.poses import Pose
 
 KITTI_PERIOD_S = 0.1
 """Between the sweeps of KITTI's, KITTI-360's and RELLIS-3D's LiDARs."""
 
 
-def pose_from_rows(values: npt.NDArray[np.float64]) -> Pose:
-    """Make a transform (4, 4) of the 12 numbers of its first three rows."""
-    return np.vstack([values.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
-
-
-def read_poses(path: Path) -> npt.NDArray[np.float64]:
-    """Read poses (N, 4, 4) of 12 numbers a line, as KITTI odometry writes them.
+def read_positions(path: Path) -> npt.NDArray[np.float64]:
+    """Read the positions (N, 3) of poses of 12 numbers a line, as KITTI odometry writes them.
 
     Raises:
         InputError: there is no such file, or a line holds something else.
     """
     lines = [line for line in read_text(path).splitlines() if line.strip()]
-    rows = [parse_numbers(path, f"line {i}", line, 12) for i, line in enumerate(lines, start=1)]
-    return np.array([pose_from_rows(row) for row in rows]).reshape(-1, 4, 4)
+    return np.array([_position(path, f"line {i}", line) for i, line in enumerate(lines, start=1)]).reshape(
+        -1, 3
+    )
+
+
+def _position(path: Path, key: str, line: str) -> list[float]:
+    values = parse_numbers(path, key, line, 12)[3::4].tolist()
+    return [number(f"{path}: {key}", value, -MAX_WORLD_M, MAX_WORLD_M) for value in values]
 
 
 def speeds_mps(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,20 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.datasets.choice import Choice, most_varied, narrowed
+from semcal_cli.datasets.files import need_file, writable_name
 from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
 from semcal_cli.datasets.pictures import holds_colors
-from semcal_cli.datasets.recording import Conversion, Recording, SourceFrame
+from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
+from semcal_cli.datasets.values import rigid
 from semcal_cli.documents import document_text, write_bytes, write_text
 from semcal_cli.drive import DRIVE_FILE, Drive
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
-from semcal_cli.validation import validate
+from semcal_cli.validation import MAX_TRANSLATION_M, validate
+
+UNWRITTEN = Path("the drive that is to be written")
+"""Named by complaints about what no single file of the data set says."""
 
 
 @dataclass(frozen=True)
@@ -60,22 +66,33 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
         InputError: no frame is left, a file cannot be written, or the data set says what no drive can hold.
     """
     path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
+    _check_overwrites_nothing(path, recording, options)
     recording = narrowed(labelled(_with_options(recording, options)), options.choice)
     drive = _make_drive(recording, path)
-    chosen = [recording.frames[index] for index in most_varied(drive, recording.frames, options.choice)]
-    recording = replace(recording, frames=chosen)
-    document = _document(recording, path)
-    validate(Drive, document, path)
+    chosen = [recording.frames[index] for index in most_varied(drive, recording, options.choice)]
+    frames = [frame for frame in chosen if _converted(frame, path.parent)]
+    if not frames:
+        file = next(frame.points.file for frame in chosen if isinstance(frame.points, Conversion))
+        raise InputError(f"{file}: found no points for any of {len(chosen):,} frames, needed some")
+    remarks = [*recording.remarks]
+    if left_out := len(chosen) - len(frames):
+        remarks.append(f"{left_out:,} frames without points are left out")
+    document = _document(replace(recording, frames=frames), path)
+    validate(Drive, document, UNWRITTEN)
     _make_folder(path.parent)
-    conversions = {f.name: f.points for f in chosen if isinstance(f.points, Conversion)}
-    for name, conversion in conversions.items():
-        _write_cloud(name, conversion, path.parent)
     write_text(document_text(document, "yaml"), path)
-    return Written(path, len(chosen), len(conversions), (*recording.remarks, *_motion_remarks(chosen)))
+    num_converted = sum(isinstance(frame.points, Conversion) for frame in frames)
+    return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)))
+
+
+def _check_overwrites_nothing(path: Path, recording: Recording, options: Options) -> None:
+    tables = [Path(name) for name in (options.image_classes, options.point_classes) if name]
+    if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
+        raise InputError(f"{path}: found a file that this import reads, needed another name")
 
 
 def _make_drive(recording: Recording, path: Path) -> Drive:
-    drive = validate(Drive, _document(recording, path), path)
+    drive = validate(Drive, _document(recording, path), UNWRITTEN)
     drive._path = path
     return drive
 
@@ -151,7 +168,9 @@ def _reference(recording: Recording) -> Pose | None:
     poses = [frame.T_camera_lidar for frame in recording.frames if frame.T_camera_lidar is not None]
     if not poses:
         return recording.T_camera_lidar
-    return nearest_rigid(np.mean(poses, axis=0))
+    return rigid(
+        "T_camera_lidar, the mean over the frames", nearest_rigid(np.mean(poses, axis=0)), MAX_TRANSLATION_M
+    )
 
 
 def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
@@ -168,12 +187,21 @@ def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
     ]
 
 
-def _write_cloud(name: str, conversion: Conversion, folder: Path) -> None:
-    cloud = conversion.cloud()
+def _converted(frame: SourceFrame, folder: Path) -> bool:
+    """Write the cloud of a frame anew, if it has to be; whether it has points."""
+    if not isinstance(frame.points, Conversion):
+        return True
+    cloud = frame.points.cloud()
+    if len(cloud.points):
+        _write_cloud(frame.name, frame.points, cloud, folder)
+    return len(cloud.points) > 0
+
+
+def _write_cloud(name: str, conversion: Conversion, cloud: Cloud, folder: Path) -> None:
     points, labels = (folder / copy for copy in _copies(name))
     if conversion.has_labels:
         if cloud.labels is None:
-            raise InputError(f"{conversion.source or name}: found points without labels, needed a label each")
+            raise InputError(f"{conversion.file}: found points without labels, needed a label each")
         _make_folder(labels.parent)
         write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
     _make_folder(points.parent)
@@ -187,11 +215,10 @@ def _copies(name: str) -> tuple[str, str]:
 
 def _relative(path: Path, folder: Path) -> str:
     """Name a file relative to the drive's real folder; on another drive of Windows that cannot be."""
-    real = Path(os.path.realpath(path.parent)) / path.name
-    try:
-        return Path(os.path.relpath(real, os.path.realpath(folder))).as_posix()
-    except ValueError:
-        return real.as_posix()
+    real = Path(os.path.realpath(need_file(path).parent)) / path.name
+    with suppress(ValueError):
+        real = Path(os.path.relpath(real, os.path.realpath(folder)))
+    return writable_name(path, real.as_posix())
 
 
 def _make_folder(folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 
 from pydantic import field_validator
@@ -12,6 +13,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.validation import StrictModel, check_distinct, validate
 
 FOLDER = Path(__file__).parent
+MAX_RED = 255
 
 
 class NamedClass(StrictModel):
@@ -35,6 +37,7 @@ class Ontology(StrictModel):
     @classmethod
     def _check_ids(cls, classes: dict[str, NamedClass]) -> dict[str, NamedClass]:
         check_distinct({name: [f"id {value}" for value in named.ids] for name, named in classes.items()})
+        check_distinct({name: [f"color {list(c.color)}"] for name, c in classes.items() if c.color})
         return classes
 
     def ids(self) -> dict[str, list[int]]:
@@ -58,6 +61,10 @@ class Ontology(StrictModel):
                     f"class {name!r}: found {len(named.ids)} ids, needed one: "
                     "the label images are colours, and a palette has one colour a class"
                 )
+            if named.ids[0] > MAX_RED:
+                raise InputError(
+                    f"class {name!r}: found id {named.ids[0]}, needed at most {MAX_RED}: it is a red"
+                )
             classes[name] = NamedClass(ids=named.ids, color=(named.ids[0], 0, 0))
         return Ontology(ignore=self.ignore, classes=classes)
 
@@ -75,8 +82,14 @@ def read_ontology(name: str) -> Ontology:
     """
     shipped = name in ontology_names()
     path = FOLDER / f"{name}.yaml" if shipped else Path(name)
-    if not shipped and not path.suffix:
+    if not shipped and not path.suffix and not _is_there(path):
         raise InputError(
             f"found class table {name!r}, needed a file or one of: {', '.join(ontology_names())}"
         )
     return validate(Ontology, read_document(path), path)
+
+
+def _is_there(path: Path) -> bool:
+    with suppress(OSError):
+        return path.exists()
+    return False

@@ -1,0 +1,165 @@
+"""Values in the files of a data set, checked where they are read: a complaint names the file and key they came from."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.datasets.files import one_of
+from semcal_cli.documents import describe, read_text
+from semcal_cli.drive import Camera
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose, Vector, check_rigid, nearest_rigid
+from semcal_cli.validation import validate
+
+MAX_SIDE = 0xFFFF
+"""Pixels along a side of a picture, as a drive takes them."""
+MAX_STAMP_S = 1e10
+"""As a drive takes them."""
+MAX_MOUNT_M = 1e5
+"""A tenth of what a drive takes, so that several in a row are no more than that."""
+MAX_WORLD_M = 1e8
+"""No place on Earth is farther from another."""
+
+
+def number(where: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
+    """Give a finite number of a document, from `low` to `high`; `where` is its file and key.
+
+    Raises:
+        InputError: it is none.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{where}: found {describe(value)}, needed a number")
+    try:
+        found = float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise InputError(f"{where}: found {describe(value)}, needed a finite number")
+    if not low <= found <= high:
+        raise InputError(f"{where}: found {describe(value)}, needed at least {low:g} and at most {high:g}")
+    return found
+
+
+def picture_side(where: str, value: object) -> int:
+    """Give the pixels along a side of a picture, which are nowhere rounded.
+
+    Raises:
+        InputError: it is no whole number, or none that a picture may have.
+    """
+    pixels = number(where, value)
+    if not pixels.is_integer() or not 1 <= pixels <= MAX_SIDE:
+        raise InputError(f"{where}: found {describe(value)}, needed a whole number from 1 to {MAX_SIDE}")
+    return int(pixels)
+
+
+def stamp_s(where: str, seconds: float) -> float:
+    """Give a time in seconds.
+
+    Raises:
+        InputError: no drive takes it.
+    """
+    return number(where, seconds, -MAX_STAMP_S, MAX_STAMP_S)
+
+
+def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
+    """Give the rigid transform that a file states but for rounding.
+
+    Raises:
+        InputError: it is none, or reaches farther than `farthest_m` along an axis.
+    """
+    try:
+        check_rigid(T)
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    farthest = float(np.abs(T[:3, 3]).max())
+    if not farthest <= farthest_m:
+        raise InputError(f"{where}: found a translation of {farthest:g}, needed at most {farthest_m:g} m")
+    return nearest_rigid(T)
+
+
+def pose_from_rows(where: str, values: npt.NDArray[np.float64], farthest_m: float = MAX_MOUNT_M) -> Pose:
+    """Make a transform (4, 4) of the 12 numbers of its first three rows.
+
+    Raises:
+        InputError: it is not rigid, or too far.
+    """
+    return rigid(where, np.vstack([values.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]), farthest_m)
+
+
+def camera_block(path: Path, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
+    """Check the camera block of a drive that was made of a file.
+
+    Args:
+        path: The file.
+        block: The block.
+        keys: Names in the file of the block's keys, where they have others there.
+
+    Raises:
+        InputError: the first complaint, with the file's own key.
+    """
+    try:
+        validate(Camera, block, Path("camera"))
+    except InputError as error:
+        found = re.fullmatch(r"camera: (\w+)(.*)", str(error), re.DOTALL)
+        key, complaint = found.groups() if found else ("camera", f": {error}")
+        raise InputError(f"{path}: {keys.get(key, key)}{complaint}") from None
+    return block
+
+
+def read_keyed(path: Path) -> dict[str, str]:
+    """Read `key: values` lines, as KITTI's calibration files have them.
+
+    Raises:
+        InputError: there is no such file, or it is no text.
+    """
+    lines = (line.partition(":") for line in read_text(path).splitlines())
+    return {key.strip(): values.strip() for key, colon, values in lines if colon}
+
+
+def numbers(path: Path, keyed: dict[str, str], key: str, *counts: int) -> Vector:
+    """Give the finite numbers (count,) under a key of a file that `read_keyed` read.
+
+    Raises:
+        InputError: the key is missing, or holds something else.
+    """
+    if key not in keyed:
+        raise InputError(f"{path}: found no key {key!r}, needed {one_of(key, list(keyed))}")
+    return parse_numbers(path, key, keyed[key], *counts)
+
+
+def transform(path: Path, keyed: dict[str, str], key: str) -> Pose:
+    """Read a transform of 12 numbers.
+
+    Raises:
+        InputError: it is not there, or not rigid.
+    """
+    return pose_from_rows(f"{path}: {key}", numbers(path, keyed, key, 12))
+
+
+def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
+    """Parse the finite numbers (count,) of a text.
+
+    Raises:
+        InputError: the text holds something else.
+    """
+    words = text.split()
+    needed = " or ".join(map(str, counts))
+    if (wrong := next((word for word in words if not _is_finite(word)), None)) is not None:
+        raise InputError(f"{path}: {key}: found {wrong[:40]!r}, needed {needed} numbers, all finite")
+    if len(words) not in counts:
+        raise InputError(f"{path}: {key}: found {len(words)} numbers, needed {needed}, all finite")
+    return np.array([float(word) for word in words])
+
+
+def _is_finite(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False
