@@ -4,15 +4,16 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use nalgebra::{Isometry3, Matrix3x4, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{DMatrix, Isometry3, Matrix3x4, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use rayon::ThreadPool;
 use rayon::prelude::*;
+use statrs::distribution::{ContinuousCDF, StudentsT};
 
 use crate::agreement::{held_out_gain as measure_gain, measure as measure_agreement};
-use crate::alignment::{self, AlignmentConfig, Anchored, Counted, PolishConfig};
+use crate::alignment::{self, AlignmentConfig, Anchored, Counted, PolishConfig, SensitivityConfig};
 use crate::camera::Camera;
 use crate::class_shares::ClassShares;
 use crate::correspondences::{self, Correspondence};
@@ -407,6 +408,10 @@ impl PyPointCloud {
     }
 }
 
+/// Curvature (n, n), scores (parts, n) and motions (n, n).
+type SensitivityArrays<'py> =
+    (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
 /// Points (N, 3) and the pixels (N, 2) they correspond to.
 type PairArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
 
@@ -573,6 +578,47 @@ mod _core {
     ) -> PyResult<Vec<PyClassShares>> {
         let shares = detached(py, || probabilities::read_all(&paths, &shape))?;
         Ok(shares.into_iter().map(PyClassShares).collect())
+    }
+
+    #[pyfunction]
+    fn student_quantile(probability: f64, degrees_of_freedom: f64) -> PyResult<f64> {
+        let student = StudentsT::new(0.0, 1.0, degrees_of_freedom).map_err(|e| value_error(e.to_string()))?;
+        if !(0.0..=1.0).contains(&probability) {
+            return Err(value_error(format!("a probability is from 0 to 1, found {probability}")));
+        }
+        Ok(student.inverse_cdf(probability))
+    }
+
+    #[pyfunction]
+    #[pyo3(signature = (observations, t_camera_lidar, *, factor, edge_band, max_points, with_intrinsics, regions_across,
+                        twists_per_s=None))]
+    #[allow(clippy::too_many_arguments)]
+    fn sensitivity<'py>(
+        py: Python<'py>,
+        observations: &PyObservations,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+        factor: usize,
+        edge_band: usize,
+        max_points: usize,
+        with_intrinsics: bool,
+        regions_across: usize,
+        twists_per_s: Option<Vec<[f64; 6]>>,
+    ) -> PyResult<Option<SensitivityArrays<'py>>> {
+        let pose = isometry(&t_camera_lidar)?;
+        let config = SensitivityConfig { factor, edge_band, max_points, with_intrinsics, regions_across };
+        let twists: Option<Vec<Vector6<f64>>> =
+            twists_per_s.map(|twists| twists.into_iter().map(Vector6::from).collect());
+        if twists.as_ref().is_some_and(|twists| twists.len() != observations.0.frames.len()) {
+            return Err(value_error("each frame needs a twist"));
+        }
+        let found =
+            detached(py, || alignment::sensitivity(&observations.0, &pose, twists.as_deref(), &config));
+        let array = |matrix: &DMatrix<f64>| {
+            let rows: Vec<f64> = matrix.transpose().iter().copied().collect();
+            rows.into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()])
+        };
+        let Some(found) = found else { return Ok(None) };
+        Ok(Some((array(&found.curvature)?, array(&found.scores)?, array(&found.motions)?)))
     }
 
     #[pyfunction]

@@ -39,8 +39,10 @@ __all__ = [
     "register",
     "sample_correspondences",
     "scan_grid",
+    "sensitivity",
     "set_num_threads",
     "spherical_image",
+    "student_quantile",
     "synthetic_classes",
 ]
 
@@ -235,6 +237,30 @@ class Renderer:
             Points (N, 4) with intensity; labels (N,), `instance << 16 | class`; visibility (N,), 0 outside the
             picture, 1 hidden, 2 visible; image labels (H, W); picture (H, W, 3) RGB; objects in view.
         """
+
+def sensitivity(
+    observations: Observations,
+    t_camera_lidar: _Float64,
+    *,
+    factor: int,
+    edge_band: int,
+    max_points: int,
+    with_intrinsics: bool,
+    regions_across: int,
+    twists_per_s: Sequence[Sequence[float]] | None = ...,
+) -> tuple[_Float64, _Float64, _Float64] | None:
+    """How the mutual information depends on pose and intrinsics around a pose: see `rust/alignment/sensitivity.rs`.
+
+    Returns:
+        With n parameters, which are a twist on the left of the pose (metres, radians) and, if asked for, fx, fy, cx, cy
+        (pixels), k1 and with `twists_per_s` the delay of the pictures (seconds): curvature (n, n), minus the second
+        derivative in nats; scores (parts, n), the share of the gradient of each frame and square of the picture, nats;
+        motions (n, n), mean products of the pixels by which the parameters move the points. None where no point lands
+        on a label, or nothing changes the information.
+    """
+
+def student_quantile(probability: float, degrees_of_freedom: float) -> float:
+    """The quantile of Student's t; raises `ValueError` unless degrees of freedom are above 0."""
 
 def set_num_threads(num_threads: int) -> None:
     """Run the core on so many threads; results do not depend on it."""

@@ -18,6 +18,7 @@ from semcal_cli.validation import (
     Transform,
     Vector3,
     Vector4,
+    Vector6,
     Version,
     length,
     mismatch,
@@ -71,6 +72,38 @@ class PolishRecord(StrictModel):
     """How much better they agree after it than before."""
     held_out_sigma_nats: Annotated[float, Field(ge=0.0)] | None
     """Standard error of that; null if all points lie in one part of the pictures."""
+
+
+class LabelBleed(StrictModel):
+    """How far the pose would move if the labels of all pictures bled by a pixel: more frames do not cure that."""
+
+    camera_center_m: Vector3
+    """The camera's place, along its axes."""
+    rotation_deg: Vector3
+    """Rotation about the camera's axes."""
+
+
+class UncertaintyRecord(StrictModel):
+    """How sure the pose is: of a twist xi = (rho, phi) in the camera frame, exp(xi) T_camera_lidar."""
+
+    covariance: Annotated[tuple[Vector6, ...], length(6, 6)]
+    """Of xi, metres and radians."""
+    degrees_of_freedom: Vector6
+    """Of Student's t, for each of xi: how many independent parts of the pictures tell of it."""
+    sigma_camera_center_m: Vector3
+    """Standard errors of the camera's place, along its axes."""
+    sigma_translation_m: Vector3
+    """Of translation_m, which a rotation about the camera changes, too."""
+    sigma_rotation_deg: Vector3
+    """Of the rotation, about the camera's axes."""
+    half_width_95_camera_center_m: Vector3
+    """95 % intervals are as wide to either side, by Student's t."""
+    half_width_95_rotation_deg: Vector3
+    """Likewise of the rotation."""
+    weak_directions: Annotated[tuple[str, ...], length(0)] = ()
+    """What the data hardly determine, in words."""
+    label_bleed: LabelBleed | None = None
+    """Null where it cannot be told."""
 
 
 class HypothesisRecord(StrictModel):
@@ -146,8 +179,8 @@ class Calibration(StrictModel):
     """Translation of T_camera_lidar."""
     quaternion_xyzw: Vector4
     """Rotation of T_camera_lidar."""
-    uncertainty: None = None
-    """Null until it is computed."""
+    uncertainty: UncertaintyRecord | None = None
+    """Null if the pose was not polished, or the labels do not determine it."""
     quality: Quality
     """How well the labels agree."""
     stages: dict[str, Stage]
@@ -184,6 +217,7 @@ class Calibration(StrictModel):
         reasons: tuple[str, ...],
         quality: Quality,
         stages: Mapping[str, Stage],
+        uncertainty: UncertaintyRecord | None,
         polish: PolishRecord | None,
         hypotheses: tuple[HypothesisRecord, ...],
         input: Input,
@@ -197,6 +231,7 @@ class Calibration(StrictModel):
             reasons: sentences, each with its figure.
             quality: how well the labels agree.
             stages: stages by name, in order.
+            uncertainty: how sure the pose is.
             polish: what held-out data said of it.
             hypotheses: of the initial calibration, best first.
             input: what was read.
@@ -214,6 +249,7 @@ class Calibration(StrictModel):
             T_lidar_camera=inverse(T).tolist(),
             translation_m=T[:3, 3].tolist(),
             quaternion_xyzw=quaternion_xyzw(T).tolist(),
+            uncertainty=uncertainty,
             quality=quality,
             stages=dict(stages),
             polish=polish,

@@ -24,6 +24,7 @@ from semcal_cli.observations import (
     read_pictures,
 )
 from semcal_cli.pictures import read_picture
+from semcal_cli.selection import evenly_spaced
 
 MAX_GAP_S = 0.05
 """Sweep and picture of a frame that are farther apart are suspicious: at 10 m/s that is half a metre."""
@@ -98,7 +99,7 @@ def inspect(drive: Drive) -> DriveReport:
     readable = [index for index, content in enumerate(contents) if content.num_points]
     if not readable:
         raise InputError(contents[0].complaints[0])
-    probed = _with_frames(drive, [readable[i] for i in evenly_spaced(len(readable), NUM_PROBED)])
+    probed = _with_frames(drive, evenly_spaced(readable, NUM_PROBED))
     points = [cloud.points for cloud in read_clouds(probed)]
     elevations, azimuths = _field_of_points(points)
     of_points = _names(content.point_classes for content in contents)
@@ -177,11 +178,6 @@ def _report(frame: Frame, content: _Content) -> FrameReport:
             *([] if gap_s is None or gap_s <= MAX_GAP_S else [f"sweep and picture are {gap_s:.3f} s apart"]),
         ),
     )
-
-
-def evenly_spaced(num: int, count: int) -> list[int]:
-    """Indices of at most `count` of `num`."""
-    return sorted({round(index) for index in np.linspace(0, num - 1, min(num, count))})
 
 
 def _with_frames(drive: Drive, indices: Sequence[int]) -> Drive:
@@ -272,7 +268,7 @@ def _range_suspicions(points: Sequence[npt.NDArray[np.float32]]) -> list[str]:
 def _picture_suspicions(drive: Drive) -> list[str]:
     named = [frame.image for frame in drive.frames if frame.image is not None]
     found = []
-    for name in (named[index] for index in evenly_spaced(len(named), NUM_PROBED)):
+    for name in evenly_spaced(named, NUM_PROBED):
         try:
             height, width, _ = read_picture(drive.resolve(name)).shape
         except InputError as error:

@@ -8,15 +8,20 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+import numpy.typing as npt
+
 from semcal_cli import _core
 from semcal_cli.calibration import (
     Calibration,
     HypothesisRecord,
+    LabelBleed,
     PolishRecord,
     Quality,
     Settings,
     Stage,
     Status,
+    UncertaintyRecord,
 )
 from semcal_cli.drive import Drive, Motion
 from semcal_cli.initialization import (
@@ -45,6 +50,8 @@ from semcal_cli.refinement import (
     refine,
 )
 from semcal_cli.selection import MAX_FRAMES, select_frames
+from semcal_cli.trust import doubts
+from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, label_bleed
 
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
@@ -95,6 +102,7 @@ class Run:
     progress: Callable[[str], None] = lambda doing: None
     stages: dict[str, Stage] = field(default_factory=dict)
     polish_record: PolishRecord | None = None
+    uncertainty: UncertaintyRecord | None = None
     hypotheses: tuple[HypothesisRecord, ...] = ()
     runner_up_margin: float | None = None
     reasons: list[str] = field(default_factory=list)
@@ -202,6 +210,7 @@ class Run:
         polished = self._polish(observations, T_camera_lidar, config) if config.is_polished else None
         if polished is not None and polished.is_accepted:
             self.reasons += _polish_reasons(polished)
+            self._assess(observations, polished.T_camera_lidar, config)
             return polished.T_camera_lidar
         self.reasons += _convergence_reasons(refinement)
         return T_camera_lidar
@@ -233,6 +242,23 @@ class Run:
         self._finish("polished", start, observations, polished.T_camera_lidar, note)
         return polished
 
+    def _assess(self, observations: Observations, T_camera_lidar: Pose, config: RefinementConfig) -> None:
+        """Tell how sure a polished pose is, and what speaks against it."""
+        self.progress("assessing")
+        start = perf_counter()
+        found = estimate_uncertainty(observations, T_camera_lidar, edge_band_px=config.edge_band_px)
+        against = doubts(observations, T_camera_lidar)
+        if found is None:
+            against.insert(
+                0, "labels do not determine the pose: information does not fall in every direction"
+            )
+        else:
+            settings = PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+            self.uncertainty = _uncertainty_record(found, label_bleed(observations, T_camera_lidar, settings))
+        self.reasons += against
+        note = f"{len(against)} doubts" if len(against) > 1 else "1 doubt" if against else "no doubt"
+        self.report(StageReport("assessed", perf_counter() - start, note=note))
+
     def result(self, observations: Observations, T_camera_lidar: Pose, folder: Path) -> Calibration:
         """Assess a pose and put everything into a calibration."""
         agreement = _core.agreement(observations.core, T_camera_lidar)
@@ -252,6 +278,7 @@ class Run:
                 runner_up_margin=self.runner_up_margin,
             ),
             stages=self.stages,
+            uncertainty=self.uncertainty,
             polish=self.polish_record,
             hypotheses=self.hypotheses,
             input=describe_input(self.drive, self.given.source if self.given else None, folder),
@@ -340,6 +367,22 @@ def _record(hypothesis: Hypothesis, best: Hypothesis) -> HypothesisRecord:
         num_pairs=hypothesis.num_pairs,
         num_inliers=hypothesis.num_inliers,
         rotation_from_best_deg=rotation_error_deg(hypothesis.T_camera_lidar, best.T_camera_lidar),
+    )
+
+
+def _uncertainty_record(found: Uncertainty, bleed: npt.NDArray[np.float64] | None) -> UncertaintyRecord:
+    half_widths = found.half_widths.tolist()
+    moved = None if bleed is None else bleed.tolist()
+    return UncertaintyRecord(
+        covariance=found.covariance.tolist(),
+        degrees_of_freedom=found.degrees_of_freedom.tolist(),
+        sigma_camera_center_m=found.sigma_camera_center_m.tolist(),
+        sigma_translation_m=found.sigma_translation_m.tolist(),
+        sigma_rotation_deg=found.sigma_rotation_deg.tolist(),
+        half_width_95_camera_center_m=half_widths[:3],
+        half_width_95_rotation_deg=half_widths[3:],
+        weak_directions=tuple(found.weak_directions),
+        label_bleed=moved and LabelBleed(camera_center_m=moved[:3], rotation_deg=moved[3:]),
     )
 
 

@@ -67,13 +67,13 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
         config: How.
     """
     kept, held_out = split(observations, config)
-    T_kept, moved_px = _climb(kept, T_camera_lidar, config)
+    T_kept, moved_px = climb(kept, T_camera_lidar, config)
     gain, sigma = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, T_kept)
     # Without a standard error, nothing speaks for it.
     is_accepted = math.isfinite(sigma) and gain >= -config.max_loss * sigma
     T_polished = T_camera_lidar
     if is_accepted:
-        T_polished, moved_px = _climb(observations, T_kept, config)
+        T_polished, moved_px = climb(observations, T_kept, config)
     return Polish(T_polished, is_accepted, moved_px <= config.settled_px, moved_px, gain, sigma)
 
 
@@ -91,7 +91,12 @@ def split(observations: Observations, config: PolishConfig) -> tuple[Observation
     return _masked(observations, region), _masked(observations, ~region)
 
 
-def _climb(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> tuple[Pose, float]:
+def climb(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> tuple[Pose, float]:
+    """Climb to the top from a pose that is about a pixel off, without held-out data.
+
+    Returns:
+        T_camera_lidar, and how far the last round moved the points, pixels.
+    """
     T_polished, moved_px, _ = _core.polish(
         observations.core,
         T_camera_lidar,

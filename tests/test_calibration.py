@@ -14,10 +14,12 @@ from semcal_cli.calibration import (
     HypothesisRecord,
     Input,
     InputFrame,
+    LabelBleed,
     PolishRecord,
     Quality,
     Settings,
     Stage,
+    UncertaintyRecord,
     calibration_text,
     read_calibration,
     write_calibration,
@@ -28,6 +30,17 @@ from semcal_cli.poses import Pose
 from semcal_cli.schemas import FOLDER, SCHEMAS, schema_text
 
 POSE = make_pose((0.1, -1.2, 0.3), (0.5, -0.0, -2.0))
+UNCERTAINTY = UncertaintyRecord(
+    covariance=(1e-6 * np.eye(6)).tolist(),
+    degrees_of_freedom=[30.0] * 6,
+    sigma_camera_center_m=[0.001] * 3,
+    sigma_translation_m=[0.0012] * 3,
+    sigma_rotation_deg=[0.05] * 3,
+    half_width_95_camera_center_m=[0.002] * 3,
+    half_width_95_rotation_deg=[0.1] * 3,
+    weak_directions=["in yaw: +- 0.59 degrees; add frames"],
+    label_bleed=LabelBleed(camera_center_m=[0.003] * 3, rotation_deg=[0.02] * 3),
+)
 EXACT = 1e-12  # a few roundings of numbers up to 100
 
 
@@ -58,6 +71,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
             ),
         ),
         stages={"initial": Stage(T_camera_lidar=np.eye(4).tolist(), mutual_information_nats=1e-5)},
+        uncertainty=UNCERTAINTY,
         polish=PolishRecord(accepted=True, held_out_gain_nats=0.01, held_out_sigma_nats=None),
         input=Input(
             drive="drive.yaml",
@@ -89,7 +103,7 @@ def test_yaml_is_the_design() -> None:
     assert list(yaml.safe_load(text)) == list(Calibration.model_fields)
     assert text.startswith("semcal_calibration: 1\nstatus: not_assessed\nreasons:\n- 'no check applies: ")
     assert "\nT_camera_lidar:\n- [1.0, 0.0, 0.0, 0.0]\n- [0.0, 1.0, 0.0, 0.0]\n" in text
-    assert "\nuncertainty: null\n" in text
+    assert "\nuncertainty:\n  covariance:\n  - [1.0e-06, 0.0, 0.0, 0.0, 0.0, 0.0]\n" in text
     assert "-0.0" not in text
 
 

@@ -19,6 +19,8 @@ LAYERS = [
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
     {"mine", "polish", "inspection"},
+    {"uncertainty"},
+    {"trust"},
     {"pipeline"},
     {"experiments"},
     {"cli"},

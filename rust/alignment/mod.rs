@@ -12,6 +12,7 @@
 mod anchored;
 mod climb;
 mod polish;
+mod sensitivity;
 
 use std::sync::Arc;
 
@@ -28,6 +29,7 @@ use crate::visibility::{hidden, land};
 pub use anchored::Anchored;
 pub use climb::{Aligned, AlignmentConfig, align};
 pub use polish::{PolishConfig, Polished, polish};
+pub use sensitivity::{Sensitivity, SensitivityConfig, sensitivity};
 
 /// Pairs that a batch has not seen count as so many points: their pointwise mutual information has to be finite.
 const LEAST_WEIGHT: f64 = 0.1;
@@ -160,7 +162,7 @@ impl Level {
 
     /// The joint histogram of the points' classes and the blocks on which they land.
     pub fn joint(&self, samples: &[Sample], pose: &Isometry3<f64>) -> JointHistogram {
-        self.joint_and_mixed(samples, pose, |_| ()).0
+        self.joint_and_mixed(samples, self.lands(pose), |_| ()).0
     }
 
     /// The joint histogram of `constant` pairs and those of the points, and the gradient of its mutual information with
@@ -169,7 +171,7 @@ impl Level {
     /// `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from
     /// the marginals cancel.
     pub fn slope(&self, samples: &[Sample], constant: &JointHistogram, pose: &Isometry3<f64>) -> Slope {
-        let (mut joint, mixed) = self.joint_and_mixed(samples, pose, |landed| landed);
+        let (mut joint, mixed) = self.joint_and_mixed(samples, self.lands(pose), |landed| landed);
         joint.merge(constant);
         let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
         let of_chunk = |chunk: &Vec<Landed>| {
@@ -190,19 +192,27 @@ impl Level {
         Slope { joint, gradient }
     }
 
+    /// Where a sample lies in the camera frame, and its pixel.
+    fn lands(&self, pose: &Isometry3<f64>) -> impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync {
+        let to_camera = to_camera(pose);
+        move |sample| {
+            let p_camera = to_camera(&sample.position);
+            self.observations.camera.project(&p_camera).map(|pixel| (p_camera, pixel))
+        }
+    }
+
     /// The joint histogram, and in chunks what `keep` makes of the points on several classes, by which it changes.
     fn joint_and_mixed<T: Send>(
         &self,
         samples: &[Sample],
-        pose: &Isometry3<f64>,
+        lands: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
         keep: impl Fn(Landed) -> T + Sync,
     ) -> (JointHistogram, Vec<Vec<T>>) {
-        let to_camera = to_camera(pose);
         let of_chunk = |chunk: &[Sample]| {
             let (mut joint, mut mixed) = (self.empty_joint(), Vec::new());
-            for &Sample { position, class, frame, weight } in chunk {
-                let p_camera = to_camera(&position);
-                let Some(pixel) = self.observations.camera.project(&p_camera) else { continue };
+            for sample in chunk {
+                let Some((p_camera, pixel)) = lands(sample) else { continue };
+                let &Sample { class, frame, weight, .. } = sample;
                 let sampled = self.maps[frame as usize].at(&pixel);
                 sampled.add_to(joint.row_mut(class), f64::from(weight));
                 if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {

@@ -19,10 +19,13 @@ mod radial;
 mod tests;
 mod thin_prism;
 
-use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix2x3, Point2, SMatrix, Vector2, Vector3};
 
 use crate::error::{Error, Result};
 use lens::{Lens, Model};
+
+/// fx, fy, cx, cy, k1: see [`Camera::intrinsics_jacobian`].
+pub const NUM_INTRINSICS: usize = 5;
 
 /// A calibrated camera: picture size, focal lengths, principal point and lens.
 #[derive(Clone, Debug, PartialEq)]
@@ -100,6 +103,16 @@ impl Camera {
     #[inline]
     pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         Matrix2::from_diagonal(&self.focal) * self.lens.jacobian(point)
+    }
+
+    /// How a pixel moves with fx, fy, cx, cy and k1. For lenses without a k1, it is that of a small radial distortion on
+    /// top of theirs.
+    #[inline]
+    pub fn intrinsics_jacobian(&self, pixel: &Point2<f64>) -> SMatrix<f64, 2, NUM_INTRINSICS> {
+        let [x, y]: [f64; 2] = (pixel.coords - self.center).component_div(&self.focal).into();
+        let radius2 = x * x + y * y;
+        let (u, v) = (self.focal.x * x * radius2, self.focal.y * y * radius2);
+        SMatrix::<f64, 2, NUM_INTRINSICS>::new(x, 0.0, 1.0, 0.0, u, 0.0, y, 0.0, 1.0, v)
     }
 
     /// The unit ray (camera frame) that lands on a pixel; `None` where the lens reaches no such pixel.

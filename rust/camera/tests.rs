@@ -273,3 +273,22 @@ proptest! {
         prop_assert!(back.is_some_and(|back| (back - ray).norm() < 1e-6), "{camera:?} {pixel} {back:?} {ray}");
     }
 }
+
+#[test]
+fn pixels_move_with_the_intrinsics_as_by_finite_differences() {
+    const STEP: f64 = 1e-4;
+    let (k, point) = ([600.0, 610.0, 639.5, 359.5], Vector3::new(0.7, -0.4, 1.6));
+    let project = |k: [f64; 4], k1: f64| {
+        let k = [[k[0], 0.0, k[2]], [0.0, k[1], k[3]], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("plumb_bob", SIZE, k, &[k1, 0.0, 0.0, 0.0]).expect("a valid camera");
+        camera.project(&point).expect("in front")
+    };
+    let pixel = project(k, 0.0);
+    let jacobian = camera("plumb_bob", &[]).intrinsics_jacobian(&pixel);
+    for axis in 0..super::NUM_INTRINSICS {
+        let (mut moved, mut k1) = (k, 0.0);
+        *moved.get_mut(axis).unwrap_or(&mut k1) += STEP;
+        let slope = (project(moved, k1) - pixel) / STEP;
+        assert!((slope - jacobian.column(axis)).norm() < 1e-2 * (1.0 + slope.norm()), "{axis}");
+    }
+}

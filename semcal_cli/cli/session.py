@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.status import Status
 
-from semcal_cli.calibration import Calibration, calibration_text, write_calibration
+from semcal_cli.calibration import Calibration, UncertaintyRecord, calibration_text, write_calibration
 from semcal_cli.documents import is_folder, output_format, write_text
 from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
@@ -135,12 +135,13 @@ class Session:
                 f"{quality.label_agreement:.1%} of the pairs of {quality.num_points:,} visible points agree",
                 f"they cover {quality.overlap:.0%} of the picture",
             ],
+            **_uncertainty_rows(calibration.uncertainty),
             "status": [calibration.status, *calibration.reasons],
             "written to": [str(self.output) if self.output else "standard output"],
         }
         for name, lines in rows.items():
             for label, line in zip([name, *[""] * len(lines)], lines, strict=False):
-                self.console.print(f"{label:<15}{line}", markup=False)
+                self.console.print(f"{label:<17}{line}", markup=False)
 
     def _log_text(self) -> str:
         stages = [{"name": r.name, "seconds": round(r.seconds, 4), "note": r.note} for r in self.reports]
@@ -150,6 +151,24 @@ class Session:
             "python": platform.python_version(),
         }
         return json.dumps({"stages": stages, "host": host, "threads": self.threads}, indent=2) + "\n"
+
+
+def _uncertainty_rows(uncertainty: UncertaintyRecord | None) -> dict[str, list[str]]:
+    """What is known of the pose's error, for reading; intervals are along the camera's axes."""
+    if uncertainty is None:
+        return {}
+    center, rotation = uncertainty.half_width_95_camera_center_m, uncertainty.half_width_95_rotation_deg
+    lines = [
+        f"camera centre x y z +- {_row([100.0 * x for x in center], 3)} cm",
+        f"rotation about them +- {_row(rotation, 4)} deg",
+        *(f"weak {direction}" for direction in uncertainty.weak_directions),
+    ]
+    rows = {"95 % interval": lines}
+    if uncertainty.label_bleed is not None:
+        moved_cm = 100.0 * np.linalg.norm(uncertainty.label_bleed.camera_center_m)
+        turned_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
+        rows["labels 1 px off"] = [f"would move it by {moved_cm:.2f} cm and {turned_deg:.3f} deg"]
+    return rows
 
 
 def _check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
@@ -182,5 +201,5 @@ def _count(number: int | None) -> str:
     return f"{'-' if number is None else format(number, ','):>7}"
 
 
-def _row(values: list[float] | tuple[float, ...]) -> str:
-    return " ".join(f"{value:10.6f}" for value in np.round(values, 6) + 0.0)
+def _row(values: Sequence[float], digits: int = 6) -> str:
+    return " ".join(f"{value:{digits + 4}.{digits}f}" for value in np.round(values, digits) + 0.0)

@@ -1,0 +1,143 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import chi2, t
+
+from semcal_cli import _core
+from semcal_cli.classes import NO_CLASS
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations
+from semcal_cli.polish import PolishConfig, climb
+from semcal_cli.poses import Pose, inverse
+from semcal_cli.uncertainty import (
+    SHARED_FRAMES,
+    Sensitivity,
+    Uncertainty,
+    bled,
+    estimate_uncertainty,
+    is_determined,
+    label_bleed,
+    sandwich,
+)
+
+CONFIG = PolishConfig()
+
+
+@pytest.fixture(scope="module")
+def polished(street_observations: Observations, street_truth: Pose) -> Pose:
+    return climb(street_observations, street_truth, CONFIG)[0]
+
+
+@pytest.fixture(scope="module")
+def uncertainty(street_observations: Observations, polished: Pose) -> Uncertainty:
+    found = estimate_uncertainty(street_observations, polished)
+    assert found is not None
+    return found
+
+
+def errors(T: Pose, T_reference: Pose) -> np.ndarray:
+    """(6,) metres of the camera's place, degrees of the rotation."""
+    error = compare_poses(T, T_reference)
+    return np.array([*(0.01 * np.array(error.camera_center_xyz_cm)), *error.rotation_xyz_deg])
+
+
+def sigmas(uncertainty: Uncertainty) -> np.ndarray:
+    return np.concatenate([uncertainty.sigma_camera_center_m, uncertainty.sigma_rotation_deg])
+
+
+def test_the_truth_is_about_as_far_away_as_is_said(uncertainty: Uncertainty, street_truth: Pose) -> None:
+    z = errors(uncertainty.T_camera_lidar, street_truth) / sigmas(uncertainty)
+    # Of six axes: neither farther than one drive in 1000 would be, nor suspiciously near.
+    assert chi2.ppf(0.001, 6) < z @ z < 4.0 * chi2.ppf(0.999, 6)
+    assert (uncertainty.half_widths > 1.9 * sigmas(uncertainty)).all()
+
+
+def test_poses_of_single_frames_scatter_as_is_said(street_observations: Observations, polished: Pose) -> None:
+    scatter, stated = [], []
+    for index in range(street_observations.num_frames):
+        frame = street_observations.of_frames([index])
+        T = climb(frame, polished, CONFIG)[0]
+        found = estimate_uncertainty(frame, T)
+        assert found is not None
+        scatter.append(errors(T, polished))
+        stated.append(sigmas(found))
+    ratio = np.sqrt(np.mean(np.square(scatter), axis=0)) / np.sqrt(np.mean(np.square(stated), axis=0))
+    assert 0.4 < np.sqrt(np.mean(ratio**2)) < 2.0
+
+
+def test_less_data_are_less_sure(
+    street_observations: Observations, uncertainty: Uncertainty, polished: Pose
+) -> None:
+    one = estimate_uncertainty(street_observations.of_frames([0]), polished)
+    assert one is not None
+    gain = np.median(sigmas(one) / sigmas(uncertainty))
+    assert 1.2 < gain < 4.0  # two, were all frames alike
+
+
+def test_the_translation_moves_with_a_rotation(uncertainty: Uncertainty) -> None:
+    rng = np.random.default_rng(0)
+    twists = rng.multivariate_normal(np.zeros(6), uncertainty.covariance, 20_000)
+    t0 = uncertainty.T_camera_lidar[:3, 3]
+    translations = t0 + twists[:, :3] + np.cross(twists[:, 3:], t0)
+    np.testing.assert_allclose(translations.std(axis=0), uncertainty.sigma_translation_m, rtol=0.03)
+
+
+def test_sandwich_of_independent_scores() -> None:
+    rng = np.random.default_rng(1)
+    curvature = np.diag([4.0, 1.0])
+    scores = rng.standard_normal((5000, 2)) * [2.0, 0.5]
+    covariance, dof = sandwich(Sensitivity(curvature, scores, np.eye(2)), num_frames=6)
+    expected = np.diag([(2.0 / 4.0) ** 2, (0.5 / 1.0) ** 2]) * 5000 * (1.0 + 6 / SHARED_FRAMES)
+    np.testing.assert_allclose(np.diag(covariance), np.diag(expected), rtol=0.06)
+    np.testing.assert_allclose(dof, 5000 / 3, rtol=0.1)  # of normal scores: E[x^2]^2 / E[x^4] is a third
+
+
+def test_a_saddle_is_not_determined() -> None:
+    scores = np.ones((9, 2))
+    assert is_determined(Sensitivity(np.diag([1.0, 1e-3]), scores, np.eye(2)))
+    assert not is_determined(Sensitivity(np.diag([1.0, -1e-3]), scores, np.eye(2)))
+
+
+def test_directions_that_are_hardly_determined_are_named(uncertainty: Uncertainty) -> None:
+    assert uncertainty.weak_directions == []
+    covariance = uncertainty.covariance.copy()
+    covariance[2, 2], covariance[4, 4] = 0.05**2, np.radians(0.3) ** 2
+    weak = replace(uncertainty, covariance=covariance, degrees_of_freedom=np.full(6, 1e6)).weak_directions
+    assert weak == [
+        "along the optical axis: +- 9.8 cm; add frames with near objects",
+        "in yaw: +- 0.59 degrees; add frames",
+    ]
+
+
+@pytest.mark.parametrize("dof", [1.3, 4.0, 37.5])
+def test_student_quantile_is_scipys(dof: float) -> None:
+    assert _core.student_quantile(0.975, dof) == pytest.approx(t.ppf(0.975, dof), rel=1e-6)
+
+
+def test_the_rarer_class_bleeds() -> None:
+    image = np.zeros((5, 6), np.uint8)
+    image[2, 2], image[0, 5], image[4, 5] = 1, 2, NO_CLASS
+    image[3, 3:5] = 2
+    (grown,) = bled([image])
+    expected = image.copy()
+    expected[0, 4] = expected[1, 5] = 2
+    expected[2, 3] = expected[2, 4] = expected[4, 3] = expected[4, 4] = expected[3, 2] = expected[3, 5] = 2
+    expected[1, 2] = expected[3, 2] = expected[2, 1] = expected[2, 3] = 1  # rarest
+    np.testing.assert_array_equal(grown, expected)
+
+
+def test_bleeding_labels_move_the_pose(street_observations: Observations, polished: Pose) -> None:
+    moved = label_bleed(street_observations, polished, CONFIG)
+    assert moved is not None
+    assert 1e-4 < np.linalg.norm(moved[:3]) < 0.1
+    assert 1e-3 < np.linalg.norm(moved[3:]) < 0.5
+
+
+def test_a_twist_on_the_left_is_in_the_camera_frame(uncertainty: Uncertainty) -> None:
+    """`errors` against the definition: T = exp(xi) T_estimate, camera centre moved by -rho along its axes."""
+    T = uncertainty.T_camera_lidar
+    moved = T.copy()
+    moved[:3, 3] += [0.0, 0.0, 0.02]
+    center = inverse(moved)[:3, 3] - inverse(T)[:3, 3]
+    np.testing.assert_allclose(T[:3, :3] @ center, [0.0, 0.0, -0.02], atol=1e-12)
