@@ -21,7 +21,8 @@ LAYERS = [
     {"mine", "polish", "inspection"},
     {"uncertainty"},
     {"trust"},
-    {"pipeline"},
+    {"pipeline", "comparison"},
+    {"verification"},
     {"experiments"},
     {"cli"},
 ]

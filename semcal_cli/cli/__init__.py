@@ -12,6 +12,7 @@ import warnings
 import click
 
 from semcal_cli.cli.calibrate import calibrate
+from semcal_cli.cli.compare import compare
 from semcal_cli.cli.demo import demo
 from semcal_cli.cli.evaluate import evaluate
 from semcal_cli.cli.experiment import experiment
@@ -20,6 +21,7 @@ from semcal_cli.cli.initialize import initialize
 from semcal_cli.cli.inspect import inspect
 from semcal_cli.cli.refine import refine
 from semcal_cli.cli.synth import synth
+from semcal_cli.cli.verify import verify
 from semcal_cli.errors import SemcalError
 
 EXIT_FAILURE = 1
@@ -32,7 +34,11 @@ def semcal() -> None:
     """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
 
 
-for command in (calibrate, initialize, refine, evaluate, inspect, import_, synth, experiment, demo):
+COMMANDS = (
+    *(calibrate, initialize, refine, evaluate, verify, compare),
+    *(inspect, import_, synth, experiment, demo),
+)
+for command in COMMANDS:
     semcal.add_command(command)
 
 

@@ -1,0 +1,70 @@
+"""`semcal compare`: two transforms side by side."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, FiniteRange
+
+if TYPE_CHECKING:
+    from semcal_cli.comparison import Axis
+
+EXIT_DIFFERENT = 3
+
+
+@click.command(
+    help=f"Compare the transforms of A and B: {KNOWN_TRANSFORMS}. Exit code 3: they differ by more than allowed."
+)
+@click.argument("a", type=PATH)
+@click.argument("b", type=PATH)
+@click.option(
+    "--max-rotation-deg",
+    type=FiniteRange(0.0),
+    default=0.3,
+    show_default=True,
+    metavar="DEG",
+    help="How far the rotations may be apart.",
+)
+@click.option(
+    "--max-translation-m",
+    type=FiniteRange(0.0),
+    default=0.05,
+    show_default=True,
+    metavar="M",
+    help="How far the camera's places may be apart.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float, as_json: bool) -> None:
+    """Compare two transforms."""
+    from dataclasses import asdict
+
+    from semcal_cli.cli.session import error_lines
+    from semcal_cli.comparison import compare as difference
+    from semcal_cli.comparison import read_known
+
+    found = difference(read_known(a), read_known(b))
+    error = found.error
+    is_same = error.rotation_deg <= max_rotation_deg and error.camera_center_cm <= 100.0 * max_translation_m
+    if as_json:
+        click.echo(json.dumps(asdict(found) | {"same": is_same}, allow_nan=False))
+    else:
+        for axis in found.axes:
+            click.echo(_line(axis))
+        for line in error_lines(error):
+            click.echo(line)
+        click.echo("same" if is_same else "different")
+    sys.exit(0 if is_same else EXIT_DIFFERENT)
+
+
+def _line(axis: Axis) -> str:
+    halves = [
+        "not known" if half is None else f"+- {half:.4f}" for half in (axis.half_width_a, axis.half_width_b)
+    ]
+    verdict = {None: "", True: "   within both", False: "   more than both explain"}[axis.is_explained]
+    a, b = (f"{half:<12}" for half in halves)
+    return f"{axis.name:<16}{axis.difference:10.4f} {axis.unit:<4} A {a} B {b}{verdict}".rstrip()

@@ -1,0 +1,149 @@
+"""`semcal verify`: whether a transform still holds."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    PATH,
+    FiniteRange,
+    drive_argument,
+    max_frames_option,
+    quiet_option,
+    seed_option,
+    threads_option,
+)
+
+if TYPE_CHECKING:
+    from semcal_cli.verification import Check, Verification
+
+EXIT_CODES = {"pass": 0, "fail": 3, "inconclusive": 4}
+
+
+@click.command(
+    help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
+
+    The pose is estimated anew, from the transform on. Exit code 0: each axis passes. 3: an offset lies beyond its limit
+    with its whole 95 % interval. 4: the data cannot decide.
+    """
+)
+@drive_argument
+@click.argument("calibration", type=PATH)
+@click.option(
+    "--max-rotation-deg",
+    type=FiniteRange(0.0, min_open=True),
+    default=0.3,
+    show_default=True,
+    metavar="DEG",
+    help="How far the rotation may be off, about each axis of the camera and in all.",
+)
+@click.option(
+    "--max-translation-m",
+    type=FiniteRange(0.0, min_open=True),
+    default=0.05,
+    show_default=True,
+    metavar="M",
+    help="How far the camera may be off, along each of its axes and in all.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Write a JUnit XML file, too.")
+@seed_option
+@threads_option
+@max_frames_option
+@quiet_option
+def verify(
+    drive: Path,
+    calibration: Path,
+    max_rotation_deg: float,
+    max_translation_m: float,
+    as_json: bool,
+    junit: Path | None,
+    seed: int,
+    threads: int | None,
+    max_frames: int | None,
+    quiet: bool,
+) -> None:
+    """Verify a transform on a drive."""
+    from semcal_cli.cli.session import Session
+    from semcal_cli.formats import read_transform
+    from semcal_cli.pipeline import Given
+    from semcal_cli.verification import Limits
+    from semcal_cli.verification import verify as check
+
+    given = Given(read_transform(calibration), name=str(calibration), source=calibration)
+    session = Session(
+        drive, log=junit, seed=seed, threads=threads, quiet=quiet, max_frames=max_frames, given=given
+    )
+    with session:
+        found = check(session.run, given, Limits(max_rotation_deg, max_translation_m))
+    if junit is not None:
+        _write_junit(found, junit)
+    _print(found, as_json)
+    if os.environ.get("GITHUB_ACTIONS") == "true":
+        _annotate(found)
+    sys.exit(EXIT_CODES[found.verdict])
+
+
+def _print(found: Verification, as_json: bool) -> None:
+    if as_json:
+        import json
+        from dataclasses import asdict
+
+        click.echo(
+            json.dumps(asdict(found) | {"T_camera_lidar": found.T_camera_lidar.tolist()}, allow_nan=False)
+        )
+        return
+    for check in found.checks:
+        click.echo(_line(check))
+    for reason in found.reasons:
+        click.echo(reason)
+    click.echo(found.verdict)
+
+
+def _line(check: Check) -> str:
+    half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
+    return f"{check.name:<21}{check.offset:10.4f} {half} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"
+
+
+def _write_junit(found: Verification, path: Path) -> None:
+    """Write a test case for each check: a failure fails, what cannot be decided is skipped."""
+    from xml.etree import ElementTree
+
+    from semcal_cli.documents import write_text
+
+    verdicts = [check.verdict for check in found.checks]
+    suite = ElementTree.Element(
+        "testsuite",
+        name="semcal verify",
+        tests=str(len(verdicts)),
+        failures=str(verdicts.count("fail")),
+        skipped=str(verdicts.count("inconclusive")),
+        errors="0",
+    )
+    for check in found.checks:
+        case = ElementTree.SubElement(suite, "testcase", classname="semcal.verify", name=check.name)
+        kind = {"fail": "failure", "inconclusive": "skipped"}.get(check.verdict)
+        if kind is not None:
+            message = "; ".join([" ".join(_line(check).split()), *found.reasons])
+            ElementTree.SubElement(case, kind, message=message)
+    ElementTree.indent(suite)
+    write_text(
+        '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(suite, encoding="unicode") + "\n",
+        path,
+    )
+
+
+def _annotate(found: Verification) -> None:
+    """Put the verdict where GitHub shows it; on stderr, which it reads as well."""
+    kind = {"pass": "notice", "fail": "error", "inconclusive": "warning"}[found.verdict]
+    lines = [check.name for check in found.checks if check.verdict == found.verdict != "pass"]
+    text = "; ".join([found.verdict, *lines, *found.reasons])
+    for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
+        text = text.replace(character, code)
+    click.echo(f"::{kind} title=semcal verify::{text}", err=True)

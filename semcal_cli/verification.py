@@ -1,0 +1,184 @@
+"""Whether a transform still holds: the pose is estimated anew around it, and what differs is judged axis by axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from semcal_cli.errors import CalibrationError
+from semcal_cli.initialization import InitializationConfig
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations
+from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+
+Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
+Unit: TypeAlias = Literal["cm", "deg"]
+
+MAX_ROTATION_DEG = 0.3
+MAX_TRANSLATION_M = 0.05
+NEAR_DEG = 5.0
+"""An estimate that is farther from the transform than this is searched for from nothing ..."""
+NEAR_M = 0.5
+"""... or farther than this."""
+SAME_DEG = 3.0
+"""A mistake is recognised if, made good, it leads so near to the estimate ..."""
+SAME_M = 0.3
+"""... and so near."""
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Check:
+    """One figure that is judged."""
+
+    name: str
+    unit: Unit
+    offset: float
+    """The transform less the estimate."""
+    half_width: float | None
+    """Of its 95 % interval; None if nothing is known of it."""
+    allowed: float
+    verdict: Verdict
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What was found."""
+
+    verdict: Verdict
+    checks: tuple[Check, ...]
+    """The camera's place and its rotation along its axes, then the length of either."""
+    reasons: tuple[str, ...]
+    """Why it is not more certain, or what the transform looks like."""
+    T_camera_lidar: Pose
+    """The estimate."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How far a transform may be off."""
+
+    rotation_deg: float = MAX_ROTATION_DEG
+    """About each axis of the camera, and in all."""
+    translation_m: float = MAX_TRANSLATION_M
+    """Along each axis of the camera, and in all."""
+
+
+def verify(run: Run, given: Given, limits: Limits) -> Verification:
+    """Verify a transform on a drive.
+
+    The pose is refined from the transform on; if that leads nowhere or leaves doubts, it is searched for from nothing.
+    An offset fails if its 95 % interval lies beyond the limit, and passes if it lies within. What is between, and what
+    the data cannot see, is inconclusive.
+
+    Args:
+        run: A calibration of the drive, not begun.
+        given: The transform.
+        limits: What is allowed.
+
+    Raises:
+        InputError: a file of the drive is missing or wrong.
+        CalibrationError: one side carries a single class, or the drive cannot be calibrated at all.
+    """
+    observations = run.load()
+    estimate = _nearby(run, observations, given)
+    if estimate is None:
+        run = Run(run.drive, run.seed, run.max_frames, run.report, run.progress)
+        hypotheses = run.initialize(observations, InitializationConfig())
+        estimate = run.refine(observations, hypotheses[0].T_camera_lidar, RefinementConfig())
+    uncertainty = run.uncertainty
+    half_widths = (
+        [*uncertainty.half_width_95_camera_center_m, *uncertainty.half_width_95_rotation_deg]
+        if uncertainty
+        else None
+    )
+    checks = _checks(given.T_camera_lidar, estimate, half_widths, limits)
+    if run.reasons or uncertainty is None:
+        unknown = "the polish was rejected: nothing is known of the estimate's error"
+        return Verification("inconclusive", checks, tuple(run.reasons or [unknown]), estimate)
+    verdicts = [check.verdict for check in checks]
+    verdict: Verdict = (
+        "fail" if "fail" in verdicts else "inconclusive" if "inconclusive" in verdicts else "pass"
+    )
+    looks = recognise(given.T_camera_lidar, estimate) if verdict == "fail" else []
+    return Verification(verdict, checks, tuple(looks), estimate)
+
+
+def _nearby(run: Run, observations: Observations, given: Given) -> Pose | None:
+    """The estimate that the transform leads to; None if it leads away, or leaves doubts."""
+    try:
+        run.start_at(observations, given)
+        estimate = run.refine(observations, given.T_camera_lidar, RefinementConfig(), from_afar=True)
+    except CalibrationError:
+        return None
+    is_near = _is_near(estimate, given.T_camera_lidar, NEAR_DEG, NEAR_M)
+    return estimate if is_near and not run.reasons and run.uncertainty is not None else None
+
+
+def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
+    error = compare_poses(T_a, T_b)
+    return error.rotation_deg <= angle_deg and error.camera_center_cm <= 100.0 * distance_m
+
+
+def _checks(
+    T_given: Pose, T_estimate: Pose, half_widths: Sequence[float] | None, limits: Limits
+) -> tuple[Check, ...]:
+    """Judge the camera's place and its rotation, each along the three axes and in all."""
+    error = compare_poses(T_given, T_estimate)
+    found = np.array([*error.camera_center_xyz_cm, *error.rotation_xyz_deg])
+    half = None if half_widths is None else np.array(half_widths) * ([100.0] * 3 + [1.0] * 3)
+    parts: tuple[tuple[str, Unit, slice, float], ...] = (
+        ("camera centre", "cm", slice(0, 3), 100.0 * limits.translation_m),
+        ("rotation", "deg", slice(3, 6), limits.rotation_deg),
+    )
+    checks = []
+    for name, unit, part, allowed in parts:
+        offsets = found[part]
+        widths = None if half is None else half[part]
+        for index, axis in enumerate(AXES):
+            width = None if widths is None else float(widths[index])
+            checks.append(_check(f"{name} {axis}", unit, float(offsets[index]), width, allowed))
+        length = float(np.linalg.norm(offsets))
+        along = offsets / length if length > 0.0 else np.full(3, 3**-0.5)
+        width = None if widths is None else float(np.linalg.norm(along * widths))
+        checks.append(_check(f"{name} in all", unit, length, width, allowed))
+    return tuple(checks)
+
+
+def _check(name: str, unit: Unit, offset: float, half_width: float | None, allowed: float) -> Check:
+    verdict: Verdict = "inconclusive"
+    if half_width is not None and abs(offset) - half_width > allowed:
+        verdict = "fail"
+    if half_width is not None and abs(offset) + half_width <= allowed:
+        verdict = "pass"
+    return Check(name, unit, offset, half_width, allowed, verdict)
+
+
+def recognise(T_given: Pose, T_estimate: Pose) -> list[str]:
+    """Name the mistakes that would make of the estimate what was given."""
+    optical_body = np.eye(4)
+    optical_body[:3, :3] = OPTICAL_AXES.T
+    x, y, z, w = quaternion_xyzw(T_given)
+    center, translation = T_given.copy(), T_given[:3, 3]
+    center[:3, 3] = 0.001 * translation
+    meant = {
+        "the inverse, T_lidar_camera": inverse(T_given),
+        "T_body_lidar of a camera's body frame, x forward and z up": optical_body @ T_given,
+        "T_lidar_body of a camera's body frame, x forward and z up": optical_body @ inverse(T_given),
+        "a quaternion w x y z that was read as x y z w": pose_from_quaternion(
+            (y, z, w, x), translation.tolist()
+        ),
+        "a quaternion x y z w that was read as w x y z": pose_from_quaternion(
+            (w, x, y, z), translation.tolist()
+        ),
+        "a translation in millimetres": center,
+    }
+    return [
+        f"this looks like {name}"
+        for name, T in meant.items()
+        if _is_near(T, T_estimate, SAME_DEG, SAME_M) and not _is_near(T_given, T_estimate, SAME_DEG, SAME_M)
+    ]

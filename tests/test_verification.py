@@ -1,0 +1,151 @@
+"""`verify` and `compare` through the real command: every exit code, and every mistake that is recognised."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import junitparser
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from conftest import make_pose
+from scipy.spatial.transform import Rotation
+
+from semcal_cli.cli import semcal
+from semcal_cli.documents import document_text, read_document, write_text
+from semcal_cli.drive import DRIVE_FILE
+from semcal_cli.metrics import compare_poses
+from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.verification import recognise
+
+PASS, FAIL, INCONCLUSIVE = 0, 3, 4
+
+
+def write_transform(T: Pose, street: Path, folder: Path) -> Path:
+    """A drive whose reference it is: a format that `read_transform` knows."""
+    path = folder / "given.yaml"
+    document = read_document(street / DRIVE_FILE) | {"T_camera_lidar": T.tolist()}
+    write_text(document_text(document, "yaml"), path)
+    return path
+
+
+def verify(*arguments: object, **environment: str) -> Result:
+    return CliRunner().invoke(semcal, ["verify", *map(str, arguments), "-q"], env=environment)
+
+
+def turned(T: Pose, angle_deg: float) -> Pose:
+    """Turned about an axis of the camera, which stays in its place."""
+    turn = np.eye(4)
+    turn[:3, :3] = Rotation.from_rotvec([0.0, np.radians(angle_deg), 0.0]).as_matrix()
+    return turn @ T
+
+
+def moved(T: Pose, meters: float) -> Pose:
+    return make_pose((0.0, 0.0, 0.0), (0.0, meters, 0.0)) @ T
+
+
+@pytest.mark.parametrize(
+    ("change", "code", "failing"),
+    [
+        (lambda T: T, PASS, []),
+        (lambda T: turned(T, 0.25), FAIL, ["rotation y", "rotation in all"]),
+        (lambda T: moved(T, 0.06), FAIL, ["camera centre y", "camera centre in all"]),
+        (lambda T: turned(T, 3.0), FAIL, ["rotation y", "rotation in all"]),
+    ],
+)
+def test_verdicts(
+    street: Path,
+    street_truth: Pose,
+    tmp_path: Path,
+    change: Callable[[Pose], Pose],
+    code: int,
+    failing: list[str],
+) -> None:
+    given = write_transform(change(street_truth), street, tmp_path)
+    limits = ("--max-rotation-deg", 0.15, "--max-translation-m", 0.03)
+    found = verify(street, given, *limits, "--json", "--junit", tmp_path / "junit.xml")
+    assert found.exit_code == code, found.output
+    report = json.loads(found.stdout)
+    assert report["verdict"] == ("fail" if failing else "pass")
+    assert [check["name"] for check in report["checks"] if check["verdict"] == "fail"] == failing
+    error = compare_poses(np.array(report["T_camera_lidar"]), street_truth)
+    assert error.rotation_deg < 0.1
+    (suite,) = junitparser.JUnitXml.fromfile(str(tmp_path / "junit.xml"))
+    assert (suite.tests, suite.failures) == (8, len(failing))
+    assert [
+        case.name for case in suite if any(isinstance(r, junitparser.Failure) for r in case.result)
+    ] == failing
+
+
+def test_what_is_between_is_inconclusive(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    given = write_transform(street_truth, street, tmp_path)
+    found = verify(
+        street, given, "--max-translation-m", 1e-4, "--junit", tmp_path / "a.xml", GITHUB_ACTIONS="true"
+    )
+    assert found.exit_code == INCONCLUSIVE, found.output
+    assert "inconclusive" in found.stdout
+    assert "::warning title=semcal verify::inconclusive; camera centre" in found.stderr
+    (suite,) = junitparser.JUnitXml.fromfile(str(tmp_path / "a.xml"))
+    assert suite.skipped > 0
+
+
+def test_data_that_cannot_decide(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    document = read_document(street / DRIVE_FILE)
+    rng = np.random.default_rng(0)
+    for index, frame in enumerate(document["frames"]):
+        labels = np.fromfile(street / frame["point_labels"], np.uint32)
+        rng.permutation(labels).tofile(tmp_path / f"{index}.label")
+        frame |= {key: str(street / frame[key]) for key in ("points", "image_labels")}
+        frame["point_labels"] = f"{index}.label"
+        frame.pop("image", None)
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    found = verify(tmp_path, street)
+    assert found.exit_code == INCONCLUSIVE, found.output
+    assert found.stdout.splitlines()[-1] == "inconclusive"
+    assert verify(tmp_path, tmp_path / "nowhere.yaml").exit_code == 1
+    assert verify(street).exit_code == 2
+
+
+def test_the_inverse_is_named(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    found = verify(street, write_transform(inverse(street_truth), street, tmp_path), GITHUB_ACTIONS="true")
+    assert found.exit_code == FAIL, found.output
+    assert "this looks like the inverse, T_lidar_camera" in found.stdout
+    assert "this looks like the inverse, T_lidar_camera" in found.stderr
+
+
+def test_mistakes_are_recognised() -> None:
+    T = make_pose((0.9, -1.1, 0.4), (0.4, -0.3, 0.2))
+    optical = np.eye(4)
+    optical[:3, :3] = OPTICAL_AXES  # p_body = OPTICAL_AXES p_optical
+    x, y, z, w = quaternion_xyzw(T)
+    millimetres = T.copy()
+    millimetres[:3, 3] *= 1000.0
+    mistakes = {
+        "the inverse": inverse(T),
+        "T_body_lidar": optical @ T,
+        "T_lidar_body": inverse(optical @ T),
+        "w x y z that was read as x y z w": pose_from_quaternion((w, x, y, z), T[:3, 3].tolist()),
+        "x y z w that was read as w x y z": pose_from_quaternion((y, z, w, x), T[:3, 3].tolist()),
+        "millimetres": millimetres,
+    }
+    for name, given in mistakes.items():
+        (line,) = recognise(given, T)
+        assert name in line
+    assert recognise(turned(T, 1.0), T) == []
+    assert recognise(turned(T, 30.0), T) == []
+
+
+def test_compare(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    result = tmp_path / "calibration.yaml"
+    assert CliRunner().invoke(semcal, ["calibrate", str(street), "-o", str(result), "-q"]).exit_code == PASS
+    compare = CliRunner().invoke(semcal, ["compare", str(result), str(street), "--json"])
+    assert compare.exit_code == PASS, compare.output
+    report = json.loads(compare.stdout)
+    assert report["same"] is True
+    assert all(axis["half_width_a"] > 0.0 and axis["half_width_b"] is None for axis in report["axes"])
+    both = CliRunner().invoke(semcal, ["compare", str(result), str(result)])
+    assert both.stdout.count("within both") == 6
+    far = write_transform(moved(street_truth, 0.06), street, tmp_path)
+    assert CliRunner().invoke(semcal, ["compare", str(result), str(far)]).exit_code == FAIL
+    allowed = ["compare", str(result), str(far), "--max-translation-m", "0.1"]
+    assert CliRunner().invoke(semcal, allowed).exit_code == PASS
