@@ -68,7 +68,7 @@ class Limits:
     """Along each axis of the camera, and in all."""
 
 
-def verify(run: Run, given: Given, limits: Limits) -> Verification:
+def verify(run: Run, given: Given, limits: Limits, observations: Observations | None = None) -> Verification:
     """Verify a transform on a drive.
 
     The pose is refined from the transform on; if that leads nowhere or leaves doubts, it is searched for from nothing.
@@ -79,12 +79,13 @@ def verify(run: Run, given: Given, limits: Limits) -> Verification:
         run: A calibration of the drive, not begun.
         given: The transform.
         limits: What is allowed.
+        observations: Of the drive; they are loaded if not given.
 
     Raises:
         InputError: a file of the drive is missing or wrong.
         CalibrationError: one side carries a single class, or the drive cannot be calibrated at all.
     """
-    observations = run.load()
+    observations = run.load() if observations is None else observations
     estimate = _nearby(run, observations, given)
     if estimate is None:
         run = Run(run.drive, run.seed, run.max_frames, run.report, run.progress)

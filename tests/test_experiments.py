@@ -1,6 +1,6 @@
 import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +10,10 @@ from conftest import STREET, make_pose
 
 from semcal_cli.cli import semcal
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments import accuracy, runner, speed
+from semcal_cli.experiments import accuracy, runner, speed, trust
 from semcal_cli.experiments.runner import Result, run_cases, summarise, write_accuracy
 from semcal_cli.metrics import compare_poses
+from semcal_cli.synthesis import synthesize
 
 
 @dataclass(frozen=True)
@@ -139,3 +140,61 @@ def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     )
     assert found.exit_code != 0
     assert "cannot be made" in str(found.exception)
+
+
+def finding(kind: str, status: str, error: float, seed: int = 0) -> trust.Finding:
+    """All axes alike: a standard error of 1 cm and 0.1 degrees, and twice that for half the interval."""
+    scale = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)
+    errors, sigmas, halves = (tuple(x * each for each in scale) for x in (error, 1.0, 2.0))
+    return trust.Finding(kind, seed, "default", 10, 0.1, status, "", errors, sigmas, halves)
+
+
+def test_rates_of_trust() -> None:
+    findings = [
+        *(finding("good", "sure", error) for error in (0.0, 1.0, -1.9, 2.1)),
+        finding("good", "not_trusted", 100.0),
+        finding("labels shuffled", "not_trusted", 100.0),
+        finding("labels shuffled", "sure", 6.0),
+        finding("labels shuffled", "sure", 3.9),
+        trust.Finding("as it is", 0, "default", 20, 0.0, "fail", ""),
+    ]
+    rates = {rate.name: (rate.count, rate.n) for rate in trust.rates(findings)}
+    assert rates["in the 95 % interval, all"] == (18, 24)
+    assert rates["in it, 10 pairs"] == (18, 24)
+    assert rates["in it, 5 pairs"] == (0, 0)
+    assert rates["confident and wrong"] == (1, 8)
+    assert rates["sure, good drives of 10 pairs or more"] == (4, 5)
+    assert rates["not trusted or failed, labels shuffled"] == (1, 3)
+    assert rates["verify fails, as it is"] == (1, 1)
+    assert trust.sharpness(findings) == pytest.approx(1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0))
+    low, high = trust.Rate("", 3, 10).interval  # Wilson's, as in Brown, Cai and DasGupta (2001)
+    assert (low, high) == pytest.approx((0.1078, 0.6032), abs=1e-4)
+
+
+def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: Path) -> None:
+    rigs = list(accuracy.RIGS)
+    seed = 6 * 7 + rigs.index("default")
+    make_small(tmp_path / "pool" / f"default_{seed:06d}", seed)
+    experiment = trust.Experiment(runner.Pool(tmp_path / "pool"))
+    found = {
+        kind: experiment(trust.Case(kind, seed, 2, 0.0))[0]
+        for kind in (
+            "good",
+            "labels shuffled",
+            "one class everywhere",
+            "sweeps behind the camera only",
+            "as it is",
+        )
+    }
+    statuses = {kind: each.status for kind, each in found.items()}
+    assert statuses.pop("good") == "sure"
+    assert statuses.pop("as it is") in ("pass", "inconclusive")
+    assert set(statuses.values()) <= {"not_trusted", "failed"}
+    table = trust.write_trust(list(found.values()), 1, tmp_path)
+    assert "| confident and wrong | 0 | 4 | 0.0% |" in table
+    assert (tmp_path / "plot.png").stat().st_size > 1000
+
+
+def make_small(path: Path, seed: int) -> None:
+    path.parent.mkdir(parents=True)
+    synthesize(replace(STREET, seed=seed), path)

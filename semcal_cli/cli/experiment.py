@@ -111,6 +111,45 @@ def accuracy(
 
 @experiment.command()
 @click.option(
+    "--seeds",
+    type=click.IntRange(1),
+    default=60,
+    show_default=True,
+    metavar="N",
+    help="Drives: five calibrations of each as it is, five made impossible, five verifications.",
+)
+@click.option(
+    "--first-seed", type=click.IntRange(0), default=20_000, show_default=True, metavar="N", help="The first."
+)
+@click.option(
+    "--jobs", type=click.IntRange(1), default=1, show_default=True, metavar="N", help="Runs at a time."
+)
+@out_option
+def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
+    """Count how often intervals hold the truth, verdicts are right, and `verify` sees what is off.
+
+    Takes about a minute for each drive. Writes what `accuracy` writes, and goes on where it was when it was stopped.
+    """
+    from semcal_cli.cli.session import make_console
+    from semcal_cli.experiments import runner, trust
+
+    folder = runner.make_folder(out, "trust")
+    console = make_console(quiet=False)
+    findings = runner.run_cases(
+        trust.cases(range(first_seed, first_seed + seeds)),
+        trust.Experiment(runner.Pool(out / "pool")),
+        trust.Finding,
+        folder,
+        jobs,
+        lambda done, total: console.print(
+            f"{done} of {total} runs", end="\r" if console.is_terminal else "\n"
+        ),
+    )
+    click.echo(trust.write_trust(findings, jobs, folder), nl=False)
+
+
+@experiment.command()
+@click.option(
     "--repeats",
     type=click.IntRange(1),
     default=3,

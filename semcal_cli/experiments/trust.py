@@ -1,0 +1,371 @@
+"""How often what a calibration says of itself is true: intervals, verdicts, and `verify`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.camera import core_camera
+from semcal_cli.drive import read_drive
+from semcal_cli.errors import SemcalError
+from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.runner import Pool, machine, write_results
+from semcal_cli.formats import read_transform
+from semcal_cli.initialization import InitializationConfig
+from semcal_cli.label_noise import with_wrong_labels
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations, mend, read_observations
+from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.poses import Pose
+from semcal_cli.verification import Limits, verify
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+PAIRS = (1, 2, 5, 10, 20)
+NOISES = (0.0, 0.1, 0.2, 0.3)
+OTHER_DRIVE = 7
+"""Pictures of another drive are those of the seed that is so many on."""
+CONFIDENT_SIGMAS = 4.0
+CONFIDENT_DEG, CONFIDENT_CM = 0.2, 5.0
+"""Wrong is what is beyond all of these."""
+LIMITS = Limits(rotation_deg=0.1, translation_m=0.02)
+TURNED_DEG = 0.2
+MOVED_M = 0.03
+
+Degrade = Callable[[Observations, "Drives", np.random.Generator], Observations]
+
+
+@dataclass(frozen=True)
+class Case:
+    """One run on the drive of a seed."""
+
+    kind: str
+    """`good`, a key of `BAD`, or a key of `OFFSETS`."""
+    seed: int
+    num_pairs: int
+    noise: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a calibration or a verification said, and what was true."""
+
+    kind: str
+    seed: int
+    rig: str
+    num_pairs: int
+    noise: float
+    status: str
+    """`sure`, `not_trusted`, `failed`, or the verdict of `verify`."""
+    reasons: str
+    errors: tuple[float, ...] = ()
+    """Camera centre in centimetres and rotation in degrees, along the camera's axes."""
+    sigmas: tuple[float, ...] = ()
+    half_widths: tuple[float, ...] = ()
+
+    @property
+    def is_confidently_wrong(self) -> bool:
+        """Sure, and beyond four standard errors, 0.2 degrees and 5 cm."""
+        if self.status != "sure":
+            return False
+        pairs = zip(self.errors, self.sigmas, (CONFIDENT_CM,) * 3 + (CONFIDENT_DEG,) * 3, strict=True)
+        return any(abs(error) > max(CONFIDENT_SIGMAS * sigma, least) for error, sigma, least in pairs)
+
+
+@dataclass(frozen=True)
+class Drives:
+    """Rigs by seed."""
+
+    pool: Pool
+
+    def rig(self, seed: int) -> str:
+        """Every rig in turn."""
+        return list(RIGS)[seed % len(RIGS)]
+
+    def read(self, seed: int, rig: str) -> tuple[Observations, Pose, Path]:
+        """The drive of a seed with a rig, and its truth."""
+        path = self.pool.drive(rig, RIGS[rig], seed)
+        return read_observations(read_drive(path)), read_transform(path), path
+
+
+def _one_class(observations: Observations, drives: Drives, rng: np.random.Generator) -> Observations:
+    """Every point and every pixel is of one class, but for a few that are wrong."""
+    point, image = (
+        np.argmax(np.bincount(np.concatenate([c.ravel() for c in side]))) for side in _sides(observations)
+    )
+    few = [
+        np.where(rng.random(ids.shape) < 0.01, ids, point).astype(np.uint8)
+        for ids in observations.point_classes
+    ]
+    images = [
+        np.where(rng.random(ids.shape) < 0.01, ids, image).astype(np.uint8)
+        for ids in observations.image_classes
+    ]
+    return replace(observations, point_classes=few, image_classes=images)
+
+
+def _sides(
+    observations: Observations,
+) -> tuple[Sequence[npt.NDArray[np.uint8]], Sequence[npt.NDArray[np.uint8]]]:
+    return observations.point_classes, observations.image_classes
+
+
+def _shuffled(observations: Observations, drives: Drives, rng: np.random.Generator) -> Observations:
+    return replace(observations, point_classes=[rng.permutation(ids) for ids in observations.point_classes])
+
+
+def _wrong_focal_length(observations: Observations, drives: Drives, rng: np.random.Generator) -> Observations:
+    (fx, _, cx), (_, fy, cy), last = observations.camera.K
+    scale = 1.1 if rng.random() < 0.5 else 0.9
+    K = ((fx * scale, 0.0, cx), (0.0, fy * scale, cy), last)
+    return replace(observations, camera=observations.camera.model_copy(update={"K": K}))
+
+
+def _with_pictures(observations: Observations, other: Observations) -> Observations:
+    """The pictures of another drive, class by class of the same name."""
+    places = {name: place for place, name in enumerate(observations.image_class_names)}
+    names = [*other.image_class_names, *["none"] * (256 - len(other.image_class_names))]
+    table = np.array([places.get(name, 255) for name in names], np.uint8)
+    images = [table[image] for image in other.image_classes[: observations.num_frames]]
+    return replace(observations, image_classes=images)
+
+
+BAD: dict[str, Degrade | None] = {
+    "one class everywhere": _one_class,
+    "pictures of another drive": None,
+    "sweeps behind the camera only": None,
+    "labels shuffled": _shuffled,
+    "K wrong by 10 %": _wrong_focal_length,
+}
+"""Drives that cannot be calibrated."""
+OFFSETS: dict[str, tuple[float, int | None]] = {
+    "as it is": (0.0, None),
+    f"{TURNED_DEG} degrees off": (TURNED_DEG, None),
+    f"{100 * MOVED_M:.0f} cm off along x": (0.0, 0),
+    f"{100 * MOVED_M:.0f} cm off along y": (0.0, 1),
+    f"{100 * MOVED_M:.0f} cm off along z": (0.0, 2),
+}
+"""Transforms to verify: degrees about a random axis of the camera, or the axis along which it is moved."""
+
+
+def cases(seeds: range) -> list[Case]:
+    """Five calibrations of good drives for each seed, as many of bad ones, and five verifications."""
+    found = []
+    for seed in seeds:
+        rng = np.random.default_rng(seed)
+        noises = rng.choice(NOISES, len(PAIRS) + len(BAD) + 1)
+        found += [Case("good", seed, n, float(noise)) for n, noise in zip(PAIRS, noises, strict=False)]
+        found += [
+            Case(kind, seed, int(rng.choice(PAIRS)), float(noise))
+            for kind, noise in zip(BAD, noises[len(PAIRS) :], strict=False)
+        ]
+        found += [Case(kind, seed, PAIRS[-1], float(min(noises[-1], 0.2))) for kind in OFFSETS]
+    return found
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Runs a case; it can be sent to other processes."""
+
+    pool: Pool
+
+    def __call__(self, case: Case) -> list[Finding]:
+        """Calibrate or verify, and compare with the truth."""
+        drives = Drives(self.pool)
+        rig = drives.rig(case.seed)
+        rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
+        observations, truth, path = drives.read(case.seed, rig)
+        chosen = np.sort(rng.choice(observations.num_frames, case.num_pairs, replace=False)).tolist()
+        observations = with_wrong_labels(observations.of_frames(chosen), case.noise, rng)
+        if case.kind == "pictures of another drive":
+            observations = _with_pictures(observations, drives.read(case.seed + OTHER_DRIVE, rig)[0])
+        elif case.kind == "sweeps behind the camera only":
+            observations = _behind(observations, truth)
+        elif (degrade := BAD.get(case.kind)) is not None:
+            observations = degrade(observations, drives, rng)
+        observations = mend(observations)
+        run = Run(read_drive(path), seed=0)
+        found = Finding(case.kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
+        try:
+            if case.kind in OFFSETS:
+                return [self._verify(found, run, observations, truth, rng)]
+            return [self._calibrate(found, run, observations, truth)]
+        except SemcalError as failure:
+            return [replace(found, reasons=str(failure))]
+
+    def _calibrate(self, found: Finding, run: Run, observations: Observations, truth: Pose) -> Finding:
+        T_init = run.initialize(observations, InitializationConfig())[0].T_camera_lidar
+        T = run.refine(observations, T_init, RefinementConfig())
+        calibration = run.result(observations, T, Path())
+        uncertainty = calibration.uncertainty
+        error = compare_poses(T, truth)
+        errors = (*error.camera_center_xyz_cm, *error.rotation_xyz_deg)
+        reasons = "; ".join(calibration.reasons)
+        if uncertainty is None:
+            return replace(found, status="not_trusted", reasons=reasons or "no uncertainty", errors=errors)
+        return replace(
+            found,
+            status="not_trusted" if reasons else "sure",
+            reasons=reasons,
+            errors=errors,
+            sigmas=(*(100.0 * x for x in uncertainty.sigma_camera_center_m), *uncertainty.sigma_rotation_deg),
+            half_widths=(
+                *(100.0 * x for x in uncertainty.half_width_95_camera_center_m),
+                *uncertainty.half_width_95_rotation_deg,
+            ),
+        )
+
+    def _verify(
+        self, found: Finding, run: Run, observations: Observations, truth: Pose, rng: np.random.Generator
+    ) -> Finding:
+        turned_deg, axis = OFFSETS[found.kind]
+        given = Given(_off(truth, turned_deg, axis, rng), "the transform")
+        verification = verify(run, given, LIMITS, observations)
+        return replace(found, status=verification.verdict, reasons="; ".join(verification.reasons))
+
+
+def _behind(observations: Observations, truth: Pose) -> Observations:
+    """Only the points that the camera cannot see: behind it, or outside its picture."""
+    camera = core_camera(observations.camera)
+    points, classes = [], []
+    for cloud, ids in zip(observations.points, observations.point_classes, strict=True):
+        pixels, _, _ = _core.land(camera, cloud, truth)
+        outside = ~np.isfinite(pixels).all(axis=1)
+        points.append(cloud[outside])
+        classes.append(ids[outside])
+    return replace(observations, points=points, point_classes=classes)
+
+
+def _off(truth: Pose, turned_deg: float, axis: int | None, rng: np.random.Generator) -> Pose:
+    from scipy.spatial.transform import Rotation
+
+    change = np.eye(4)
+    about = rng.standard_normal(3)
+    change[:3, :3] = Rotation.from_rotvec(
+        about / np.linalg.norm(about) * turned_deg, degrees=True
+    ).as_matrix()
+    if axis is not None:
+        change[axis, 3] = MOVED_M * rng.choice([-1.0, 1.0])
+    T: Pose = change @ truth
+    return T
+
+
+@dataclass(frozen=True)
+class Rate:
+    """How often something was so, with the 95 % interval of Wilson (1927)."""
+
+    name: str
+    count: int
+    n: int
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Of the rate."""
+        if self.n == 0:
+            return 0.0, 1.0
+        z2, p = 1.96**2, self.count / self.n
+        middle = (p + z2 / (2 * self.n)) / (1 + z2 / self.n)
+        half = 1.96 * math.sqrt(p * (1 - p) / self.n + z2 / (4 * self.n**2)) / (1 + z2 / self.n)
+        return max(middle - half, 0.0), min(middle + half, 1.0)
+
+
+def rates(findings: Sequence[Finding]) -> list[Rate]:
+    """All that is promised."""
+    good = [f for f in findings if f.kind == "good"]
+    calibrated = [f for f in findings if f.kind not in OFFSETS]
+    many = [f for f in good if f.num_pairs >= 10]
+    found = [_coverage("in the 95 % interval, all", good)]
+    found += [_coverage(f"in it, {n} pairs", [f for f in good if f.num_pairs == n]) for n in PAIRS]
+    found += [
+        _coverage(f"in it, {noise:.0%} wrong labels", [f for f in good if f.noise == noise])
+        for noise in NOISES
+    ]
+    found += [_coverage(f"in it, {rig}", [f for f in good if f.rig == rig]) for rig in RIGS]
+    found.append(_rate("confident and wrong", calibrated, lambda f: f.is_confidently_wrong))
+    found.append(_rate("sure, good drives of 10 pairs or more", many, lambda f: f.status == "sure"))
+    for kind in BAD:
+        found.append(
+            _rate(
+                f"not trusted or failed, {kind}",
+                [f for f in findings if f.kind == kind],
+                lambda f: f.status != "sure",
+            )
+        )
+    for kind in OFFSETS:
+        of_kind = [f for f in findings if f.kind == kind]
+        found.append(_rate(f"verify fails, {kind}", of_kind, lambda f: f.status == "fail"))
+        found.append(_rate(f"verify is inconclusive, {kind}", of_kind, lambda f: f.status == "inconclusive"))
+    return found
+
+
+def _rate(name: str, findings: Iterable[Finding], is_so: Callable[[Finding], bool]) -> Rate:
+    listed = list(findings)
+    return Rate(name, sum(map(is_so, listed)), len(listed))
+
+
+def _coverage(name: str, findings: Iterable[Finding]) -> Rate:
+    """Axes of sure calibrations whose truth lies within the stated interval."""
+    sure = [f for f in findings if f.status == "sure"]
+    inside = [abs(error) <= half for f in sure for error, half in zip(f.errors, f.half_widths, strict=True)]
+    return Rate(name, sum(inside), len(inside))
+
+
+def sharpness(findings: Sequence[Finding]) -> float:
+    """Median stated standard error over the true root mean square error, of sure calibrations; the worst axis."""
+    sure = [f for f in findings if f.kind == "good" and f.status == "sure"]
+    if not sure:
+        return math.nan
+    sigmas, errors = np.array([f.sigmas for f in sure]), np.array([f.errors for f in sure])
+    ratios: npt.NDArray[np.float64] = np.median(sigmas, axis=0) / np.sqrt(np.mean(errors**2, axis=0))
+    return float(ratios.max())
+
+
+def markdown(findings: Sequence[Finding]) -> str:
+    """Give the table."""
+    lines = ["| | count | of | rate | 95 % interval |", "|---|---|---|---|---|"]
+    for rate in rates(findings):
+        low, high = rate.interval
+        share = f"{rate.count / rate.n:.1%}" if rate.n else "-"
+        lines.append(f"| {rate.name} | {rate.count} | {rate.n} | {share} | {low:.1%} to {high:.1%} |")
+    lines.append(f"| median stated sigma over true RMSE, worst axis | | | {sharpness(findings):.2f} | |")
+    return "\n".join(lines) + "\n"
+
+
+def write_trust(findings: Sequence[Finding], num_jobs: int, folder: Path) -> str:
+    """Write CSV, JSON, table and plot into a folder; give the table."""
+    table = markdown(findings)
+    document = {
+        "experiment": "trust",
+        "machine": machine(),
+        "jobs": num_jobs,
+        "sharpness": sharpness(findings),
+    }
+    write_results(document, findings, rates(findings), table, _plot(findings), folder)
+    return table
+
+
+def _plot(findings: Sequence[Finding]) -> Figure:
+    """Errors in units of their half interval, by number of pairs: 95 % ought to lie within one."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    axes = figure.subplots()
+    sure = [f for f in findings if f.kind == "good" and f.status == "sure"]
+    groups = [
+        [e / h for f in sure if f.num_pairs == n for e, h in zip(f.errors, f.half_widths, strict=True)]
+        for n in PAIRS
+    ]
+    axes.boxplot(groups, whis=(2.5, 97.5), showfliers=False)
+    axes.set_xticks(range(1, len(PAIRS) + 1), [str(n) for n in PAIRS])
+    axes.axhspan(-1.0, 1.0, alpha=0.1)
+    axes.set_xlabel("pairs; whiskers hold 95 %")
+    axes.set_ylabel("error over half the stated interval")
+    return figure
