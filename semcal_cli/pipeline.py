@@ -253,6 +253,7 @@ class Run:
                 0, "labels do not determine the pose: information does not fall in every direction"
             )
         else:
+            against += found.undetermined
             settings = PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
             self.uncertainty = _uncertainty_record(found, label_bleed(observations, T_camera_lidar, settings))
         self.reasons += against

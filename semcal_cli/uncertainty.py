@@ -42,6 +42,10 @@ WEAK_M = 0.03
 """Half a 95 % interval of the camera's place beyond which a direction is called weak ..."""
 WEAK_DEG = 0.15
 """... and of its rotation."""
+MAX_HALF_WIDTH_M = 0.25
+"""A pose that is not known better than this is not trusted ..."""
+MAX_HALF_WIDTH_DEG = 1.0
+"""... nor one whose rotation is not known better than this."""
 
 AXES = ("sideways", "up and down", "along the optical axis")
 ROTATIONS = ("in pitch", "in yaw", "in roll")
@@ -99,18 +103,29 @@ class Uncertainty:
     @property
     def weak_directions(self) -> list[str]:
         """Sentences about directions that the data hardly determine."""
-        center, rotation = self.half_widths[:3], self.half_widths[3:]
-        place = [
-            f"{name}: +- {100.0 * half:.1f} cm; add frames with near objects"
-            for name, half in zip(AXES, center, strict=True)
-            if half > WEAK_M
+        center, rotation = self._wide(WEAK_M, WEAK_DEG)
+        return [
+            *(f"{name}: +- {100.0 * half:.1f} cm; add frames with near objects" for name, half in center),
+            *(f"{name}: +- {half:.2f} degrees; add frames" for name, half in rotation),
         ]
-        turn = [
-            f"{name}: +- {half:.2f} degrees; add frames"
-            for name, half in zip(ROTATIONS, rotation, strict=True)
-            if half > WEAK_DEG
-        ]
-        return place + turn
+
+    @property
+    def undetermined(self) -> list[str]:
+        """Reasons not to trust the pose: directions that the data do not determine to any use."""
+        center, rotation = self._wide(MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
+        found = [f"{name} to {half:.2f} m" for name, half in center]
+        found += [f"{name} to {half:.1f} degrees" for name, half in rotation]
+        needed = f"needed are {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree; add frames"
+        return [f"the pose is determined only {', '.join(found)} (95 %), {needed}"] if found else []
+
+    def _wide(
+        self, center_m: float, rotation_deg: float
+    ) -> tuple[list[tuple[str, float]], list[tuple[str, float]]]:
+        """Directions of place and of rotation whose intervals reach farther to either side."""
+        half_widths = self.half_widths.tolist()
+        center = zip(AXES, half_widths[:3], strict=True)
+        rotation = zip(ROTATIONS, half_widths[3:], strict=True)
+        return [pair for pair in center if pair[1] > center_m], [p for p in rotation if p[1] > rotation_deg]
 
 
 def sensitivity(

@@ -110,6 +110,17 @@ def test_directions_that_are_hardly_determined_are_named(uncertainty: Uncertaint
     ]
 
 
+def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(uncertainty: Uncertainty) -> None:
+    assert uncertainty.undetermined == []
+    covariance = uncertainty.covariance.copy()
+    covariance[1, 1], covariance[3, 3] = 2.0**2, np.radians(1.0) ** 2
+    vague = replace(uncertainty, covariance=covariance, degrees_of_freedom=np.full(6, 1e6))
+    assert vague.undetermined == [
+        "the pose is determined only up and down to 3.92 m, in pitch to 2.0 degrees (95 %), needed are 0.25 m and "
+        "1 degree; add frames"
+    ]
+
+
 @pytest.mark.parametrize("dof", [1.3, 4.0, 37.5])
 def test_student_quantile_is_scipys(dof: float) -> None:
     assert _core.student_quantile(0.975, dof) == pytest.approx(t.ppf(0.975, dof), rel=1e-6)

@@ -77,6 +77,7 @@ def verify(
     from semcal_cli.verification import verify as check
 
     given = Given(read_transform(calibration), name=str(calibration), source=calibration)
+    # Where the JUnit file goes is checked as a log's place is: it replaces nothing that is read.
     session = Session(
         drive, log=junit, seed=seed, threads=threads, quiet=quiet, max_frames=max_frames, given=given
     )
