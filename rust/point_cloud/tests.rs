@@ -31,7 +31,9 @@ fn counts_that_disagree_name_both_files() {
     assert!(message.ends_with(&format!("3 labels for the 2 points of {}", points.display())), "{message}");
     let message = read(&labels, None).expect_err("no cloud").to_string();
     assert!(
-        message.ends_with("format 'label' is not known, needs .bin, .pcd.bin, .pcd, .ply, .npy or .npz"),
+        message.ends_with(
+            "format 'label' is not known, needs .bin, .pcd.bin, .pcd, .ply, .npy, .npz, .las or .laz"
+        ),
         "{message}"
     );
     let odd = file("c.bin", &[0; 1921]);
