@@ -27,7 +27,7 @@ TURN_DEG = 30.0
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
 INTRINSICS_BLOCK_PX = 4
 """Wrong intrinsics show in blocks of so many pixels: errors are larger than one."""
-INTRINSICS_POINTS = 250_000
+INTRINSICS_POINTS = 150_000
 MAX_INTRINSICS_CHI2 = 12.83
 """Of five degrees of freedom: one right camera in 40 is beyond, and most of those for less than the next figure. On 45
 calibrations of six development drives it was at most 8 where that was exceeded, with K wrong by 10 % at least 16."""
