@@ -100,7 +100,8 @@ def inspect(drive: Drive) -> DriveReport:
     if not readable:
         raise InputError(contents[0].complaints[0])
     probed = _with_frames(drive, evenly_spaced(readable, NUM_PROBED))
-    points = [cloud.points for cloud in read_clouds(probed)]
+    clouds = read_clouds(probed)
+    points = [cloud.points for cloud in clouds]
     elevations, azimuths = _field_of_points(points)
     of_points = _names(content.point_classes for content in contents)
     of_pixels = _names(content.image_classes for content in contents)
@@ -117,7 +118,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_picture_suspicions(drive),
             *_range_suspicions(points),
             *_class_suspicions(of_points, of_pixels),
-            *_motion_suspicions(probed),
+            *_motion_suspicions(motion_error_px(probed, clouds)),
             *_mirror_suspicions(probed),
         ),
     )
@@ -292,8 +293,7 @@ def _class_suspicions(points: Sequence[str] | None, pixels: Sequence[str] | None
     return found
 
 
-def _motion_suspicions(probed: Drive) -> list[str]:
-    error_px = motion_error_px(probed, read_clouds(probed))
+def _motion_suspicions(error_px: float | None) -> list[str]:
     if error_px is None or error_px <= MAX_MOTION_PX:
         return []
     return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
@@ -303,7 +303,7 @@ def _mirror_suspicions(probed: Drive) -> list[str]:
     """Register a few frames as they are and with y negated: no camera sees the mirror image of its scene."""
     try:
         few = load_observations(probed)
-        best, other = (initialize(each, InitializationConfig(), seed=0)[0] for each in (few, mirrored(few)))
+        best, other = (initialize(each, InitializationConfig(), seed=0)[0] for each in (few, _mirrored(few)))
     except (CalibrationError, InputError):
         return []
     sigma = math.hypot(best.sigma_nats, other.sigma_nats)
@@ -316,7 +316,7 @@ def _mirror_suspicions(probed: Drive) -> list[str]:
     ]
 
 
-def mirrored(observations: Observations) -> Observations:
+def _mirrored(observations: Observations) -> Observations:
     """Negate y of all points."""
     flip = np.array([1.0, -1.0, 1.0], np.float32)
     return replace(observations, points=[points * flip for points in observations.points])

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, Isometry3, Point2, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Isometry3, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::{Counted, Landed, Level, Sample, to_camera};
@@ -65,6 +65,12 @@ pub fn sensitivity(
     let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, config.max_points);
     let mut samples = level.samples(pose, Counted::Visible);
     let constant = level.take_constant(&mut samples, pose, CONSTANT_RADIUS);
+    let to_anchor = to_camera(pose);
+    // What is left is a point's share of its class: the labelled share under it is put back where it lands.
+    samples.par_iter_mut().for_each(|sample| {
+        let sampled = level.sampled(sample, &to_anchor(&sample.position));
+        sample.weight = (f64::from(sample.weight) / sampled.map_or(1.0, |sampled| sampled.total())) as f32;
+    });
     let problem =
         Problem { level: &level, samples: &samples, constant: &constant, pose, twists_per_s, config };
     let motions = problem.motions();
@@ -104,6 +110,7 @@ pub fn sensitivity(
 
 struct Problem<'a> {
     level: &'a Level,
+    /// Their weights are shares of a class.
     samples: &'a [Sample],
     /// Pairs that do not change.
     constant: &'a JointHistogram,
@@ -162,14 +169,10 @@ impl Problem<'_> {
             let shift = intrinsics.map(|by| camera.intrinsics_jacobian(&pixel) * by);
             Some((p_camera, shift.map_or(pixel, |shift| pixel + shift)))
         };
-        let to_anchor = to_camera(self.pose);
-        let total =
-            |sample: &Sample, pixel: &Point2<f64>| self.level.maps[sample.frame as usize].at(pixel).total();
+        let total = |sample: &Sample, pixel| self.level.maps[sample.frame as usize].at(&pixel).total();
         let weighted = |sample: &Sample| {
-            let anchor =
-                camera.project(&to_anchor(&sample.position)).map_or(1.0, |pixel| total(sample, &pixel));
-            let here = project(sample).map_or(0.0, |(_, pixel)| total(sample, &pixel));
-            Sample { weight: (f64::from(sample.weight) * here / anchor) as f32, ..*sample }
+            let here = project(sample).map_or(0.0, |(_, pixel)| total(sample, pixel));
+            Sample { weight: (f64::from(sample.weight) * here) as f32, ..*sample }
         };
         let samples: Vec<Sample> = self.samples.par_iter().map(weighted).collect();
         let (mut joint, landed) = self.level.joint_and_mixed(&samples, project, |landed| landed);

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, FiniteRange
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options
 
 if TYPE_CHECKING:
     from semcal_cli.comparison import Axis
@@ -22,22 +22,7 @@ EXIT_DIFFERENT = 3
 )
 @click.argument("a", type=PATH)
 @click.argument("b", type=PATH)
-@click.option(
-    "--max-rotation-deg",
-    type=FiniteRange(0.0),
-    default=0.3,
-    show_default=True,
-    metavar="DEG",
-    help="How far the rotations may be apart.",
-)
-@click.option(
-    "--max-translation-m",
-    type=FiniteRange(0.0),
-    default=0.05,
-    show_default=True,
-    metavar="M",
-    help="How far the camera's places may be apart.",
-)
+@limit_options(may_be_zero=True)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float, as_json: bool) -> None:
     """Compare two transforms."""

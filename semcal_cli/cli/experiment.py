@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
 import click
 
-from semcal_cli.cli.options import PATH
+from semcal_cli.cli.options import PATH, Command
 
 FIRST_SEED = 10_000
 ESTIMATORS = ("exact", "mine")
@@ -29,26 +30,29 @@ out_option = click.option(
 )
 
 
+jobs_option = click.option(
+    "--jobs", type=click.IntRange(1), default=1, show_default=True, metavar="N", help="Runs at a time."
+)
+
+
+def first_seed_option(default: int) -> Callable[[Command], Command]:
+    """Say which seeds are used."""
+    return click.option(
+        "--first-seed",
+        type=click.IntRange(0),
+        default=default,
+        show_default=True,
+        metavar="N",
+        help="The first of them.",
+    )
+
+
 @experiment.command()
 @click.option(
     "--seeds", type=click.IntRange(1), default=20, show_default=True, metavar="N", help="Drives for each row."
 )
-@click.option(
-    "--first-seed",
-    type=click.IntRange(0),
-    default=FIRST_SEED,
-    show_default=True,
-    metavar="N",
-    help="The first of them.",
-)
-@click.option(
-    "--jobs",
-    type=click.IntRange(1),
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Calibrations at a time.",
-)
+@first_seed_option(FIRST_SEED)
+@jobs_option
 @click.option(
     "--estimator",
     "estimators",
@@ -118,12 +122,8 @@ def accuracy(
     metavar="N",
     help="Drives: five calibrations of each as it is, five made impossible, five verifications.",
 )
-@click.option(
-    "--first-seed", type=click.IntRange(0), default=20_000, show_default=True, metavar="N", help="The first."
-)
-@click.option(
-    "--jobs", type=click.IntRange(1), default=1, show_default=True, metavar="N", help="Runs at a time."
-)
+@first_seed_option(20_000)
+@jobs_option
 @out_option
 def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     """Count how often intervals hold the truth, verdicts are right, and `verify` sees what is off.

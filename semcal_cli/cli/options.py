@@ -62,6 +62,33 @@ max_frames_option = click.option(
     metavar="N",
     help="Use so many frames of a longer drive, those whose label images differ most.  [default: 70]",
 )
+
+
+def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
+    """Say how far transforms may be apart."""
+    least = FiniteRange(0.0, min_open=not may_be_zero)
+
+    def add(command: Command) -> Command:
+        command = click.option(
+            "--max-translation-m",
+            type=least,
+            default=0.05,
+            show_default=True,
+            metavar="M",
+            help="How far the camera may be off.",
+        )(command)
+        return click.option(
+            "--max-rotation-deg",
+            type=least,
+            default=0.3,
+            show_default=True,
+            metavar="DEG",
+            help="How far the rotation may be off.",
+        )(command)
+
+    return add
+
+
 max_baseline_option = click.option(
     "--max-baseline-m",
     type=FiniteRange(0.0, min_open=True),

@@ -12,8 +12,8 @@ import click
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
-    FiniteRange,
     drive_argument,
+    limit_options,
     max_frames_option,
     quiet_option,
     seed_option,
@@ -29,28 +29,14 @@ EXIT_CODES = {"pass": 0, "fail": 3, "inconclusive": 4}
 @click.command(
     help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
 
-    The pose is estimated anew, from the transform on. Exit code 0: each axis passes. 3: an offset lies beyond its limit
+    The pose is estimated anew, from the transform on. Limits are along and about each
+    axis of the camera, and in all. Exit code 0: each passes. 3: an offset lies beyond its limit
     with its whole 95 % interval. 4: the data cannot decide.
     """
 )
 @drive_argument
 @click.argument("calibration", type=PATH)
-@click.option(
-    "--max-rotation-deg",
-    type=FiniteRange(0.0, min_open=True),
-    default=0.3,
-    show_default=True,
-    metavar="DEG",
-    help="How far the rotation may be off, about each axis of the camera and in all.",
-)
-@click.option(
-    "--max-translation-m",
-    type=FiniteRange(0.0, min_open=True),
-    default=0.05,
-    show_default=True,
-    metavar="M",
-    help="How far the camera may be off, along each of its axes and in all.",
-)
+@limit_options(may_be_zero=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--junit", type=PATH, metavar="FILE", help="Write a JUnit XML file, too.")
 @seed_option

@@ -40,7 +40,17 @@ LIMITS = Limits(rotation_deg=0.1, translation_m=0.02)
 TURNED_DEG = 0.2
 MOVED_M = 0.03
 
-Degrade = Callable[[Observations, "Drives", np.random.Generator], Observations]
+
+@dataclass(frozen=True)
+class Scene:
+    """What else a drive can be made impossible with."""
+
+    truth: Pose
+    other: Callable[[], Observations]
+    """Reads another drive of the same rig."""
+
+
+Degrade = Callable[[Observations, Scene, np.random.Generator], Observations]
 
 
 @dataclass(frozen=True)
@@ -80,27 +90,10 @@ class Finding:
         return any(abs(error) > max(CONFIDENT_SIGMAS * sigma, least) for error, sigma, least in pairs)
 
 
-@dataclass(frozen=True)
-class Drives:
-    """Rigs by seed."""
-
-    pool: Pool
-
-    def rig(self, seed: int) -> str:
-        """Every rig in turn."""
-        return list(RIGS)[seed % len(RIGS)]
-
-    def read(self, seed: int, rig: str) -> tuple[Observations, Pose, Path]:
-        """The drive of a seed with a rig, and its truth."""
-        path = self.pool.drive(rig, RIGS[rig], seed)
-        return read_observations(read_drive(path)), read_transform(path), path
-
-
-def _one_class(observations: Observations, drives: Drives, rng: np.random.Generator) -> Observations:
+def _one_class(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     """Every point and every pixel is of one class, but for a few that are wrong."""
-    point, image = (
-        np.argmax(np.bincount(np.concatenate([c.ravel() for c in side]))) for side in _sides(observations)
-    )
+    sides = observations.point_classes, observations.image_classes
+    point, image = (np.argmax(np.bincount(np.concatenate([ids.ravel() for ids in side]))) for side in sides)
     few = [
         np.where(rng.random(ids.shape) < 0.01, ids, point).astype(np.uint8)
         for ids in observations.point_classes
@@ -112,25 +105,20 @@ def _one_class(observations: Observations, drives: Drives, rng: np.random.Genera
     return replace(observations, point_classes=few, image_classes=images)
 
 
-def _sides(
-    observations: Observations,
-) -> tuple[Sequence[npt.NDArray[np.uint8]], Sequence[npt.NDArray[np.uint8]]]:
-    return observations.point_classes, observations.image_classes
-
-
-def _shuffled(observations: Observations, drives: Drives, rng: np.random.Generator) -> Observations:
+def _shuffled(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     return replace(observations, point_classes=[rng.permutation(ids) for ids in observations.point_classes])
 
 
-def _wrong_focal_length(observations: Observations, drives: Drives, rng: np.random.Generator) -> Observations:
+def _wrong_focal_length(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     (fx, _, cx), (_, fy, cy), last = observations.camera.K
     scale = 1.1 if rng.random() < 0.5 else 0.9
     K = ((fx * scale, 0.0, cx), (0.0, fy * scale, cy), last)
     return replace(observations, camera=observations.camera.model_copy(update={"K": K}))
 
 
-def _with_pictures(observations: Observations, other: Observations) -> Observations:
+def _other_pictures(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     """The pictures of another drive, class by class of the same name."""
+    other = scene.other()
     places = {name: place for place, name in enumerate(observations.image_class_names)}
     names = [*other.image_class_names, *["none"] * (256 - len(other.image_class_names))]
     table = np.array([places.get(name, 255) for name in names], np.uint8)
@@ -138,10 +126,22 @@ def _with_pictures(observations: Observations, other: Observations) -> Observati
     return replace(observations, image_classes=images)
 
 
-BAD: dict[str, Degrade | None] = {
+def _behind(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
+    """Only the points that the camera cannot see: behind it, or outside its picture."""
+    camera = core_camera(observations.camera)
+    points, classes = [], []
+    for cloud, ids in zip(observations.points, observations.point_classes, strict=True):
+        pixels, _, _ = _core.land(camera, cloud, scene.truth)
+        outside = ~np.isfinite(pixels).all(axis=1)
+        points.append(cloud[outside])
+        classes.append(ids[outside])
+    return replace(observations, points=points, point_classes=classes)
+
+
+BAD: dict[str, Degrade] = {
     "one class everywhere": _one_class,
-    "pictures of another drive": None,
-    "sweeps behind the camera only": None,
+    "pictures of another drive": _other_pictures,
+    "sweeps behind the camera only": _behind,
     "labels shuffled": _shuffled,
     "K wrong by 10 %": _wrong_focal_length,
 }
@@ -179,18 +179,14 @@ class Experiment:
 
     def __call__(self, case: Case) -> list[Finding]:
         """Calibrate or verify, and compare with the truth."""
-        drives = Drives(self.pool)
-        rig = drives.rig(case.seed)
+        rig = list(RIGS)[case.seed % len(RIGS)]
         rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
-        observations, truth, path = drives.read(case.seed, rig)
+        path = self.pool.drive(rig, RIGS[rig], case.seed)
+        observations, truth = read_observations(read_drive(path)), read_transform(path)
         chosen = np.sort(rng.choice(observations.num_frames, case.num_pairs, replace=False)).tolist()
         observations = with_wrong_labels(observations.of_frames(chosen), case.noise, rng)
-        if case.kind == "pictures of another drive":
-            observations = _with_pictures(observations, drives.read(case.seed + OTHER_DRIVE, rig)[0])
-        elif case.kind == "sweeps behind the camera only":
-            observations = _behind(observations, truth)
-        elif (degrade := BAD.get(case.kind)) is not None:
-            observations = degrade(observations, drives, rng)
+        if (degrade := BAD.get(case.kind)) is not None:
+            observations = degrade(observations, Scene(truth, lambda: self._other(case.seed, rig)), rng)
         observations = mend(observations)
         run = Run(read_drive(path), seed=0)
         found = Finding(case.kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
@@ -200,6 +196,9 @@ class Experiment:
             return [self._calibrate(found, run, observations, truth)]
         except SemcalError as failure:
             return [replace(found, reasons=str(failure))]
+
+    def _other(self, seed: int, rig: str) -> Observations:
+        return read_observations(read_drive(self.pool.drive(rig, RIGS[rig], seed + OTHER_DRIVE)))
 
     def _calibrate(self, found: Finding, run: Run, observations: Observations, truth: Pose) -> Finding:
         T_init = run.initialize(observations, InitializationConfig())[0].T_camera_lidar
@@ -230,18 +229,6 @@ class Experiment:
         given = Given(_off(truth, turned_deg, axis, rng), "the transform")
         verification = verify(run, given, LIMITS, observations)
         return replace(found, status=verification.verdict, reasons="; ".join(verification.reasons))
-
-
-def _behind(observations: Observations, truth: Pose) -> Observations:
-    """Only the points that the camera cannot see: behind it, or outside its picture."""
-    camera = core_camera(observations.camera)
-    points, classes = [], []
-    for cloud, ids in zip(observations.points, observations.point_classes, strict=True):
-        pixels, _, _ = _core.land(camera, cloud, truth)
-        outside = ~np.isfinite(pixels).all(axis=1)
-        points.append(cloud[outside])
-        classes.append(ids[outside])
-    return replace(observations, points=points, point_classes=classes)
 
 
 def _off(truth: Pose, turned_deg: float, axis: int | None, rng: np.random.Generator) -> Pose:
