@@ -32,8 +32,8 @@ Matrix = npt.NDArray[np.float64]
 
 SHARED_FRAMES = 24.0
 """Frames of one drive share part of what is wrong with them, so that infinitely many are worth no more than this many
-independent ones. On 21 development drives of six rigs, clean to network-like labels, 95 % intervals held the truth in
-83 to 87 % of the axes with 20 frames and in 96 % with one without it, in 92 to 95 % and 96 % with it."""
+independent ones. On 21 development drives of five rigs, clean to network-like labels, 95 % intervals held the truth in
+83 to 87 % of the axes with 20 frames without it, in 93 to 95 % with it; with one frame in 91 to 96 %."""
 BLEED_FRAMES = 2
 """What all frames do alike, a few show."""
 REGIONS_ACROSS = 9
