@@ -62,9 +62,18 @@ impl Trajectory {
 
     /// The LiDAR's pose at a time, unless nothing is known of it.
     pub fn pose_at(&self, stamp: f64) -> Option<Isometry3<f64>> {
+        let knot = self.knot_before(stamp)?;
+        Some(knot.pose * exp(&(knot.twist_per_s * (stamp - knot.stamp))))
+    }
+
+    /// Its motion then, metres and radians a second in its own frame.
+    pub fn twist_at(&self, stamp: f64) -> Option<Vector6<f64>> {
+        self.knot_before(stamp).map(|knot| knot.twist_per_s)
+    }
+
+    fn knot_before(&self, stamp: f64) -> Option<&Knot> {
         let next = self.knots.partition_point(|knot| knot.stamp <= stamp);
-        let knot = &self.knots[next.saturating_sub(1)];
-        self.known.contains(&stamp).then(|| knot.pose * exp(&(knot.twist_per_s * (stamp - knot.stamp))))
+        self.known.contains(&stamp).then(|| &self.knots[next.saturating_sub(1)])
     }
 
     /// Moves each point from the frame that the LiDAR had at the point's own time to the one at `moment`, seconds.

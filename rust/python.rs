@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use nalgebra::{DMatrix, Isometry3, Matrix3x4, Rotation3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{DMatrix, Isometry3, Matrix3x4, Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -55,6 +55,15 @@ fn detached<T: Send>(py: Python<'_>, f: impl Send + FnOnce() -> T) -> T {
             None => f(),
         }
     })
+}
+
+/// A matrix from NumPy.
+fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix6<f64>> {
+    let matrix = matrix.as_array();
+    if matrix.shape() != [6, 6] {
+        return Err(value_error("a curvature is 6 x 6"));
+    }
+    Ok(Matrix6::from_fn(|row, column| matrix[[row, column]]))
 }
 
 fn value_error(message: impl Into<String>) -> PyErr {
@@ -365,6 +374,11 @@ impl PyTrajectory {
         Ok(Self(Trajectory::through(&stamps, &poses)?))
     }
 
+    fn twist_at(&self, stamp: f64) -> PyResult<[f64; 6]> {
+        let twist = self.0.twist_at(stamp).ok_or_else(|| value_error(format!("found no pose at {stamp}")))?;
+        Ok(twist.into())
+    }
+
     fn compensate<'py>(
         &self,
         py: Python<'py>,
@@ -407,6 +421,9 @@ impl PyPointCloud {
         })
     }
 }
+
+/// `T_camera_lidar`, blocks moved by the last round, inverse curvature (6, 6).
+type PolishArrays<'py> = (Bound<'py, PyArray2<f64>>, f64, Bound<'py, PyArray2<f64>>);
 
 /// Curvature (n, n), scores (parts, n) and motions (n, n).
 type SensitivityArrays<'py> =
@@ -590,8 +607,7 @@ mod _core {
     }
 
     #[pyfunction]
-    #[pyo3(signature = (observations, t_camera_lidar, *, factor, edge_band, max_points, with_intrinsics, regions_across,
-                        twists_per_s=None))]
+    #[pyo3(signature = (observations, t_camera_lidar, *, factor, edge_band, max_points, with_intrinsics, regions_across))]
     #[allow(clippy::too_many_arguments)]
     fn sensitivity<'py>(
         py: Python<'py>,
@@ -602,17 +618,10 @@ mod _core {
         max_points: usize,
         with_intrinsics: bool,
         regions_across: usize,
-        twists_per_s: Option<Vec<[f64; 6]>>,
     ) -> PyResult<Option<SensitivityArrays<'py>>> {
         let pose = isometry(&t_camera_lidar)?;
         let config = SensitivityConfig { factor, edge_band, max_points, with_intrinsics, regions_across };
-        let twists: Option<Vec<Vector6<f64>>> =
-            twists_per_s.map(|twists| twists.into_iter().map(Vector6::from).collect());
-        if twists.as_ref().is_some_and(|twists| twists.len() != observations.0.frames.len()) {
-            return Err(value_error("each frame needs a twist"));
-        }
-        let found =
-            detached(py, || alignment::sensitivity(&observations.0, &pose, twists.as_deref(), &config));
+        let found = detached(py, || alignment::sensitivity(&observations.0, &pose, &config));
         let array = |matrix: &DMatrix<f64>| {
             let rows: Vec<f64> = matrix.transpose().iter().copied().collect();
             rows.into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()])
@@ -803,7 +812,7 @@ mod _core {
 
     #[pyfunction]
     #[pyo3(signature = (observations, t_camera_lidar, *, factor, edge_band, visible_only, max_rounds, max_steps, tolerance,
-                        max_baseline))]
+                        max_baseline, inverse_curvature=None))]
     #[allow(clippy::too_many_arguments)]
     fn polish<'py>(
         py: Python<'py>,
@@ -816,14 +825,18 @@ mod _core {
         max_steps: usize,
         tolerance: f64,
         max_baseline: f64,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, f64, usize)> {
+        inverse_curvature: Option<PyReadonlyArray2<f64>>,
+    ) -> PyResult<PolishArrays<'py>> {
         check_factor(factor, &observations.0.camera)?;
         let start = isometry(&t_camera_lidar)?;
         let counted = counted(visible_only);
         let config =
             PolishConfig { factor, edge_band, counted, max_rounds, max_steps, tolerance, max_baseline };
-        let found = detached(py, || alignment::polish(&observations.0, &start, &config));
-        Ok((matrix(py, &found.pose)?, found.moved, found.rounds))
+        let inverse_curvature = inverse_curvature.map(|matrix| matrix_6x6(&matrix)).transpose()?;
+        let found =
+            detached(py, || alignment::polish(&observations.0, &start, inverse_curvature.as_ref(), &config));
+        let rows: [[f64; 6]; 6] = found.inverse_curvature.into();
+        Ok((matrix(py, &found.pose)?, found.moved, PyArray2::from_vec2(py, &rows.map(Vec::from))?))
     }
 
     #[pyfunction]

@@ -177,6 +177,8 @@ class Trajectory:
     @staticmethod
     def through(stamps: Sequence[float], poses: Sequence[_Float64]) -> Trajectory:
         """Through poses (4, 4) of the LiDAR in a fixed frame; raises `InputError` unless times ascend."""
+    def twist_at(self, stamp: float) -> list[float]:
+        """Metres and radians a second in the LiDAR frame, (6,), at a time; `ValueError` where none is known."""
     def compensate(self, points: _Float32, times: Sequence[float] | _Float64, moment: float) -> _Float32:
         """Points (N, 3), each measured at its time (N,), as they lie in the LiDAR frame of one moment, seconds.
 
@@ -247,16 +249,14 @@ def sensitivity(
     max_points: int,
     with_intrinsics: bool,
     regions_across: int,
-    twists_per_s: Sequence[Sequence[float]] | None = ...,
 ) -> tuple[_Float64, _Float64, _Float64] | None:
     """How the mutual information depends on pose and intrinsics around a pose: see `rust/alignment/sensitivity.rs`.
 
     Returns:
         With n parameters, which are a twist on the left of the pose (metres, radians) and, if asked for, fx, fy, cx, cy
-        (pixels), k1 and with `twists_per_s` the delay of the pictures (seconds): curvature (n, n), minus the second
-        derivative in nats; scores (parts, n), the share of the gradient of each frame and square of the picture, nats;
-        motions (n, n), mean products of the pixels by which the parameters move the points. None where no point lands
-        on a label, or nothing changes the information.
+        (pixels) and k1: curvature (n, n), minus the second derivative in nats; scores (parts, n), the share of the
+        gradient of each frame and square of the picture, nats; motions (n, n), mean products of the pixels by which the
+        parameters move the points. None where no point lands on a label, or nothing changes the information.
     """
 
 def student_quantile(probability: float, degrees_of_freedom: float) -> float:
@@ -402,11 +402,13 @@ def polish(
     max_steps: int,
     tolerance: float,
     max_baseline: float,
-) -> tuple[_Float64, float, int]:
+    inverse_curvature: _Float64 | None = ...,
+) -> tuple[_Float64, float, _Float64]:
     """Bring a pose to the top of the mutual information of all points, deterministically.
 
     Returns:
-        The pose (4, 4), by how many blocks the last round moved the points, and the number of rounds.
+        The pose (4, 4), by how many blocks the last round moved the points, and the inverse (6, 6) of minus the second
+        derivative, with which a polish of more of the same data may begin.
     """
 
 def held_out_gain(

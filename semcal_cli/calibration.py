@@ -106,6 +106,23 @@ class UncertaintyRecord(StrictModel):
     """Null where it cannot be told."""
 
 
+class Repeatability(StrictModel):
+    """Where other seeds lead, with the same data: what chance in the search and the climbs is worth."""
+
+    num_seeds: Annotated[int, Field(ge=2)]
+    """Including this calibration's; they follow one another."""
+    num_failed: Count
+    """Seeds with which there was no answer."""
+    spread_camera_center_m: Vector3
+    """Standard deviation of the camera's place, along its axes."""
+    spread_rotation_deg: Vector3
+    """Likewise of the rotation, about them."""
+    farthest_camera_center_m: Vector3
+    """Largest distance from this calibration."""
+    farthest_rotation_deg: Vector3
+    """Likewise of the rotation."""
+
+
 class HypothesisRecord(StrictModel):
     """A pose that the initial calibration arrived at."""
 
@@ -168,7 +185,7 @@ class Calibration(StrictModel):
     semcal_calibration: Version
     """Version of this format."""
     status: Status
-    """not_assessed while no check applies."""
+    """`trusted` if the pose was polished and nothing speaks against it; `not_assessed` without a polish."""
     reasons: Annotated[tuple[str, ...], length(0)]
     """Sentences, each with its figure."""
     T_camera_lidar: Transform
@@ -181,6 +198,8 @@ class Calibration(StrictModel):
     """Rotation of T_camera_lidar."""
     uncertainty: UncertaintyRecord | None = None
     """Null if the pose was not polished, or the labels do not determine it."""
+    repeatability: Repeatability | None = None
+    """Null unless other seeds were asked for."""
     quality: Quality
     """How well the labels agree."""
     stages: dict[str, Stage]
@@ -218,6 +237,7 @@ class Calibration(StrictModel):
         quality: Quality,
         stages: Mapping[str, Stage],
         uncertainty: UncertaintyRecord | None,
+        repeatability: Repeatability | None,
         polish: PolishRecord | None,
         hypotheses: tuple[HypothesisRecord, ...],
         input: Input,
@@ -232,6 +252,7 @@ class Calibration(StrictModel):
             quality: how well the labels agree.
             stages: stages by name, in order.
             uncertainty: how sure the pose is.
+            repeatability: where other seeds lead.
             polish: what held-out data said of it.
             hypotheses: of the initial calibration, best first.
             input: what was read.
@@ -250,6 +271,7 @@ class Calibration(StrictModel):
             translation_m=T[:3, 3].tolist(),
             quaternion_xyzw=quaternion_xyzw(T).tolist(),
             uncertainty=uncertainty,
+            repeatability=repeatability,
             quality=quality,
             stages=dict(stages),
             polish=polish,

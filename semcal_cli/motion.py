@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -24,10 +25,19 @@ MEAN_SINE = math.pi / 4.0
 """Of the angle between a motion of unknown direction and a line of sight."""
 
 
-def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.NDArray[np.float32]]:
-    """Give the points (N, 3) of each frame as they lie in the LiDAR frame at `image_stamp`: see `rust/motion.rs`.
+class Compensated(NamedTuple):
+    """Sweeps as the LiDAR would have seen them at one moment each."""
 
-    They stay where they are if the drive does not say which way the LiDAR moves.
+    points: list[npt.NDArray[np.float32]]
+    """(N, 3) of each frame, metres, in the LiDAR frame at `image_stamp`."""
+    twists_per_s: list[list[float]] | None
+    """(6,) of each frame: how the LiDAR moves then, metres and radians a second in its own frame; None if not known."""
+
+
+def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> Compensated:
+    """Compensate the motion of the LiDAR: see `rust/motion.rs`.
+
+    Points stay where they are if the drive does not say which way it moves.
 
     Raises:
         InputError: a cloud has no times or a frame no stamps, times do not go with the stamps, or the poses are none
@@ -35,15 +45,16 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.ND
     """
     motion = drive.motion
     if motion is None or motion.speed_m_s is not None:
-        return [cloud.points for cloud in clouds]
+        return Compensated([cloud.points for cloud in clouds], None)
     trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
-    moved = []
+    moved, twists_per_s = [], []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
         times = _times(drive, motion, frame, cloud)
         moment = _moment(drive, frame)
         along = trajectory or _steady(motion, moment)
         try:
             points = along.compensate(cloud.points, times, moment)
+            twists_per_s.append(along.twist_at(moment))
         except ValueError as error:
             needed = f"needed poses before and after {frame.points}"
             raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
@@ -52,7 +63,7 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[npt.ND
                 f"{drive.path}: motion: found one that moves points of {frame.points} beyond all bounds"
             )
         moved.append(points)
-    return moved
+    return Compensated(moved, twists_per_s)
 
 
 def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float | None:

@@ -43,6 +43,8 @@ class Observations:
     """Likewise of the pixels."""
     num_no_returns: Sequence[int] = ()
     """Entries of each sweep that were not finite or all zero, and were left out."""
+    twists_per_s: Sequence[Sequence[float]] | None = None
+    """(6,) of each frame: how the LiDAR moves, metres and radians a second in its own frame; None if not known."""
     motion_error_px: float | None = None
     """How far the rig's motion during a sweep may displace half of the points: see `motion.motion_error_px`."""
     speckle: float = 0.0
@@ -63,6 +65,7 @@ class Observations:
             point_shares=[self.point_shares[i] for i in indices] if self.point_shares else (),
             image_shares=[self.image_shares[i] for i in indices] if self.image_shares else (),
             num_no_returns=[self.num_no_returns[i] for i in indices] if self.num_no_returns else (),
+            twists_per_s=self.twists_per_s and [self.twists_per_s[i] for i in indices],
         )
 
     @cached_property
@@ -99,7 +102,7 @@ def read_observations(drive: Drive) -> Observations:
     """
     pictures = read_pictures(drive)
     clouds = read_clouds(drive)
-    points = compensated(drive, clouds)
+    points, twists_per_s = compensated(drive, clouds)
     point_labels = _point_labels(drive, clouds)
     point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
     image_table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
@@ -117,6 +120,7 @@ def read_observations(drive: Drive) -> Observations:
         point_shares=point_shares if any(point_shares) else (),
         image_shares=image_shares if any(image_shares) else (),
         num_no_returns=[cloud.num_no_returns for cloud in clouds],
+        twists_per_s=twists_per_s,
         motion_error_px=motion_error_px(drive, clouds),
     )
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 
@@ -18,12 +18,14 @@ from semcal_cli.calibration import (
     LabelBleed,
     PolishRecord,
     Quality,
+    Repeatability,
     Settings,
     Stage,
     Status,
     UncertaintyRecord,
 )
 from semcal_cli.drive import Drive, Motion
+from semcal_cli.errors import CalibrationError
 from semcal_cli.initialization import (
     MIN_OVERLAP,
     Hypothesis,
@@ -32,9 +34,11 @@ from semcal_cli.initialization import (
     margin,
     runner_up,
 )
+from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations, load_observations
 from semcal_cli.polish import Polish, PolishConfig, polish
 from semcal_cli.poses import Pose, rotation_error_deg
+from semcal_cli.prior import Fused, Prior, fuse, hold
 from semcal_cli.provenance import describe_input, versions
 from semcal_cli.refinement import (
     EDGE_BAND_PX,
@@ -77,6 +81,12 @@ class RefinementConfig:
     is_polished: bool = True
     max_baseline_m: float = MAX_BASELINE_M
     edge_band_px: int = EDGE_BAND_PX
+    priors: tuple[Prior, ...] = ()
+    """What is known of the pose; needs the polish."""
+    is_assessed: bool = True
+    """Whether it is told how sure a polished pose is, and what speaks against it ..."""
+    with_label_bleed: bool = True
+    """... and what labels that bleed would do."""
 
 
 @dataclass(frozen=True)
@@ -103,11 +113,14 @@ class Run:
     stages: dict[str, Stage] = field(default_factory=dict)
     polish_record: PolishRecord | None = None
     uncertainty: UncertaintyRecord | None = None
+    repeatability: Repeatability | None = None
     hypotheses: tuple[HypothesisRecord, ...] = ()
     runner_up_margin: float | None = None
     reasons: list[str] = field(default_factory=list)
     options: dict[str, object] = field(default_factory=dict)
     given: Given | None = None
+    is_assessed: bool = False
+    """Whether everything was looked at that may speak against the pose."""
 
     def calibrate(
         self,
@@ -115,6 +128,7 @@ class Run:
         initialization: InitializationConfig | None = None,
         given: Given | None = None,
         refinement: RefinementConfig | None = None,
+        num_seeds: int = 1,
     ) -> Calibration:
         """Run every stage.
 
@@ -123,13 +137,55 @@ class Run:
             initialization: How to search.
             given: Where to search, or the only pose to start at: see `initialize`.
             refinement: How to refine what was found.
+            num_seeds: With more than one, the seeds that follow are tried, too, to see where they lead.
         """
-        observations = self.load()
-        hypotheses = self.initialize(observations, initialization or InitializationConfig(), given)
-        T_camera_lidar = self.refine(
-            observations, hypotheses[0].T_camera_lidar, refinement or RefinementConfig()
+        initialization, refinement = (
+            initialization or InitializationConfig(),
+            refinement or RefinementConfig(),
         )
+        observations = self.load()
+        hypotheses = self.initialize(observations, initialization, given)
+        T_camera_lidar = self.refine(observations, hypotheses[0].T_camera_lidar, refinement)
+        if num_seeds > 1:
+            self._repeat(observations, T_camera_lidar, initialization, given, refinement, num_seeds)
         return self.result(observations, T_camera_lidar, folder)
+
+    def _repeat(
+        self,
+        observations: Observations,
+        T_camera_lidar: Pose,
+        initialization: InitializationConfig,
+        given: Given | None,
+        refinement: RefinementConfig,
+        num_seeds: int,
+    ) -> None:
+        """Calibrate with the seeds that follow, and compare."""
+        start = perf_counter()
+        differences = np.zeros((1, 6))
+        for seed in range(self.seed + 1, self.seed + num_seeds):
+            self.progress(f"repeating with seed {seed}")
+            other = Run(self.drive, seed, self.max_frames)
+            try:
+                T_init = other.initialize(observations, initialization, given)[0].T_camera_lidar
+                T = other.refine(observations, T_init, replace(refinement, is_assessed=False))
+            except CalibrationError:
+                continue
+            difference = compare_poses(T, T_camera_lidar)
+            center_m = [0.01 * x for x in difference.camera_center_xyz_cm]
+            differences = np.vstack([differences, [*center_m, *difference.rotation_xyz_deg]])
+        spread = differences.std(axis=0, ddof=1 if len(differences) > 1 else 0).tolist()
+        farthest = np.abs(differences).max(axis=0).tolist()
+        self.repeatability = Repeatability(
+            num_seeds=num_seeds,
+            num_failed=num_seeds - len(differences),
+            spread_camera_center_m=spread[:3],
+            spread_rotation_deg=spread[3:],
+            farthest_camera_center_m=farthest[:3],
+            farthest_rotation_deg=farthest[3:],
+        )
+        self.options["num_seeds"] = num_seeds
+        self.reasons += _repeatability_reasons(self.repeatability, self.uncertainty)
+        self.report(StageReport("repeated", perf_counter() - start, note=f"{num_seeds} seeds"))
 
     def load(self) -> Observations:
         """Read the drive, or as many frames as are used of it."""
@@ -199,20 +255,43 @@ class Run:
         def on_level(level: Level, num_levels: int) -> None:
             self.progress(f"refining: {level.factor}-pixel blocks done, {level.information_nats:.4f} nats")
 
-        refinement = refine(observations, T_init, climb, pyramid, on_level)
+        refinement = refine(
+            observations, T_init, climb, pyramid, on_level, lambda pose: hold(pose, config.priors)
+        )
         T_camera_lidar = refinement.T_camera_lidar
         self.options["refinement"] = {"pyramid": asdict(pyramid), **settings}
+        if config.priors:
+            self.options["priors"] = [_prior_record(prior) for prior in config.priors]
         note = (
             f"{config.estimator}, {len(refinement.levels)} levels, "
             f"{'settled' if refinement.converged else 'not settled'}"
         )
         self._finish("refined", start, observations, T_camera_lidar, note)
         polished = self._polish(observations, T_camera_lidar, config) if config.is_polished else None
-        if polished is not None and polished.is_accepted:
-            self.reasons += _polish_reasons(polished)
+        if polished is None or not polished.is_accepted:
+            self.reasons += _convergence_reasons(refinement)
+            self.reasons += [] if polished is None else [_rejection(polished)]
+            return T_camera_lidar
+        if config.priors:
+            return self._fuse(observations, polished.T_camera_lidar, config)
+        self.reasons += _polish_reasons(polished)
+        if config.is_assessed:
             self._assess(observations, polished.T_camera_lidar, config)
-            return polished.T_camera_lidar
-        self.reasons += _convergence_reasons(refinement)
+        return polished.T_camera_lidar
+
+    def _fuse(self, observations: Observations, T_polished: Pose, config: RefinementConfig) -> Pose:
+        """Put together what labels say and what is known."""
+        self.progress("weighing what is known")
+        start = perf_counter()
+        fused = fuse(observations, T_polished, config.priors, edge_band_px=config.edge_band_px)
+        T_camera_lidar = fused.T_camera_lidar
+        note = ", ".join(prior.name for prior in config.priors)
+        self._finish("fused", start, observations, T_camera_lidar, note)
+        if not fused.is_settled:
+            self.reasons.append("the pose that labels and what is known determine together had not settled")
+        self.reasons += fused.conflicts
+        if config.is_assessed:
+            self._assess(observations, T_camera_lidar, config, fused)
         return T_camera_lidar
 
     def _climb(self, observations: Observations, config: RefinementConfig) -> tuple[Climb, dict[str, object]]:
@@ -242,11 +321,21 @@ class Run:
         self._finish("polished", start, observations, polished.T_camera_lidar, note)
         return polished
 
-    def _assess(self, observations: Observations, T_camera_lidar: Pose, config: RefinementConfig) -> None:
+    def _assess(
+        self,
+        observations: Observations,
+        T_camera_lidar: Pose,
+        config: RefinementConfig,
+        fused: Fused | None = None,
+    ) -> None:
         """Tell how sure a polished pose is, and what speaks against it."""
         self.progress("assessing")
         start = perf_counter()
-        found = estimate_uncertainty(observations, T_camera_lidar, edge_band_px=config.edge_band_px)
+        found = (
+            estimate_uncertainty(observations, T_camera_lidar, edge_band_px=config.edge_band_px)
+            if fused is None
+            else fused.uncertainty
+        )
         against = doubts(observations, T_camera_lidar)
         if found is None:
             against.insert(
@@ -255,8 +344,13 @@ class Run:
         else:
             against += found.undetermined
             settings = PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-            self.uncertainty = _uncertainty_record(found, label_bleed(observations, T_camera_lidar, settings))
+            gain = None if fused is None else fused.label_gain
+            bleed = (
+                label_bleed(observations, T_camera_lidar, settings, gain) if config.with_label_bleed else None
+            )
+            self.uncertainty = _uncertainty_record(found, bleed)
         self.reasons += against
+        self.is_assessed = True
         note = f"{len(against)} doubts" if len(against) > 1 else "1 doubt" if against else "no doubt"
         self.report(StageReport("assessed", perf_counter() - start, note=note))
 
@@ -264,7 +358,7 @@ class Run:
         """Assess a pose and put everything into a calibration."""
         agreement = _core.agreement(observations.core, T_camera_lidar)
         reasons = [*self.reasons, *_overlap_reasons(agreement), *_information_reasons(agreement)]
-        status: Status = "not_trusted" if reasons else "not_assessed"
+        status: Status = "not_trusted" if reasons else "trusted" if self.is_assessed else "not_assessed"
         return Calibration.from_pose(
             T_camera_lidar,
             status=status,
@@ -280,6 +374,7 @@ class Run:
             ),
             stages=self.stages,
             uncertainty=self.uncertainty,
+            repeatability=self.repeatability,
             polish=self.polish_record,
             hypotheses=self.hypotheses,
             input=describe_input(self.drive, self.given.source if self.given else None, folder),
@@ -329,6 +424,33 @@ def _polish_reasons(polished: Polish) -> list[str]:
     return [
         f"the polish had not settled: its last round still moved points by {polished.moved_px:.2f} pixels"
     ]
+
+
+def _rejection(polished: Polish) -> str:
+    lost, sigma = -polished.gain_nats, polished.sigma_nats
+    if not math.isfinite(sigma):
+        return "the polish was rejected: held-out data say nothing of it"
+    return (
+        f"the polish was rejected: held-out data agree less after it, by {lost:.4f} +- {sigma:.4f} nats: nothing is "
+        f"known of the pose's error"
+    )
+
+
+def _repeatability_reasons(found: Repeatability, uncertainty: UncertaintyRecord | None) -> list[str]:
+    reasons = []
+    if found.num_failed:
+        reasons.append(f"{found.num_failed} of {found.num_seeds} seeds gave no answer")
+    if uncertainty is not None:
+        sides = (
+            (found.farthest_camera_center_m, uncertainty.half_width_95_camera_center_m, 100.0, "cm"),
+            (found.farthest_rotation_deg, uncertainty.half_width_95_rotation_deg, 1.0, "degrees"),
+        )
+        for farthest, half_widths, scale, unit in sides:
+            if any(far > half + 1e-9 for far, half in zip(farthest, half_widths, strict=True)):
+                reasons.append(
+                    f"another seed leads {scale * math.hypot(*farthest):.3g} {unit} away, beyond the 95 % interval"
+                )
+    return reasons
 
 
 def _overlap_reasons(agreement: _core.Agreement) -> list[str]:
@@ -385,6 +507,11 @@ def _uncertainty_record(found: Uncertainty, bleed: npt.NDArray[np.float64] | Non
         weak_directions=tuple(found.weak_directions),
         label_bleed=moved and LabelBleed(camera_center_m=moved[:3], rotation_deg=moved[3:]),
     )
+
+
+def _prior_record(prior: Prior) -> dict[str, object]:
+    sigmas = [sigma if math.isfinite(sigma) else None for sigma in prior.sigmas]
+    return {"name": prior.name, "T_camera_lidar": prior.T_camera_lidar.tolist(), "sigmas": sigmas}
 
 
 def _rows(T: Pose) -> tuple[tuple[float, ...], ...]:

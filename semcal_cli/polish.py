@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.classes import NO_CLASS
@@ -38,8 +39,9 @@ class PolishConfig:
     min_frames: int = 6
     """With fewer frames than this, regions of the pictures are held out instead of frames."""
     regions_across: int = 9
-    max_loss: float = 2.0
-    """A polish is rejected if held-out data get worse by so many standard errors."""
+    max_loss: float = 3.0
+    """A polish is rejected if held-out data get worse by so many standard errors. On 36 good calibrations of
+    development drives the loss was up to 2.6."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +69,13 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
         config: How.
     """
     kept, held_out = split(observations, config)
-    T_kept, moved_px = climb(kept, T_camera_lidar, config)
+    T_kept, moved_px, inverse_curvature = climb(kept, T_camera_lidar, config)
     gain, sigma = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, T_kept)
     # Without a standard error, nothing speaks for it.
     is_accepted = math.isfinite(sigma) and gain >= -config.max_loss * sigma
     T_polished = T_camera_lidar
     if is_accepted:
-        T_polished, moved_px = climb(observations, T_kept, config)
+        T_polished, moved_px, _ = climb(observations, T_kept, config, inverse_curvature)
     return Polish(T_polished, is_accepted, moved_px <= config.settled_px, moved_px, gain, sigma)
 
 
@@ -91,13 +93,24 @@ def split(observations: Observations, config: PolishConfig) -> tuple[Observation
     return _masked(observations, region), _masked(observations, ~region)
 
 
-def climb(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> tuple[Pose, float]:
+def climb(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    config: PolishConfig,
+    inverse_curvature: npt.NDArray[np.float64] | None = None,
+) -> tuple[Pose, float, npt.NDArray[np.float64]]:
     """Climb to the top from a pose that is about a pixel off, without held-out data.
 
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4) to start at.
+        config: How.
+        inverse_curvature: (6, 6) of a climb on part of the same data, which saves time.
+
     Returns:
-        T_camera_lidar, and how far the last round moved the points, pixels.
+        T_camera_lidar, how far the last round moved the points, pixels, and the inverse curvature.
     """
-    T_polished, moved_px, _ = _core.polish(
+    return _core.polish(
         observations.core,
         T_camera_lidar,
         factor=1,
@@ -107,8 +120,8 @@ def climb(observations: Observations, T_camera_lidar: Pose, config: PolishConfig
         max_steps=config.max_steps,
         tolerance=config.tolerance_px,
         max_baseline=config.max_baseline_m,
+        inverse_curvature=inverse_curvature,
     )
-    return T_polished, moved_px
 
 
 def _masked(observations: Observations, region: np.ndarray) -> Observations:

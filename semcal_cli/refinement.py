@@ -140,6 +140,7 @@ def refine(
     climb: Climb,
     config: PyramidConfig,
     on_level: Callable[[Level, int], None] = lambda level, num_levels: None,
+    hold: Callable[[Pose], Pose] = lambda pose: pose,
 ) -> Refinement:
     """Refine a pose by maximising mutual information.
 
@@ -149,6 +150,7 @@ def refine(
         climb: The estimator.
         config: The pyramid.
         on_level: Called with each level when it ends, and with the number of levels.
+        hold: Brings the pose between levels back to where it may be.
 
     Raises:
         CalibrationError: too few labelled points land on labelled pixels.
@@ -156,7 +158,7 @@ def refine(
     factors = pyramid_factors(observations.camera, config)
     block_deg = math.degrees(1.0 / core_camera(observations.camera).pixels_per_radian)
     levels: list[Level] = []
-    pose = T_init
+    pose = hold(T_init)
     for factor in factors:
         level = climb(factor, pose, visible_only=factor * block_deg < config.hidden_below_block_deg)
         if level.num_points < config.min_points:
@@ -166,7 +168,7 @@ def refine(
                 f"needed {config.min_points}"
             )
         levels.append(level)
-        pose = level.T_camera_lidar
+        pose = hold(level.T_camera_lidar)
         on_level(level, len(factors))
     return Refinement(pose, tuple(levels), levels[-1].drift <= config.max_final_drift)
 

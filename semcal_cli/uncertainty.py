@@ -170,32 +170,40 @@ def is_determined(around: Sensitivity) -> bool:
 
 def sandwich(around: Sensitivity, num_frames: int) -> tuple[Matrix, npt.NDArray[np.float64]]:
     """Give the covariance (n, n) of all parameters, and Satterthwaite's degrees of freedom (n,)."""
-    influences = around.influences()
-    influences = influences - influences.mean(axis=0)
-    parts = len(influences)
-    covariance = influences.T @ influences * (parts / (parts - 1) * (1.0 + num_frames / SHARED_FRAMES))
+    covariance, influences = scatter(around.influences(), num_frames)
     squares = influences**2
     return covariance, squares.sum(axis=0) ** 2 / (squares**2).sum(axis=0)
 
 
+def scatter(influences: Matrix, num_frames: int) -> tuple[Matrix, Matrix]:
+    """Give the covariance of the sum of influences (parts, n), and the influences less their mean."""
+    parts = len(influences)
+    centred = influences - influences.mean(axis=0)
+    return centred.T @ centred * (parts / (parts - 1) * (1.0 + num_frames / SHARED_FRAMES)), centred
+
+
 def label_bleed(
-    observations: Observations, T_camera_lidar: Pose, config: PolishConfig
+    observations: Observations, T_camera_lidar: Pose, config: PolishConfig, label_gain: Matrix | None = None
 ) -> npt.NDArray[np.float64] | None:
     """Tell how far the pose would move if labels of pictures bled by a pixel, as those of all frames may.
 
     (6,) the camera's place in metres and its rotation in degrees, along its axes; from a few frames, polished with
-    their labels as they are and bled. None where one of these does not settle.
+    their labels as they are and bled. None where one of these does not settle. Of a twist that labels say, the pose
+    moves by `label_gain` (6, 6) times as much; by all of it if not given.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), BLEED_FRAMES))
-    as_they_are, moved_px = climb(few, T_camera_lidar, config)
+    as_they_are, moved_px, inverse_curvature = climb(few, T_camera_lidar, config)
     bleeding = replace(few, image_classes=bled(few.image_classes), image_shares=())
-    after, moved_after_px = climb(bleeding, as_they_are, config)
+    after, moved_after_px, _ = climb(bleeding, as_they_are, config, inverse_curvature)
     if max(moved_px, moved_after_px) > config.settled_px:
         return None
     difference = compare_poses(after, as_they_are)
-    center_m = 0.01 * np.array(difference.camera_center_xyz_cm)
-    moved: npt.NDArray[np.float64] = np.abs(np.concatenate([center_m, difference.rotation_xyz_deg]))
-    return moved
+    # A translation in the camera frame moves the camera's centre the other way.
+    twist = np.concatenate(
+        [-0.01 * np.array(difference.camera_center_xyz_cm), np.radians(difference.rotation_xyz_deg)]
+    )
+    moved = np.abs(twist if label_gain is None else label_gain @ twist)
+    return np.concatenate([moved[:3], np.degrees(moved[3:])])
 
 
 def bled(images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.uint8]]:

@@ -29,6 +29,7 @@ SAME_DEG = 3.0
 SAME_M = 0.3
 """... and so near."""
 AXES = ("x", "y", "z")
+REFINEMENT = RefinementConfig(with_label_bleed=False)
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ def verify(run: Run, given: Given, limits: Limits, observations: Observations | 
     if estimate is None:
         run = Run(run.drive, run.seed, run.max_frames, run.report, run.progress)
         hypotheses = run.initialize(observations, InitializationConfig())
-        estimate = run.refine(observations, hypotheses[0].T_camera_lidar, RefinementConfig())
+        estimate = run.refine(observations, hypotheses[0].T_camera_lidar, REFINEMENT)
     uncertainty = run.uncertainty
     half_widths = (
         [*uncertainty.half_width_95_camera_center_m, *uncertainty.half_width_95_rotation_deg]
@@ -113,7 +114,7 @@ def _nearby(run: Run, observations: Observations, given: Given) -> Pose | None:
     """The estimate that the transform leads to; None if it leads away, or leaves doubts."""
     try:
         run.start_at(observations, given)
-        estimate = run.refine(observations, given.T_camera_lidar, RefinementConfig(), from_afar=True)
+        estimate = run.refine(observations, given.T_camera_lidar, REFINEMENT, from_afar=True)
     except CalibrationError:
         return None
     is_near = _is_near(estimate, given.T_camera_lidar, NEAR_DEG, NEAR_M)

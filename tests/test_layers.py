@@ -20,7 +20,7 @@ LAYERS = [
     {"initialization", "refinement"},
     {"mine", "polish", "inspection"},
     {"uncertainty"},
-    {"trust"},
+    {"trust", "prior"},
     {"pipeline", "comparison"},
     {"verification"},
     {"experiments"},

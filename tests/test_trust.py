@@ -3,8 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from semcal_cli import _core
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.observations import Observations
+from semcal_cli.polish import PolishConfig, climb
 from semcal_cli.poses import Pose
 from semcal_cli.refinement import ExactClimb, ExactConfig, PyramidConfig, refine
 from semcal_cli.trust import doubts
@@ -49,10 +51,56 @@ def test_wrong_intrinsics_are_named(
     climbed = refine(
         seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
     )
-    (line,) = doubts(seen, climbed.T_camera_lidar)
-    assert line.startswith("the intrinsics look wrong (fx by ")
+    focal, intrinsics = doubts(seen, climbed.T_camera_lidar)
+    right = "shorter" if scale > 1.0 else "longer"
+    assert focal.startswith(f"the focal length looks wrong: labels agree better with fx and fy 7% {right}, ")
+    assert intrinsics.startswith("the intrinsics look wrong (fx by ")
+
+
+@pytest.mark.parametrize("delay_s", [-0.1, -0.01, 0.0, 0.01, 0.1])
+def test_wrong_clocks_are_told_from_the_motion(
+    street_observations: Observations, street_truth: Pose, delay_s: float
+) -> None:
+    """A car that speeds up and turns sees things where it was when the sweep was stamped."""
+    speeds = np.linspace(6.0, 16.0, street_observations.num_frames)
+    rates = np.linspace(-0.1, 0.2, street_observations.num_frames)
+    twists = [[speed, 0.0, 0.0, 0.0, 0.0, rate] for speed, rate in zip(speeds, rates, strict=True)]
+    moved = [
+        _core.Trajectory.constant(twist, 0.0).compensate(points, np.full(len(points), delay_s), 0.0)
+        for points, twist in zip(street_observations.points, twists, strict=True)
+    ]
+    seen = replace(street_observations, points=moved, twists_per_s=twists)
+    near = refine(seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(3.0)).T_camera_lidar
+    climbed, _, _ = climb(seen, near, PolishConfig())
+    found = [line for line in doubts(seen, climbed) if line.startswith("the clocks look wrong: ")]
+    if delay_s == 0.0:
+        assert found == []
+    else:
+        side = "later" if delay_s > 0.0 else "earlier"
+        (line,) = found
+        assert line.endswith(f" ms {side} than image_stamp says")
+
+
+def test_a_steady_motion_tells_nothing_of_clocks(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    twists = [[12.0, 0.0, 0.0, 0.0, 0.0, 0.0]] * street_observations.num_frames
+    assert doubts(replace(street_observations, twists_per_s=twists), street_truth) == []
+    standing = [[0.0] * 6] * street_observations.num_frames
+    assert doubts(replace(street_observations, twists_per_s=standing), street_truth) == []
+
+
+def test_one_class_nearly_everywhere(street_observations: Observations, street_truth: Pose) -> None:
+    rng = np.random.default_rng(0)
+    classes = [
+        np.where(rng.random(ids.shape) < 0.02, ids, 0).astype(np.uint8)
+        for ids in street_observations.point_classes
+    ]
+    found = doubts(replace(street_observations, point_classes=classes), street_truth)
+    assert found[0].startswith("points in the picture are nearly all of one class: of 1.")
 
 
 def test_nothing_in_the_picture_is_no_crash(street_observations: Observations, street_truth: Pose) -> None:
     blank = [np.full_like(image, NO_CLASS) for image in street_observations.image_classes]
-    assert doubts(replace(street_observations, image_classes=blank), street_truth) == []
+    found = doubts(replace(street_observations, image_classes=blank), street_truth)
+    assert found == ["pixels are nearly all of one class: of 1.00 by their entropy, needed at least 1.5"]

@@ -162,7 +162,7 @@ impl Level {
 
     /// The joint histogram of the points' classes and the blocks on which they land.
     pub fn joint(&self, samples: &[Sample], pose: &Isometry3<f64>) -> JointHistogram {
-        self.joint_and_mixed(samples, self.lands(pose), |_| ()).0
+        self.joint_and_mixed(samples, self.lands(pose), at_anchor, |_| ()).0
     }
 
     /// The joint histogram of `constant` pairs and those of the points, and the gradient of its mutual information with
@@ -171,7 +171,7 @@ impl Level {
     /// `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from
     /// the marginals cancel.
     pub fn slope(&self, samples: &[Sample], constant: &JointHistogram, pose: &Isometry3<f64>) -> Slope {
-        let (mut joint, mixed) = self.joint_and_mixed(samples, self.lands(pose), |landed| landed);
+        let (mut joint, mixed) = self.joint_and_mixed(samples, self.lands(pose), at_anchor, |landed| landed);
         joint.merge(constant);
         let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
         let of_chunk = |chunk: &Vec<Landed>| {
@@ -201,19 +201,22 @@ impl Level {
         }
     }
 
-    /// The joint histogram, and in chunks what `keep` makes of the points on several classes, by which it changes.
+    /// The joint histogram of points weighed by `weigh`, and in chunks what `keep` makes of those on several classes, by
+    /// which it changes.
     fn joint_and_mixed<T: Send>(
         &self,
         samples: &[Sample],
         lands: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
+        weigh: impl Fn(&Sample, &Sampled) -> f32 + Sync,
         keep: impl Fn(Landed) -> T + Sync,
     ) -> (JointHistogram, Vec<Vec<T>>) {
         let of_chunk = |chunk: &[Sample]| {
             let (mut joint, mut mixed) = (self.empty_joint(), Vec::new());
             for sample in chunk {
                 let Some((p_camera, pixel)) = lands(sample) else { continue };
-                let &Sample { class, frame, weight, .. } = sample;
+                let &Sample { class, frame, .. } = sample;
                 let sampled = self.maps[frame as usize].at(&pixel);
+                let weight = weigh(sample, &sampled);
                 sampled.add_to(joint.row_mut(class), f64::from(weight));
                 if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
                     mixed.push(keep(Landed { class, frame, weight, p_camera, pixel }));
@@ -277,6 +280,11 @@ impl Level {
             eigen.eigenvalues.map(|value| 1.0 / value.max(f64::EPSILON * eigen.eigenvalues.max()).sqrt());
         Some(eigen.eigenvectors * Matrix6::from_diagonal(&scale))
     }
+}
+
+/// A sample's weight at the anchor pose, wherever it lands.
+fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
+    sample.weight
 }
 
 /// Maps points from the LiDAR frame to the camera frame.

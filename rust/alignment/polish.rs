@@ -55,15 +55,24 @@ pub struct Polished {
     pub moved: f64,
     /// Rounds taken.
     pub rounds: usize,
+    /// The inverse of minus the second derivative with respect to a twist, as last looked at.
+    pub inverse_curvature: Matrix6<f64>,
 }
 
-/// Climbs to the top of the mutual information of all points.
-pub fn polish(observations: &Arc<Observations>, start: &Isometry3<f64>, config: &PolishConfig) -> Polished {
+/// Climbs to the top of the mutual information of all points. `inverse_curvature` is that of a polish near by, of part of
+/// the data: it saves a look around.
+pub fn polish(
+    observations: &Arc<Observations>,
+    start: &Isometry3<f64>,
+    inverse_curvature: Option<&Matrix6<f64>>,
+    config: &PolishConfig,
+) -> Polished {
     let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, usize::MAX);
     let start = within_baseline(start, config.max_baseline);
-    let mut polished = Polished { pose: start, moved: f64::INFINITY, rounds: 0 };
-    // With respect to twists, so that it outlives the motions of a round.
-    let (mut inverse_curvature, mut is_stale) = (Matrix6::zeros(), true);
+    // The curvature is with respect to twists, so that it outlives the motions of a round.
+    let mut is_stale = inverse_curvature.is_none();
+    let inverse_curvature = inverse_curvature.copied().unwrap_or_default();
+    let mut polished = Polished { pose: start, moved: f64::INFINITY, rounds: 0, inverse_curvature };
     for round in 1..=config.max_rounds {
         let begun = polished.pose;
         let mut samples = level.samples(&begun, config.counted);
@@ -73,11 +82,11 @@ pub fn polish(observations: &Arc<Observations>, start: &Isometry3<f64>, config: 
         let is_fresh = is_stale;
         if is_stale {
             let Some(inverse) = objective.inverse_curvature(&begun) else { break };
-            inverse_curvature = inverse;
+            polished.inverse_curvature = inverse;
         }
-        let (pose, wanted) = objective.newton(&begun, &inverse_curvature);
+        let (pose, wanted) = objective.newton(&begun, &polished.inverse_curvature);
         let gone = objective.blocks_between(&begun, &pose);
-        polished = Polished { pose, moved: gone.max(wanted), rounds: round };
+        polished = Polished { pose, moved: gone.max(wanted), rounds: round, ..polished };
         // A step that gained nothing may be that of an old curvature, or a cusp is the top.
         if gone < config.tolerance && (wanted < config.tolerance || is_fresh) {
             break;
@@ -191,12 +200,22 @@ mod tests {
         let observations = scene(0.0);
         for side in [-1.0, 1.0] {
             let start = se3::exp(&(Vector6::new(0.06, -0.04, 0.04, 0.012, -0.016, 0.02) * side));
-            let polished = polish(&observations, &start, &CONFIG);
+            let polished = polish(&observations, &start, None, &CONFIG);
             let error = (polished.pose.rotation.angle(), polished.pose.translation.vector.norm());
             assert!(polished.moved < 10.0 * CONFIG.tolerance, "{polished:?}");
             // A third of a pixel of this small picture, from two.
             assert!(error.0 < 5e-3 && error.1 < 0.04, "{error:?}");
         }
+    }
+
+    #[test]
+    fn it_comes_to_the_same_top_with_a_curvature_from_near_by() {
+        let observations = scene(0.0);
+        let start = se3::exp(&Vector6::new(0.03, -0.02, 0.02, 0.006, -0.008, 0.01));
+        let alone = polish(&observations, &start, None, &CONFIG);
+        let again = polish(&observations, &start, Some(&alone.inverse_curvature), &CONFIG);
+        let apart = again.pose * alone.pose.inverse();
+        assert!(apart.rotation.angle() < 5e-3 && apart.translation.vector.norm() < 0.02, "{apart:?}");
     }
 
     #[test]
@@ -208,7 +227,7 @@ mod tests {
         let start = se3::exp(&Vector6::new(0.05, 0.05, -0.05, 0.02, 0.02, -0.02));
         let samples = level.samples(&start, Counted::All);
         let one_round = PolishConfig { max_rounds: 1, ..CONFIG };
-        let end = polish(&observations, &start, &one_round).pose;
+        let end = polish(&observations, &start, None, &one_round).pose;
         assert!(information(&end, &samples) > information(&start, &samples));
     }
 }

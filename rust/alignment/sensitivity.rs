@@ -1,4 +1,4 @@
-//! How the mutual information depends on the pose, the intrinsics and the clock, around a pose: scores and curvature.
+//! How the mutual information depends on the pose and the intrinsics, around a pose: scores and curvature.
 //!
 //! The score of a part of the data is its share of the gradient; how scores scatter from part to part tells how far the
 //! optimum would move with other data. The objective is piecewise smooth with a smoothed cusp at its top, so curvature is
@@ -21,12 +21,8 @@ use crate::se3;
 const HALF_WIDTH: f64 = 0.5;
 /// Points that lie amid so many blocks of one class do not change with it.
 const CONSTANT_RADIUS: usize = 4;
-/// Twist, intrinsics, and the delay of the pictures.
-const NUM_PARAMETERS: usize = 6 + NUM_INTRINSICS + 1;
-const DELAY: usize = 6 + NUM_INTRINSICS;
-
-/// Scores and curvature with respect to a twist on the left of the pose (metres and radians), fx, fy, cx, cy (pixels), k1
-/// and, if the motion is known, the delay of the pictures (seconds).
+/// Scores and curvature with respect to a twist on the left of the pose (metres and radians), and if asked for fx, fy, cx,
+/// cy (pixels) and k1.
 #[derive(Clone, Debug)]
 pub struct Sensitivity {
     /// Minus the second derivative, nats.
@@ -46,20 +42,18 @@ pub struct SensitivityConfig {
     pub edge_band: usize,
     /// Points, over all frames and directions, that are looked at.
     pub max_points: usize,
-    /// Whether the intrinsics, and the delay if the motion is known, are parameters beside the pose.
+    /// Whether the intrinsics are parameters beside the pose.
     pub with_intrinsics: bool,
     /// Parts are the squares of a picture of which so many lie side by side; with 1, frames.
     pub regions_across: usize,
 }
 
-/// Scores and curvature at a pose, over the points that are visible there. `twists_per_s` of the LiDAR in each frame are
-/// for the delay.
+/// Scores and curvature at a pose, over the points that are visible there.
 ///
 /// `None` where no point lands on a label, or nothing changes the information.
 pub fn sensitivity(
     observations: &Arc<Observations>,
     pose: &Isometry3<f64>,
-    twists_per_s: Option<&[Vector6<f64>]>,
     config: &SensitivityConfig,
 ) -> Option<Sensitivity> {
     let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, config.max_points);
@@ -71,8 +65,7 @@ pub fn sensitivity(
         let sampled = level.sampled(sample, &to_anchor(&sample.position));
         sample.weight = (f64::from(sample.weight) / sampled.map_or(1.0, |sampled| sampled.total())) as f32;
     });
-    let problem =
-        Problem { level: &level, samples: &samples, constant: &constant, pose, twists_per_s, config };
+    let problem = Problem { level: &level, samples: &samples, constant: &constant, pose, config };
     let motions = problem.motions();
     let steps = problem.unit_steps(&motions)?;
     let (joint, chunks) = problem.landed(&DVector::zeros(steps.nrows()));
@@ -80,12 +73,11 @@ pub fn sensitivity(
     let pointwise = joint.pointwise_at_least(super::LEAST_WEIGHT);
     let side = (observations.camera.width as f64 / config.regions_across as f64).max(1.0);
     let mut parts: BTreeMap<(u32, u32, u32), DVector<f64>> = BTreeMap::new();
-    let zero = problem.delays(&DVector::zeros(steps.nrows()));
     for landed in chunks.iter().flatten() {
         let cell = |x: f64| if config.regions_across > 1 { (x.max(0.0) / side) as u32 } else { 0 };
         let part = (landed.frame, cell(landed.pixel.y), cell(landed.pixel.x));
         let score = parts.entry(part).or_insert_with(|| DVector::zeros(steps.nrows()));
-        problem.add_score(landed, &joint, &pointwise, &zero, score);
+        problem.add_score(landed, &joint, &pointwise, score);
     }
     let gradients: Vec<DVector<f64>> = (0..steps.ncols())
         .map(|axis| {
@@ -115,7 +107,6 @@ struct Problem<'a> {
     /// Pairs that do not change.
     constant: &'a JointHistogram,
     pose: &'a Isometry3<f64>,
-    twists_per_s: Option<&'a [Vector6<f64>]>,
     config: &'a SensitivityConfig,
 }
 
@@ -125,57 +116,24 @@ impl Problem<'_> {
     }
 
     fn num_parameters(&self) -> usize {
-        match self.twists_per_s {
-            _ if !self.config.with_intrinsics => 6,
-            None => DELAY,
-            Some(_) => NUM_PARAMETERS,
-        }
-    }
-
-    /// The pose of each frame; all are the same without a delay.
-    fn poses(&self, parameters: &DVector<f64>) -> Vec<Isometry3<f64>> {
-        let pose = se3::exp(&parameters.fixed_rows::<6>(0).into()) * self.pose;
-        match self.twists_per_s.filter(|_| self.config.with_intrinsics) {
-            None => vec![pose; self.level.observations.frames.len()],
-            Some(twists) => {
-                twists.iter().map(|twist| pose * se3::exp(&(twist * -parameters[DELAY]))).collect()
-            }
-        }
-    }
-
-    /// The twist on the left of each frame's pose that a second of delay is.
-    fn delays(&self, parameters: &DVector<f64>) -> Vec<Vector6<f64>> {
-        let poses = self.poses(parameters);
-        let by_pose = |(twist, pose): (&Vector6<f64>, &Isometry3<f64>)| {
-            let rho: Vector3<f64> = twist.fixed_rows::<3>(0).into();
-            let phi = pose.rotation * Vector3::from(twist.fixed_rows::<3>(3));
-            let rho = pose.rotation * rho + pose.translation.vector.cross(&phi);
-            -Vector6::new(rho.x, rho.y, rho.z, phi.x, phi.y, phi.z)
-        };
-        let twists = self.twists_per_s.filter(|_| self.config.with_intrinsics);
-        twists.unwrap_or_default().iter().zip(&poses).map(by_pose).collect()
+        if self.config.with_intrinsics { 6 + NUM_INTRINSICS } else { 6 }
     }
 
     /// Where the points land at some parameters, with the weights that they have there: chosen anew, as the polish ends.
     fn landed(&self, parameters: &DVector<f64>) -> (JointHistogram, Vec<Vec<Landed>>) {
         let camera = self.camera();
-        let poses = self.poses(parameters);
-        let maps: Vec<_> = poses.iter().map(to_camera).collect();
+        let pose = se3::exp(&parameters.fixed_rows::<6>(0).into()) * self.pose;
+        let to_camera = to_camera(&pose);
         let intrinsics =
             self.config.with_intrinsics.then(|| parameters.fixed_rows::<NUM_INTRINSICS>(6).into_owned());
         let project = |sample: &Sample| {
-            let p_camera = maps[sample.frame as usize](&sample.position);
+            let p_camera = to_camera(&sample.position);
             let pixel = camera.project(&p_camera)?;
             let shift = intrinsics.map(|by| camera.intrinsics_jacobian(&pixel) * by);
             Some((p_camera, shift.map_or(pixel, |shift| pixel + shift)))
         };
-        let total = |sample: &Sample, pixel| self.level.maps[sample.frame as usize].at(&pixel).total();
-        let weighted = |sample: &Sample| {
-            let here = project(sample).map_or(0.0, |(_, pixel)| total(sample, pixel));
-            Sample { weight: (f64::from(sample.weight) * here) as f32, ..*sample }
-        };
-        let samples: Vec<Sample> = self.samples.par_iter().map(weighted).collect();
-        let (mut joint, landed) = self.level.joint_and_mixed(&samples, project, |landed| landed);
+        let weigh = |sample: &Sample, sampled: &Sampled| (f64::from(sample.weight) * sampled.total()) as f32;
+        let (mut joint, landed) = self.level.joint_and_mixed(self.samples, project, weigh, |landed| landed);
         joint.merge(self.constant);
         (joint, landed)
     }
@@ -184,11 +142,10 @@ impl Problem<'_> {
     fn gradient(&self, parameters: &DVector<f64>) -> DVector<f64> {
         let (joint, chunks) = self.landed(parameters);
         let pointwise = joint.pointwise_at_least(super::LEAST_WEIGHT);
-        let delays = self.delays(parameters);
         let of_chunk = |chunk: &Vec<Landed>| {
             let mut sum = DVector::zeros(self.num_parameters());
             for landed in chunk {
-                self.add_score(landed, &joint, &pointwise, &delays, &mut sum);
+                self.add_score(landed, &joint, &pointwise, &mut sum);
             }
             sum
         };
@@ -198,14 +155,7 @@ impl Problem<'_> {
     }
 
     /// Adds what a point contributes to the gradient, times all weight.
-    fn add_score(
-        &self,
-        landed: &Landed,
-        joint: &JointHistogram,
-        pointwise: &[f64],
-        delays: &[Vector6<f64>],
-        sum: &mut DVector<f64>,
-    ) {
+    fn add_score(&self, landed: &Landed, joint: &JointHistogram, pointwise: &[f64], sum: &mut DVector<f64>) {
         let Landed { class, frame, weight, p_camera, pixel } = landed;
         let Sampled::Mixed(shares) = self.level.maps[*frame as usize].at(pixel) else { return };
         let slope = shares.slope(&pointwise[joint.index(*class, 0)..]) * f64::from(*weight);
@@ -218,16 +168,12 @@ impl Problem<'_> {
             let mut intrinsics = sum.fixed_rows_mut::<NUM_INTRINSICS>(6);
             intrinsics += self.camera().intrinsics_jacobian(pixel).tr_mul(&slope);
         }
-        if let Some(delay) = delays.get(*frame as usize) {
-            sum[DELAY] += delay.dot(&twist);
-        }
     }
 
     /// Mean products of what the parameters move the points by, pixels: `d^T G d` is the mean square displacement of a
     /// change `d`.
     fn motions(&self) -> DMatrix<f64> {
         let n = self.num_parameters();
-        let delays = self.delays(&DVector::zeros(n));
         let to_camera = to_camera(self.pose);
         let (mut sum, mut count) = (DMatrix::zeros(n, n), 0.0);
         let step = self.samples.len().div_ceil(super::MAX_MOTION_POINTS).max(1);
@@ -240,10 +186,6 @@ impl Problem<'_> {
             if self.config.with_intrinsics {
                 let intrinsics = self.camera().intrinsics_jacobian(&pixel);
                 moved.fixed_view_mut::<2, NUM_INTRINSICS>(0, 6).copy_from(&intrinsics);
-            }
-            if let Some(delay) = delays.get(sample.frame as usize) {
-                let by_delay = moved.fixed_view::<2, 6>(0, 0) * delay;
-                moved.column_mut(DELAY).copy_from(&by_delay);
             }
             sum += moved.tr_mul(&moved);
             count += 1.0;
@@ -289,7 +231,7 @@ mod tests {
     fn scores_add_up_to_the_gradient() {
         let observations = scene(0.3);
         let pose = near();
-        let found = sensitivity(&observations, &pose, None, &CONFIG).expect("points on labels");
+        let found = sensitivity(&observations, &pose, &CONFIG).expect("points on labels");
         let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
         let samples = level.samples(&pose, Counted::Visible);
         let gradient = level.slope(&samples, &level.empty_joint(), &pose).gradient;
@@ -297,23 +239,9 @@ mod tests {
         let sum = found.scores.row_sum().transpose();
         assert!((sum.fixed_rows::<6>(0) - gradient).norm() < 1e-9 * gradient.norm(), "{sum} {gradient}");
         let pose_only = SensitivityConfig { with_intrinsics: false, ..CONFIG };
-        let of_pose = sensitivity(&observations, &pose, None, &pose_only).expect("points on labels");
+        let of_pose = sensitivity(&observations, &pose, &pose_only).expect("points on labels");
         assert!((of_pose.scores - found.scores.columns(0, 6)).norm() < 1e-12);
         assert!((of_pose.curvature - found.curvature.view((0, 0), (6, 6))).norm() < 1e-6);
-    }
-
-    #[test]
-    fn a_delay_is_the_twist_that_the_lidar_moves_by_meanwhile() {
-        let observations = scene(0.3);
-        let pose = near();
-        let twist = Vector6::new(3.0, 0.2, -0.1, 0.05, -0.02, 0.3);
-        let found = sensitivity(&observations, &pose, Some(&[twist]), &CONFIG).expect("points on labels");
-        let sum = found.scores.row_sum().transpose();
-        const SECONDS: f64 = 1e-6;
-        let late = pose * se3::exp(&(twist * -SECONDS));
-        let step = se3::log(&(late * pose.inverse())) / SECONDS;
-        assert!((sum[DELAY] - step.dot(&sum.fixed_rows::<6>(0))).abs() < 1e-5 * (1.0 + sum.norm()));
-        assert_eq!((found.curvature.nrows(), found.motions.nrows()), (NUM_PARAMETERS, NUM_PARAMETERS));
     }
 
     #[test]
@@ -322,7 +250,6 @@ mod tests {
         let found = sensitivity(
             &observations,
             &Isometry3::identity(),
-            None,
             &SensitivityConfig { with_intrinsics: false, ..CONFIG },
         )
         .expect("points on labels");

@@ -168,7 +168,7 @@ fn over_frames(c: &mut Criterion) {
             });
         });
         group.bench_function(BenchmarkId::new("polish", count), |b| {
-            b.iter(|| alignment::polish(&observations, &pose(), &POLISH));
+            b.iter(|| alignment::polish(&observations, &pose(), None, &POLISH));
         });
         group.bench_function(BenchmarkId::new("agreement of one pose", count), |b| {
             b.iter(|| agreement::measure(&observations, &pose()));

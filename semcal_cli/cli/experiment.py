@@ -120,7 +120,7 @@ def accuracy(
     default=60,
     show_default=True,
     metavar="N",
-    help="Drives: five calibrations of each as it is, five made impossible, five verifications.",
+    help="Drives: six calibrations of each as it is, five made impossible, 25 verifications.",
 )
 @first_seed_option(20_000)
 @jobs_option
@@ -128,7 +128,7 @@ def accuracy(
 def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     """Count how often intervals hold the truth, verdicts are right, and `verify` sees what is off.
 
-    Takes about a minute for each drive. Writes what `accuracy` writes, and goes on where it was when it was stopped.
+    Takes about two minutes for each drive. Writes what `accuracy` writes, and goes on where it was when it was stopped.
     """
     from semcal_cli.cli.session import make_console
     from semcal_cli.experiments import runner, trust

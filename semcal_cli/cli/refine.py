@@ -38,8 +38,8 @@ def refine(drive: Path, init: Path, max_baseline_m: float | None, **options: Any
     from semcal_cli.pipeline import Given
     from semcal_cli.refinement import MAX_BASELINE_M
 
-    config = make_refinement(options, MAX_BASELINE_M if max_baseline_m is None else max_baseline_m)
     given = Given(read_transform(init), name=str(init), source=init)
+    config = make_refinement(options, MAX_BASELINE_M if max_baseline_m is None else max_baseline_m, given)
     check_distance(given, config.max_baseline_m)
     with Session(drive, given=given, **options) as session:
         observations = session.run.load()

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.options import Command
+from semcal_cli.cli.priors import make_priors, prior_options
 
 if TYPE_CHECKING:
-    from semcal_cli.pipeline import RefinementConfig
+    from semcal_cli.pipeline import Given, RefinementConfig
 
 MAX_EDGE_BAND_PX = 100
 
@@ -41,14 +42,17 @@ REFINEMENT_OPTIONS = (
 
 
 def refinement_options(command: Command) -> Command:
-    """Add what says how a pose is refined."""
+    """Add what says how a pose is refined, and what is known of it."""
+    command = prior_options(command)
     for option in reversed(REFINEMENT_OPTIONS):
         command = option(command)
     return command
 
 
-def make_refinement(options: dict[str, Any], max_baseline_m: float) -> RefinementConfig:
+def make_refinement(options: dict[str, Any], max_baseline_m: float, given: Given | None) -> RefinementConfig:
     """Take the refinement options out of a command's, and turn them into how to refine.
+
+    `given` is the transform that is started at.
 
     Raises:
         click.UsageError: options that exclude one another.
@@ -59,4 +63,7 @@ def make_refinement(options: dict[str, Any], max_baseline_m: float) -> Refinemen
     estimator, device, no_polish, edge_band = (options.pop(name) for name in names)
     if device != "cpu" and estimator != "mine":
         raise click.UsageError("--device: is where MINE's network computes: give --estimator mine")
-    return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band)
+    priors = make_priors(options, given)
+    if priors and no_polish:
+        raise click.UsageError(f"{priors[0].name}: is weighed after the polish: leave --no-polish out")
+    return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band, priors)

@@ -14,7 +14,13 @@ import numpy as np
 from rich.console import Console
 from rich.status import Status
 
-from semcal_cli.calibration import Calibration, UncertaintyRecord, calibration_text, write_calibration
+from semcal_cli.calibration import (
+    Calibration,
+    Repeatability,
+    UncertaintyRecord,
+    calibration_text,
+    write_calibration,
+)
 from semcal_cli.documents import is_folder, output_format, write_text
 from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
@@ -136,6 +142,7 @@ class Session:
                 f"they cover {quality.overlap:.0%} of the picture",
             ],
             **_uncertainty_rows(calibration.uncertainty),
+            **_repeatability_rows(calibration.repeatability),
             "status": [calibration.status, *calibration.reasons],
             "written to": [str(self.output) if self.output else "standard output"],
         }
@@ -169,6 +176,17 @@ def _uncertainty_rows(uncertainty: UncertaintyRecord | None) -> dict[str, list[s
         turned_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
         rows["labels 1 px off"] = [f"would move it by {moved_cm:.2f} cm and {turned_deg:.3f} deg"]
     return rows
+
+
+def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
+    if found is None:
+        return {}
+    center = [100.0 * x for x in found.spread_camera_center_m]
+    lines = [
+        f"camera centre x y z    {_row(center, 3)} cm, standard deviation",
+        f"rotation about them    {_row(found.spread_rotation_deg, 4)} deg",
+    ]
+    return {f"{found.num_seeds} seeds": lines}
 
 
 def _check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:

@@ -29,8 +29,13 @@ from semcal_cli.verification import Limits, verify
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PAIRS = (1, 2, 5, 10, 20)
+PAIRS = (1, 2, 3, 5, 10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)
+VERIFY_DRAWS = 5
+"""Times that the labels of a drive are made wrong for `verify`, with transforms off in other directions."""
+MINE_PAIRS = 10
+MINE_EVERY = 4
+"""The drive of every so many seeds is calibrated with MINE, too."""
 OTHER_DRIVE = 7
 """Pictures of another drive are those of the seed that is so many on."""
 CONFIDENT_SIGMAS = 4.0
@@ -58,10 +63,11 @@ class Case:
     """One run on the drive of a seed."""
 
     kind: str
-    """`good`, a key of `BAD`, or a key of `OFFSETS`."""
+    """`good`, `mine`, a key of `BAD`, or `verify`."""
     seed: int
     num_pairs: int
     noise: float
+    draw: int = 0
 
 
 @dataclass(frozen=True)
@@ -69,12 +75,13 @@ class Finding:
     """What a calibration or a verification said, and what was true."""
 
     kind: str
+    """The case's; of a verification the key of `OFFSETS`."""
     seed: int
     rig: str
     num_pairs: int
     noise: float
     status: str
-    """`sure`, `not_trusted`, `failed`, or the verdict of `verify`."""
+    """The calibration's, `failed`, or the verdict of `verify`."""
     reasons: str
     errors: tuple[float, ...] = ()
     """Camera centre in centimetres and rotation in degrees, along the camera's axes."""
@@ -83,8 +90,8 @@ class Finding:
 
     @property
     def is_confidently_wrong(self) -> bool:
-        """Sure, and beyond four standard errors, 0.2 degrees and 5 cm."""
-        if self.status != "sure":
+        """Trusted, yet beyond four standard errors, 0.2 degrees and 5 cm."""
+        if self.status != "trusted":
             return False
         pairs = zip(self.errors, self.sigmas, (CONFIDENT_CM,) * 3 + (CONFIDENT_DEG,) * 3, strict=True)
         return any(abs(error) > max(CONFIDENT_SIGMAS * sigma, least) for error, sigma, least in pairs)
@@ -157,17 +164,19 @@ OFFSETS: dict[str, tuple[float, int | None]] = {
 
 
 def cases(seeds: range) -> list[Case]:
-    """Five calibrations of good drives for each seed, as many of bad ones, and five verifications."""
+    """List for each seed six calibrations of a good drive, five of bad ones, and five rounds of verifications."""
     found = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
-        noises = rng.choice(NOISES, len(PAIRS) + len(BAD) + 1)
-        found += [Case("good", seed, n, float(noise)) for n, noise in zip(PAIRS, noises, strict=False)]
-        found += [
-            Case(kind, seed, int(rng.choice(PAIRS)), float(noise))
-            for kind, noise in zip(BAD, noises[len(PAIRS) :], strict=False)
-        ]
-        found += [Case(kind, seed, PAIRS[-1], float(min(noises[-1], 0.2))) for kind in OFFSETS]
+
+        def noise(rng: np.random.Generator = rng) -> float:
+            return float(rng.choice(NOISES))
+
+        found += [Case("good", seed, num_pairs, noise()) for num_pairs in PAIRS]
+        found += [Case(kind, seed, int(rng.choice(PAIRS)), noise()) for kind in BAD]
+        found += [Case("verify", seed, PAIRS[-1], noise(), draw) for draw in range(VERIFY_DRAWS)]
+        if seed % MINE_EVERY == 0:
+            found.append(Case("mine", seed, MINE_PAIRS, noise()))
     return found
 
 
@@ -180,55 +189,64 @@ class Experiment:
     def __call__(self, case: Case) -> list[Finding]:
         """Calibrate or verify, and compare with the truth."""
         rig = list(RIGS)[case.seed % len(RIGS)]
-        rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
+        rng = np.random.default_rng((case.seed, case.num_pairs, case.draw, *case.kind.encode()))
         path = self.pool.drive(rig, RIGS[rig], case.seed)
-        observations, truth = read_observations(read_drive(path)), read_transform(path)
+        drive, truth = read_drive(path), read_transform(path)
+        observations = read_observations(drive)
         chosen = np.sort(rng.choice(observations.num_frames, case.num_pairs, replace=False)).tolist()
         observations = with_wrong_labels(observations.of_frames(chosen), case.noise, rng)
         if (degrade := BAD.get(case.kind)) is not None:
             observations = degrade(observations, Scene(truth, lambda: self._other(case.seed, rig)), rng)
         observations = mend(observations)
-        run = Run(read_drive(path), seed=0)
-        found = Finding(case.kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
-        try:
-            if case.kind in OFFSETS:
-                return [self._verify(found, run, observations, truth, rng)]
-            return [self._calibrate(found, run, observations, truth)]
-        except SemcalError as failure:
-            return [replace(found, reasons=str(failure))]
+
+        def attempt(kind: str, work: Callable[[Finding, Run], Finding]) -> Finding:
+            found = Finding(kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
+            try:
+                return work(found, Run(drive, seed=0))
+            except SemcalError as failure:
+                return replace(found, reasons=str(failure))
+
+        if case.kind == "verify":
+            return [
+                attempt(kind, lambda found, run: _verify(found, run, observations, truth, rng))
+                for kind in OFFSETS
+            ]
+        return [attempt(case.kind, lambda found, run: _calibrate(found, run, observations, truth))]
 
     def _other(self, seed: int, rig: str) -> Observations:
         return read_observations(read_drive(self.pool.drive(rig, RIGS[rig], seed + OTHER_DRIVE)))
 
-    def _calibrate(self, found: Finding, run: Run, observations: Observations, truth: Pose) -> Finding:
-        T_init = run.initialize(observations, InitializationConfig())[0].T_camera_lidar
-        T = run.refine(observations, T_init, RefinementConfig())
-        calibration = run.result(observations, T, Path())
-        uncertainty = calibration.uncertainty
-        error = compare_poses(T, truth)
-        errors = (*error.camera_center_xyz_cm, *error.rotation_xyz_deg)
-        reasons = "; ".join(calibration.reasons)
-        if uncertainty is None:
-            return replace(found, status="not_trusted", reasons=reasons or "no uncertainty", errors=errors)
-        return replace(
-            found,
-            status="not_trusted" if reasons else "sure",
-            reasons=reasons,
-            errors=errors,
-            sigmas=(*(100.0 * x for x in uncertainty.sigma_camera_center_m), *uncertainty.sigma_rotation_deg),
-            half_widths=(
-                *(100.0 * x for x in uncertainty.half_width_95_camera_center_m),
-                *uncertainty.half_width_95_rotation_deg,
-            ),
-        )
 
-    def _verify(
-        self, found: Finding, run: Run, observations: Observations, truth: Pose, rng: np.random.Generator
-    ) -> Finding:
-        turned_deg, axis = OFFSETS[found.kind]
-        given = Given(_off(truth, turned_deg, axis, rng), "the transform")
-        verification = verify(run, given, LIMITS, observations)
-        return replace(found, status=verification.verdict, reasons="; ".join(verification.reasons))
+def _calibrate(found: Finding, run: Run, observations: Observations, truth: Pose) -> Finding:
+    T_init = run.initialize(observations, InitializationConfig())[0].T_camera_lidar
+    T = run.refine(observations, T_init, RefinementConfig("mine" if found.kind == "mine" else "exact"))
+    calibration = run.result(observations, T, Path())
+    error = compare_poses(T, truth)
+    found = replace(
+        found,
+        status=calibration.status,
+        reasons="; ".join(calibration.reasons),
+        errors=(*error.camera_center_xyz_cm, *error.rotation_xyz_deg),
+    )
+    if (uncertainty := calibration.uncertainty) is None:
+        return found
+    return replace(
+        found,
+        sigmas=(*(100.0 * x for x in uncertainty.sigma_camera_center_m), *uncertainty.sigma_rotation_deg),
+        half_widths=(
+            *(100.0 * x for x in uncertainty.half_width_95_camera_center_m),
+            *uncertainty.half_width_95_rotation_deg,
+        ),
+    )
+
+
+def _verify(
+    found: Finding, run: Run, observations: Observations, truth: Pose, rng: np.random.Generator
+) -> Finding:
+    turned_deg, axis = OFFSETS[found.kind]
+    given = Given(_off(truth, turned_deg, axis, rng), "the transform")
+    verification = verify(run, given, LIMITS, observations)
+    return replace(found, status=verification.verdict, reasons="; ".join(verification.reasons))
 
 
 def _off(truth: Pose, turned_deg: float, axis: int | None, rng: np.random.Generator) -> Pose:
@@ -268,6 +286,7 @@ def rates(findings: Sequence[Finding]) -> list[Rate]:
     """All that is promised."""
     good = [f for f in findings if f.kind == "good"]
     calibrated = [f for f in findings if f.kind not in OFFSETS]
+    mine = [f for f in findings if f.kind == "mine"]
     many = [f for f in good if f.num_pairs >= 10]
     found = [_coverage("in the 95 % interval, all", good)]
     found += [_coverage(f"in it, {n} pairs", [f for f in good if f.num_pairs == n]) for n in PAIRS]
@@ -276,14 +295,17 @@ def rates(findings: Sequence[Finding]) -> list[Rate]:
         for noise in NOISES
     ]
     found += [_coverage(f"in it, {rig}", [f for f in good if f.rig == rig]) for rig in RIGS]
+    found.append(_coverage("in it, MINE, 10 pairs", mine))
     found.append(_rate("confident and wrong", calibrated, lambda f: f.is_confidently_wrong))
-    found.append(_rate("sure, good drives of 10 pairs or more", many, lambda f: f.status == "sure"))
+    found.append(_rate("trusted, good drives, all", good, lambda f: f.status == "trusted"))
+    found.append(_rate("trusted, good drives of 10 pairs or more", many, lambda f: f.status == "trusted"))
+    found.append(_rate("trusted, MINE, 10 pairs", mine, lambda f: f.status == "trusted"))
     for kind in BAD:
         found.append(
             _rate(
                 f"not trusted or failed, {kind}",
                 [f for f in findings if f.kind == kind],
-                lambda f: f.status != "sure",
+                lambda f: f.status != "trusted",
             )
         )
     for kind in OFFSETS:
@@ -299,18 +321,20 @@ def _rate(name: str, findings: Iterable[Finding], is_so: Callable[[Finding], boo
 
 
 def _coverage(name: str, findings: Iterable[Finding]) -> Rate:
-    """Axes of sure calibrations whose truth lies within the stated interval."""
-    sure = [f for f in findings if f.status == "sure"]
-    inside = [abs(error) <= half for f in sure for error, half in zip(f.errors, f.half_widths, strict=True)]
+    """Axes of trusted calibrations whose truth lies within the stated interval."""
+    trusted = [f for f in findings if f.status == "trusted"]
+    inside = [
+        abs(error) <= half for f in trusted for error, half in zip(f.errors, f.half_widths, strict=True)
+    ]
     return Rate(name, sum(inside), len(inside))
 
 
 def sharpness(findings: Sequence[Finding]) -> float:
-    """Median stated standard error over the true root mean square error, of sure calibrations; the worst axis."""
-    sure = [f for f in findings if f.kind == "good" and f.status == "sure"]
-    if not sure:
+    """Median stated standard error over the true root mean square error, of trusted calibrations; the worst axis."""
+    trusted = [f for f in findings if f.kind == "good" and f.status == "trusted"]
+    if not trusted:
         return math.nan
-    sigmas, errors = np.array([f.sigmas for f in sure]), np.array([f.errors for f in sure])
+    sigmas, errors = np.array([f.sigmas for f in trusted]), np.array([f.errors for f in trusted])
     ratios: npt.NDArray[np.float64] = np.median(sigmas, axis=0) / np.sqrt(np.mean(errors**2, axis=0))
     return float(ratios.max())
 
@@ -345,9 +369,9 @@ def _plot(findings: Sequence[Finding]) -> Figure:
 
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")
     axes = figure.subplots()
-    sure = [f for f in findings if f.kind == "good" and f.status == "sure"]
+    trusted = [f for f in findings if f.kind == "good" and f.status == "trusted"]
     groups = [
-        [e / h for f in sure if f.num_pairs == n for e, h in zip(f.errors, f.half_widths, strict=True)]
+        [e / h for f in trusted if f.num_pairs == n for e, h in zip(f.errors, f.half_widths, strict=True)]
         for n in PAIRS
     ]
     axes.boxplot(groups, whis=(2.5, 97.5), showfliers=False)

@@ -1,0 +1,143 @@
+import numpy as np
+import pytest
+from conftest import make_pose, poses, triples
+from hypothesis import given
+from scipy.linalg import expm
+
+from semcal_cli.observations import Observations
+from semcal_cli.polish import PolishConfig, climb
+from semcal_cli.poses import Pose, camera_center, rotation_difference
+from semcal_cli.prior import MAX_CONFLICT, Prior, _Known, _Labels, _solve, fuse, hold
+from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty
+
+FREE = (np.inf,) * 6
+
+
+@pytest.fixture(scope="module")
+def polished(street_observations: Observations, street_truth: Pose) -> Pose:
+    return climb(street_observations, street_truth, PolishConfig())[0]
+
+
+@pytest.fixture(scope="module")
+def alone(street_observations: Observations, polished: Pose) -> Uncertainty:
+    found = estimate_uncertainty(street_observations, polished)
+    assert found is not None
+    return found
+
+
+def nudged(T: Pose, center_m: tuple[float, ...], rotation_rad: tuple[float, ...] = (0.0, 0.0, 0.0)) -> Pose:
+    """The camera moved along its axes, and turned about them."""
+    moved = make_pose(rotation_rad, (0.0, 0.0, 0.0)) @ T
+    moved[:3, 3] = -moved[:3, :3] @ (camera_center(T) + T[:3, :3].T @ np.array(center_m))
+    return moved
+
+
+def twisted(T: Pose, twist: np.ndarray) -> Pose:
+    x, y, z = twist[3:]
+    generator = np.zeros((4, 4))
+    generator[:3, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    generator[:3, 3] = twist[:3]
+    moved: Pose = expm(generator) @ T
+    return moved
+
+
+@given(poses, triples(0.9), triples(2.0))
+def test_the_residual_changes_with_a_twist_as_its_jacobian_says(
+    T: Pose, rotation: tuple[float, ...], center: tuple[float, ...]
+) -> None:
+    prior = Prior("known", nudged(T, center, rotation), FREE)
+    step = 1e-6
+    numeric = [
+        (prior.residual(twisted(T, step * axis)) - prior.residual(twisted(T, -step * axis))) / (2.0 * step)
+        for axis in np.eye(6)
+    ]
+    np.testing.assert_allclose(np.transpose(numeric), prior.jacobian(T), atol=1e-5)
+
+
+def test_a_pose_is_held_near_to_what_is_known() -> None:
+    T = make_pose((0.3, -1.2, 0.5), (0.4, -0.2, 0.1))
+    prior = Prior("known", nudged(T, (0.5, 0.02, -0.3), (0.2, 0.0, 0.1)), (0.1, 0.1, np.inf, 0.0, 0.1, 0.05))
+    residual = prior.residual(prior.hold(T))
+    np.testing.assert_allclose(
+        residual, np.clip(prior.residual(T), *(np.array([[-3], [3]]) * prior.sigmas)), atol=1e-12
+    )
+    assert hold(T, [Prior("nothing", make_pose((0, 0, 1), (1, 1, 1)), FREE)]) is T
+
+
+def test_axes_that_are_fixed_stay_and_the_others_follow_the_labels(
+    street_observations: Observations, alone: Uncertainty
+) -> None:
+    T_given = nudged(alone.T_camera_lidar, (0.02, 0.0, 0.01), (0.0, 0.0, 0.001))
+    prior = Prior("--fix tx,rz", T_given, (0.0, np.inf, np.inf, np.inf, np.inf, 0.0))
+    fused = fuse(street_observations, alone.T_camera_lidar, [prior])
+    assert fused.uncertainty is not None
+    residual = prior.residual(fused.uncertainty.T_camera_lidar)
+    np.testing.assert_allclose(residual[[0, 5]], 0.0, atol=1e-7)
+    sigmas = np.sqrt(np.diag(fused.uncertainty.covariance))
+    np.testing.assert_allclose(sigmas[[0, 5]], 0.0, atol=1e-5)  # along axes turned by a milliradian
+    assert fused.is_settled
+    assert (sigmas[1:5] > 0.0).all()
+    # Yaw goes along with the place to the side, as it does in the labels' covariance.
+    c = alone.covariance
+    expected = alone.T_camera_lidar.copy()
+    fixed = np.ix_([0, 5], [0, 5])
+    offset = np.array([-0.02, 0.001])
+    twist = c[:, [0, 5]] @ np.linalg.solve(c[fixed], offset)
+    expected = twisted(expected, twist)
+    turned = np.degrees(rotation_difference(fused.uncertainty.T_camera_lidar, alone.T_camera_lidar))
+    np.testing.assert_allclose(
+        turned, np.degrees(rotation_difference(expected, alone.T_camera_lidar)), atol=0.02
+    )
+
+
+def test_what_is_hardly_known_changes_nothing(street_observations: Observations, alone: Uncertainty) -> None:
+    vague = Prior("vague", nudged(alone.T_camera_lidar, (0.5, 0.5, 0.5)), (100.0,) * 3 + (10.0,) * 3)
+    fused = fuse(street_observations, alone.T_camera_lidar, [vague])
+    assert fused.uncertainty is not None
+    stated, before = fused.uncertainty, alone
+    np.testing.assert_allclose(stated.T_camera_lidar, before.T_camera_lidar, atol=2e-3)
+    np.testing.assert_allclose(np.diag(stated.covariance), np.diag(before.covariance), rtol=0.3)
+    np.testing.assert_allclose(stated.degrees_of_freedom, before.degrees_of_freedom, rtol=0.4)
+    np.testing.assert_allclose(fused.label_gain, np.eye(6), atol=1e-3)
+    assert fused.conflicts == []
+
+
+def test_two_equally_good_witnesses_meet_in_the_middle(
+    street_observations: Observations, alone: Uncertainty
+) -> None:
+    sigma = float(np.sqrt(alone.covariance[2, 2]))
+    prior = Prior(
+        "tape",
+        nudged(alone.T_camera_lidar, (0.0, 0.0, 2.0 * sigma)),
+        (np.inf, np.inf, sigma, np.inf, np.inf, np.inf),
+    )
+    fused = fuse(street_observations, alone.T_camera_lidar, [prior])
+    assert fused.uncertainty is not None
+    assert prior.residual(fused.uncertainty.T_camera_lidar)[2] == pytest.approx(-sigma, abs=0.5 * sigma)
+    assert np.sqrt(fused.uncertainty.covariance[2, 2]) == pytest.approx(sigma / np.sqrt(2.0), rel=0.2)
+
+
+def test_labels_that_contradict_what_is_known_say_so(
+    street_observations: Observations, alone: Uncertainty
+) -> None:
+    prior = Prior("--fix ty", nudged(alone.T_camera_lidar, (0.0, 0.2, 0.0)), (np.inf, 0.0, *FREE[:4]))
+    fused = fuse(street_observations, alone.T_camera_lidar, [prior])
+    (line,) = fused.conflicts
+    assert line.startswith("--fix ty is 20.0 cm from where labels alone lead, ")
+    assert line.endswith(f"needed at most {MAX_CONFLICT:.0f}")
+
+
+def test_what_is_known_decides_where_labels_do_not_bend() -> None:
+    rng = np.random.default_rng(0)
+    reads = np.eye(6)[:5]  # nothing about the last axis
+    labels = _Labels(reads, rng.standard_normal((50, 5)), np.full(5, 0.1), np.diag([0.01] * 5))
+    nothing = _Known(np.zeros((0, 6)), np.zeros(0), np.zeros(0))
+    step, _, is_determined = _solve(labels, nothing, np.eye(6))
+    assert not is_determined
+    np.testing.assert_allclose(step, [0.1] * 5 + [0.0])
+    known = _Known(np.eye(6)[5:], np.array([0.3]), np.array([0.05]))
+    for sigma in (0.05, 0.0):
+        step, covariance, is_determined = _solve(labels, known._replace(sigmas=np.array([sigma])), np.eye(6))
+        assert is_determined
+        np.testing.assert_allclose(step, [0.1] * 5 + [-0.3])
+        np.testing.assert_allclose(np.diag(covariance), [0.01] * 5 + [sigma**2], atol=1e-12)
