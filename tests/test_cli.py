@@ -24,7 +24,7 @@ from semcal_cli.documents import document_text, read_document, write_text
 from semcal_cli.drive import DRIVE_FILE
 from semcal_cli.metrics import compare_poses
 from semcal_cli.polish import PolishConfig
-from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
+from semcal_cli.poses import OPTICAL_AXES, Pose, camera_center, inverse
 
 EXIT_USAGE = 2
 Edit = Callable[[dict[str, Any], Path], object]
@@ -203,6 +203,14 @@ def test_what_is_wrong_is_said_before_the_work_begins(
         ["refine", "d", "--init", "t", "--edge-band", "-1"],
         ["calibrate", "d", "--device", "cuda"],
         ["calibrate", "d", "--max-frames", "0"],
+        ["calibrate", "d", "--repeat", "1"],
+        ["calibrate", "d", "--fix", "tx"],
+        ["calibrate", "d", "--init", "t", "--fix", "tx,qx"],
+        ["calibrate", "d", "--init", "t", "--fix", "tx,ty,tz,rx,ry,rz"],
+        ["calibrate", "d", "--prior-translation-m", "0", "0", "0", "0"],
+        ["calibrate", "d", "--prior-rotation-deg", "0", "0", "0", "-1"],
+        ["calibrate", "d", "--prior-translation-m", "0", "0", "nan", "1"],
+        ["calibrate", "d", "--no-polish", "--prior-translation-m", "0", "0", "0", "1"],
         ["experiment"],
         ["experiment", "accuracy", "--seeds", "0"],
         ["no-command"],
@@ -257,6 +265,7 @@ def test_calibrate_then_evaluate(
 ) -> None:
     result = tmp_path / "calibration.yaml"
     assert run(capfd, "calibrate", street, "-o", result, "-q") == (0, "", "")
+    assert read_calibration(result).status == "trusted"
     code, out, _ = run(capfd, "evaluate", result, "--reference", street, "--json")
     error = json.loads(out)
     assert code == 0
@@ -300,16 +309,19 @@ def test_what_the_polish_did_is_told(
 
     def refine(*options: str) -> tuple[Calibration, str]:
         code, _, err = run(capfd, "refine", street, "--init", street, "-o", result, *options)
-        assert code == 0
-        return read_calibration(result), err
+        calibration = read_calibration(result)
+        assert code == (EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0)
+        return calibration, err
 
     polished, err = refine()
     assert polished.polish is not None
     assert polished.polish.accepted
+    assert polished.status == "trusted"
     assert list(polished.stages) == ["initial", "refined", "polished"]
     assert re.search(r"polished .* accepted: held out [+-]0\.\d{4} \+- 0\.\d{4} nats", err)
     plain, _ = refine("--no-polish")
     assert plain.polish is None
+    assert plain.status == "not_assessed"
     assert list(plain.stages) == ["initial", "refined"]
     np.testing.assert_allclose(plain.pose, plain.stages["refined"].T_camera_lidar, atol=1e-12)
     # As if held-out data had to get better by a lot.
@@ -317,8 +329,61 @@ def test_what_the_polish_did_is_told(
     rejected, err = refine()
     assert rejected.polish is not None
     assert not rejected.polish.accepted
+    assert rejected.status == "not_trusted"
+    assert rejected.reasons[-1].startswith("the polish was rejected: held-out data agree less after it, by ")
     np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
     assert "rejected, the refined pose stays" in err
+
+
+def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = drive / "drive.yaml"
+    document = yaml.safe_load(path.read_text())
+    for row in range(2):
+        document["camera"]["K"][row][row] *= 1.1
+    path.write_text(yaml.safe_dump(document))
+    code, _, _ = run(capfd, "calibrate", drive, "-o", tmp_path / "out.yaml", "-q")
+    calibration = read_calibration(tmp_path / "out.yaml")
+    assert (code, calibration.status) == (EXIT_NOT_TRUSTED, "not_trusted")
+    assert any("the focal length looks wrong" in reason for reason in calibration.reasons)
+
+
+def test_what_is_known_is_weighed_and_said(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "out.yaml"
+    center = [f"{x:.4f}" for x in camera_center(street_truth)]
+    options = ["--init", street, "--fix", "ty,rz", "--prior-translation-m", *center, "0.001"]
+    code, _, err = run(capfd, "calibrate", street, *options, "-o", result)
+    calibration = read_calibration(result)
+    assert (code, calibration.status) == (0, "trusted"), err
+    assert list(calibration.stages) == ["initial", "refined", "polished", "fused"]
+    assert f"--prior-translation-m {' '.join(f'{float(x):g}' for x in center)} 0.001, --fix ty,rz" in err
+    error = compare_poses(calibration.pose, street_truth)
+    assert abs(error.camera_center_xyz_cm[1]) < 1e-6
+    assert abs(error.rotation_xyz_deg[2]) < 1e-6
+    assert calibration.uncertainty is not None
+    assert max(calibration.uncertainty.sigma_camera_center_m) < 0.0011
+    assert calibration.uncertainty.sigma_rotation_deg[2] < 1e-5
+    _, about = calibration.settings.options["priors"]
+    assert about["sigmas"] == [None, 0.0, None, None, None, 0.0]
+
+
+def test_other_seeds_lead_to_the_same_place(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "out.yaml"
+    code, _, err = run(capfd, "calibrate", street, "--repeat", "2", "-o", result)
+    calibration = read_calibration(result)
+    found, stated = calibration.repeatability, calibration.uncertainty
+    assert found is not None
+    assert stated is not None
+    assert (code, found.num_seeds, found.num_failed) == (0, 2, 0)
+    assert "2 seeds          camera centre x y z" in err
+    assert max(found.spread_camera_center_m) > 0.0
+    far, half = found.farthest_camera_center_m, stated.half_width_95_camera_center_m
+    assert all(x < limit for x, limit in zip(far, half, strict=True))
 
 
 def test_a_long_drive_is_cut_to_the_frames_that_differ(

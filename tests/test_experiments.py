@@ -151,11 +151,11 @@ def finding(kind: str, status: str, error: float, seed: int = 0) -> trust.Findin
 
 def test_rates_of_trust() -> None:
     findings = [
-        *(finding("good", "sure", error) for error in (0.0, 1.0, -1.9, 2.1)),
+        *(finding("good", "trusted", error) for error in (0.0, 1.0, -1.9, 2.1)),
         finding("good", "not_trusted", 100.0),
         finding("labels shuffled", "not_trusted", 100.0),
-        finding("labels shuffled", "sure", 6.0),
-        finding("labels shuffled", "sure", 3.9),
+        finding("labels shuffled", "trusted", 6.0),
+        finding("labels shuffled", "trusted", 3.9),
         trust.Finding("as it is", 0, "default", 20, 0.0, "fail", ""),
     ]
     rates = {rate.name: (rate.count, rate.n) for rate in trust.rates(findings)}
@@ -163,7 +163,7 @@ def test_rates_of_trust() -> None:
     assert rates["in it, 10 pairs"] == (18, 24)
     assert rates["in it, 5 pairs"] == (0, 0)
     assert rates["confident and wrong"] == (1, 8)
-    assert rates["sure, good drives of 10 pairs or more"] == (4, 5)
+    assert rates["trusted, good drives of 10 pairs or more"] == (4, 5)
     assert rates["not trusted or failed, labels shuffled"] == (1, 3)
     assert rates["verify fails, as it is"] == (1, 1)
     assert trust.sharpness(findings) == pytest.approx(1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0))
@@ -176,21 +176,15 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     seed = 6 * 7 + rigs.index("default")
     make_small(tmp_path / "pool" / f"default_{seed:06d}", seed)
     experiment = trust.Experiment(runner.Pool(tmp_path / "pool"))
-    found = {
-        kind: experiment(trust.Case(kind, seed, 2, 0.0))[0]
-        for kind in (
-            "good",
-            "labels shuffled",
-            "one class everywhere",
-            "sweeps behind the camera only",
-            "as it is",
-        )
-    }
-    statuses = {kind: each.status for kind, each in found.items()}
-    assert statuses.pop("good") == "sure"
-    assert statuses.pop("as it is") in ("pass", "inconclusive")
-    assert set(statuses.values()) <= {"not_trusted", "failed"}
-    table = trust.write_trust(list(found.values()), 1, tmp_path)
+    kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
+    found = {kind: experiment(trust.Case(kind, seed, 2, 0.0)) for kind in kinds}
+    verified = {each.kind: each.status for each in found["verify"]}
+    assert list(verified) == list(trust.OFFSETS)
+    assert verified["as it is"] in ("pass", "inconclusive")
+    assert {verified[kind] for kind in trust.OFFSETS if kind != "as it is"} <= {"fail", "inconclusive"}
+    assert found["good"][0].status == "trusted"
+    assert {found[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
+    table = trust.write_trust([each for listed in found.values() for each in listed], 1, tmp_path)
     assert "| confident and wrong | 0 | 4 | 0.0% |" in table
     assert (tmp_path / "plot.png").stat().st_size > 1000
 
