@@ -1,0 +1,95 @@
+"""Stated standard errors beside those of a bootstrap: over frames, or for a single frame over parts of its picture.
+
+    python tests/benchmarks/bootstrap.py --pool DIR [--seeds 6] [--resamples 40]
+
+Each resample is polished anew. Frames are drawn with replacement (Efron, *Bootstrap methods*, 1979); of a single frame,
+random halves of its parts are taken, whose estimates scatter about the whole's as much as the whole's does about the
+truth (Politis and Romano, *Large sample confidence regions based on subsamples*, 1994). What all frames of a drive
+share no resample shows, so the ratio of several frames is given without it.
+"""
+
+import argparse
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli.classes import NO_CLASS
+from semcal_cli.drive import read_drive
+from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.runner import Pool
+from semcal_cli.formats import read_transform
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations, load_observations
+from semcal_cli.polish import PolishConfig, climb
+from semcal_cli.poses import Pose
+from semcal_cli.uncertainty import REGIONS_ACROSS, SHARED_FRAMES, estimate_uncertainty
+
+CONFIG = PolishConfig()
+
+
+def resampled(observations: Observations, rng: np.random.Generator) -> Observations:
+    """Frames drawn with replacement; of one frame, half of the squares of its picture."""
+    num_frames = observations.num_frames
+    if num_frames > 1:
+        return observations.of_frames(rng.integers(num_frames, size=num_frames).tolist())
+    (image,) = observations.image_classes
+    height, width = image.shape
+    side = width / REGIONS_ACROSS
+    rows, columns = (np.arange(size) // side for size in (height, width))
+    cells = (rows[:, None] * REGIONS_ACROSS + columns).astype(int)
+    is_kept = rng.permutation(cells.max() + 1) % 2 == 0
+    return replace(observations, image_classes=[np.where(is_kept[cells], image, NO_CLASS).astype(np.uint8)])
+
+
+def twist(T: Pose, T_reference: Pose) -> np.ndarray:
+    """(6,) what separates two poses: metres of the camera's place, degrees of its rotation."""
+    error = compare_poses(T, T_reference)
+    return np.array([*(0.01 * np.array(error.camera_center_xyz_cm)), *error.rotation_xyz_deg])
+
+
+def ratios(
+    observations: Observations, T_start: Pose, num_resamples: int, rng: np.random.Generator
+) -> np.ndarray:
+    """(6,) the stated standard error over that of the resamples, for each axis."""
+    T, _, inverse_curvature = climb(observations, T_start, CONFIG)
+    stated = estimate_uncertainty(observations, T)
+    if stated is None:
+        return np.full(6, np.nan)
+    found = [
+        twist(climb(resampled(observations, rng), T, CONFIG, inverse_curvature)[0], T)
+        for _ in range(num_resamples)
+    ]
+    sigmas = np.concatenate([stated.sigma_camera_center_m, stated.sigma_rotation_deg])
+    return sigmas / np.sqrt(1.0 + observations.num_frames / SHARED_FRAMES) / np.std(found, axis=0)
+
+
+def main() -> None:
+    """Print the table."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--pool", type=Path, required=True)
+    parser.add_argument("--first-seed", type=int, default=40_000)
+    parser.add_argument("--seeds", type=int, default=6)
+    parser.add_argument("--resamples", type=int, default=40)
+    parser.add_argument("--pairs", type=int, nargs="+", default=[1, 5, 20])
+    options = parser.parse_args()
+    options.pool.mkdir(parents=True, exist_ok=True)
+    pool = Pool(options.pool)
+    found: dict[int, list[np.ndarray]] = {pairs: [] for pairs in options.pairs}
+    for seed in range(options.first_seed, options.first_seed + options.seeds):
+        rig = list(RIGS)[seed % len(RIGS)]
+        path = pool.drive(rig, RIGS[rig], seed)
+        observations, truth = load_observations(read_drive(path)), read_transform(path)
+        for pairs in options.pairs:
+            rng = np.random.default_rng((seed, pairs))
+            chosen = rng.choice(observations.num_frames, pairs, replace=False).tolist()
+            found[pairs].append(ratios(observations.of_frames(chosen), truth, options.resamples, rng))
+    print("| pairs | stated sigma over bootstrap: median of axes and drives | 10 to 90 % |")
+    print("|---|---|---|")
+    for pairs, listed in found.items():
+        low, middle, high = np.nanquantile(listed, (0.1, 0.5, 0.9))
+        print(f"| {pairs} | {middle:.2f} | {low:.2f} to {high:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
