@@ -4,6 +4,7 @@ YAML follows the 1.2 core schema: `no` and `1:30` are text, `1e-3` is a number. 
 refused: no file of ours needs them, and so no small file can grow into a large document.
 """
 
+import difflib
 import json
 import os
 import re
@@ -20,6 +21,9 @@ from semcal_cli.errors import InputError
 
 Format: TypeAlias = Literal["yaml", "json"]
 FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
+
+MAX_LISTED = 8
+MAX_LISTED_LENGTH = 40
 
 _SCALARS = {  # YAML 1.2.2, section 10.3.2
     "null": (r"~|null|Null|NULL|", [*"~nN", ""]),
@@ -193,6 +197,28 @@ def describe(value: object) -> str:
             return str(value).lower()
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def one_of(wanted: str, known: Iterable[str]) -> str:
+    """List what there is, the nearest first, if it is much."""
+    names = list(known)
+    if not names:
+        return "one, but there is none"
+    if len(names) > MAX_LISTED:
+        near = difflib.get_close_matches(wanted, names, n=MAX_LISTED, cutoff=0.0)
+        return f"one of {len(names)}, nearest: {', '.join(map(_cut, near))}"
+    return f"one of: {', '.join(map(_cut, names))}" if len(names) > 1 else _cut(names[0])
+
+
+def listed(names: Iterable[object]) -> str:
+    """List the first of what was found in a file."""
+    first = [_cut(str(name)) for name in names]
+    more = [f"and {len(first) - MAX_LISTED:,} more"] if len(first) > MAX_LISTED else []
+    return ", ".join(first[:MAX_LISTED] + more) or "none"
+
+
+def _cut(name: str) -> str:
+    return name if len(name) <= MAX_LISTED_LENGTH else f"{name[: MAX_LISTED_LENGTH - 3]}..."
 
 
 def is_folder(path: Path) -> bool:

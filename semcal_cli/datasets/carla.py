@@ -18,9 +18,9 @@ from semcal_cli import _core
 from semcal_cli.datasets.files import inside, need_file, numbered_files, pick
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
-from semcal_cli.datasets.values import MAX_MOUNT_M, number, picture_side
 from semcal_cli.documents import describe, read_list
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import MAX_MOUNT_M, number, picture_side
 from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
 from semcal_cli.selection import evenly_spaced
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from semcal_cli.documents import describe, is_folder, read_bytes
+from semcal_cli.documents import describe, is_folder, one_of, read_bytes
 from semcal_cli.errors import InputError
-
-MAX_LISTED = 8
-MAX_LISTED_LENGTH = 40
 
 
 def need_file(path: Path) -> Path:
@@ -105,28 +101,6 @@ def pick(
         return known[0]
     found = "none given" + (f", and no {usual}" if usual else "") if wanted is None else f"found {wanted!r}"
     raise InputError(f"{where}: {kind}: {found}, needed {one_of(choice or '', known)}")
-
-
-def one_of(wanted: str, known: Iterable[str]) -> str:
-    """List what there is, the nearest first, if it is much."""
-    names = list(known)
-    if not names:
-        return "one, but there is none"
-    if len(names) > MAX_LISTED:
-        near = difflib.get_close_matches(wanted, names, n=MAX_LISTED, cutoff=0.0)
-        return f"one of {len(names)}, nearest: {', '.join(map(_cut, near))}"
-    return f"one of: {', '.join(map(_cut, names))}" if len(names) > 1 else _cut(names[0])
-
-
-def listed(names: Iterable[object]) -> str:
-    """List the first of what was found in a file."""
-    first = [_cut(str(name)) for name in names]
-    more = [f"and {len(first) - MAX_LISTED:,} more"] if len(first) > MAX_LISTED else []
-    return ", ".join(first[:MAX_LISTED] + more) or "none"
-
-
-def _cut(name: str) -> str:
-    return name if len(name) <= MAX_LISTED_LENGTH else f"{name[: MAX_LISTED_LENGTH - 3]}..."
 
 
 def _content(folder: Path) -> list[Path]:

@@ -11,10 +11,10 @@ import numpy as np
 from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s, stem
 from semcal_cli.datasets.recording import Recording, SourceFrame
-from semcal_cli.datasets.values import rigid
 from semcal_cli.drive import drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
+from semcal_cli.formats.values import rigid
 from semcal_cli.poses import Pose
 from semcal_cli.validation import MAX_TRANSLATION_M
 

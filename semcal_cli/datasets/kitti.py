@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.datasets.files import listed
-from semcal_cli.datasets.values import camera_block, numbers, read_keyed, rigid, transform
+from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import camera_block, numbers, read_keyed, rigid, transform
 from semcal_cli.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}

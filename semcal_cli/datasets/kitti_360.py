@@ -20,9 +20,9 @@ from semcal_cli.datasets.kitti_raw import read_stamps, rectified_size
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, speeds_mps
-from semcal_cli.datasets.values import MAX_WORLD_M, parse_numbers, pose_from_rows, read_keyed, transform
 from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import MAX_WORLD_M, parse_numbers, pose_from_rows, read_keyed, transform
 from semcal_cli.poses import Pose, inverse
 
 USUAL_CAMERA = "image_00"

@@ -26,9 +26,9 @@ from semcal_cli.datasets.nuscenes_tables import (
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import speeds_mps
-from semcal_cli.datasets.values import camera_block, picture_side, rigid
 from semcal_cli.documents import describe
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import camera_block, picture_side, rigid
 from semcal_cli.poses import Pose, inverse
 from semcal_cli.validation import MAX_TRANSLATION_M
 

@@ -11,8 +11,8 @@ from typing import Any
 from semcal_cli.datasets.files import folders, need_file, pick
 from semcal_cli.datasets.pictures import picture_size
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.values import camera_block, numbers, read_keyed, transform
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import camera_block, numbers, read_keyed, transform
 
 
 def read(request: Request) -> Recording:

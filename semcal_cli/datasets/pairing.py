@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.datasets.labels import CLOUD_SUFFIXES
-from semcal_cli.datasets.values import MAX_STAMP_S
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import MAX_STAMP_S
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
 SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from semcal_cli.datasets.values import picture_side
 from semcal_cli.documents import read_bytes
+from semcal_cli.formats.values import picture_side
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_SIZE = 26

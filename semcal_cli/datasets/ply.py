@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.datasets.files import listed
-from semcal_cli.documents import read_bytes
+from semcal_cli.documents import listed, read_bytes
 from semcal_cli.errors import InputError
 
 END = re.compile(rb"\nend_header\r?\n")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.datasets.values import MAX_WORLD_M, number, parse_numbers
 from semcal_cli.documents import read_text
+from semcal_cli.formats.values import MAX_WORLD_M, number, parse_numbers
 
 KITTI_PERIOD_S = 0.1
 """Between the sweeps of KITTI's, KITTI-360's and RELLIS-3D's LiDARs."""

@@ -17,10 +17,10 @@ from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
 from semcal_cli.datasets.pictures import holds_colors
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
-from semcal_cli.datasets.values import rigid
 from semcal_cli.documents import document_text, write_bytes, write_text
 from semcal_cli.drive import DRIVE_FILE, Drive
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import rigid
 from semcal_cli.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 from semcal_cli.validation import MAX_TRANSLATION_M, validate
 

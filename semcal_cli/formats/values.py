@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.datasets.files import one_of
-from semcal_cli.documents import describe, read_text
+from semcal_cli.documents import describe, one_of, read_text
 from semcal_cli.drive import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, Vector, check_rigid, nearest_rigid

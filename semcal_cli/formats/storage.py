@@ -13,10 +13,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.datasets.files import listed
-from semcal_cli.datasets.values import number, picture_side
-from semcal_cli.documents import describe, parse_document, read_text
+from semcal_cli.documents import describe, listed, parse_document, read_text
 from semcal_cli.errors import InputError
+from semcal_cli.formats.values import number, picture_side
 
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
 MATRIX_TAG = re.compile(r"!!opencv-\w+|!<tag:[^>\n]*>")
