@@ -61,7 +61,10 @@ fn detached<T: Send>(py: Python<'_>, f: impl Send + FnOnce() -> T) -> T {
 fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix6<f64>> {
     let matrix = matrix.as_array();
     if matrix.shape() != [6, 6] {
-        return Err(value_error("a curvature is 6 x 6"));
+        return Err(value_error(format!(
+            "found an inverse curvature of {:?}, needed [6, 6]",
+            matrix.shape()
+        )));
     }
     Ok(Matrix6::from_fn(|row, column| matrix[[row, column]]))
 }
@@ -423,7 +426,7 @@ impl PyPointCloud {
 }
 
 /// `T_camera_lidar`, blocks moved by the last round, inverse curvature (6, 6).
-type PolishArrays<'py> = (Bound<'py, PyArray2<f64>>, f64, Bound<'py, PyArray2<f64>>);
+type PolishArrays<'py> = (Bound<'py, PyArray2<f64>>, f64, Option<Bound<'py, PyArray2<f64>>>);
 
 /// Curvature (n, n), scores (parts, n) and motions (n, n).
 type SensitivityArrays<'py> =
@@ -835,8 +838,9 @@ mod _core {
         let inverse_curvature = inverse_curvature.map(|matrix| matrix_6x6(&matrix)).transpose()?;
         let found =
             detached(py, || alignment::polish(&observations.0, &start, inverse_curvature.as_ref(), &config));
-        let rows: [[f64; 6]; 6] = found.inverse_curvature.into();
-        Ok((matrix(py, &found.pose)?, found.moved, PyArray2::from_vec2(py, &rows.map(Vec::from))?))
+        let array =
+            |matrix: Matrix6<f64>| PyArray2::from_vec2(py, &<[[f64; 6]; 6]>::from(matrix).map(Vec::from));
+        Ok((matrix(py, &found.pose)?, found.moved, found.inverse_curvature.map(array).transpose()?))
     }
 
     #[pyfunction]

@@ -403,12 +403,12 @@ def polish(
     tolerance: float,
     max_baseline: float,
     inverse_curvature: _Float64 | None = ...,
-) -> tuple[_Float64, float, _Float64]:
+) -> tuple[_Float64, float, _Float64 | None]:
     """Bring a pose to the top of the mutual information of all points, deterministically.
 
     Returns:
         The pose (4, 4), by how many blocks the last round moved the points, and the inverse (6, 6) of minus the second
-        derivative, with which a polish of more of the same data may begin.
+        derivative, with which a polish near by may begin; None where nothing changes the information.
     """
 
 def held_out_gain(

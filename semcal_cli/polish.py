@@ -98,17 +98,17 @@ def climb(
     T_camera_lidar: Pose,
     config: PolishConfig,
     inverse_curvature: npt.NDArray[np.float64] | None = None,
-) -> tuple[Pose, float, npt.NDArray[np.float64]]:
+) -> tuple[Pose, float, npt.NDArray[np.float64] | None]:
     """Climb to the top from a pose that is about a pixel off, without held-out data.
 
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) to start at.
         config: How.
-        inverse_curvature: (6, 6) of a climb on part of the same data, which saves time.
+        inverse_curvature: (6, 6) of a climb near by, which saves time.
 
     Returns:
-        T_camera_lidar, how far the last round moved the points, pixels, and the inverse curvature.
+        T_camera_lidar, how far the last round moved the points, pixels, and the inverse curvature, if there is one.
     """
     return _core.polish(
         observations.core,

@@ -159,11 +159,13 @@ def test_rates_of_trust() -> None:
         trust.Finding("as it is", 0, "default", 20, 0.0, "fail", ""),
     ]
     rates = {rate.name: (rate.count, rate.n) for rate in trust.rates(findings)}
-    assert rates["in the 95 % interval, all"] == (18, 24)
-    assert rates["in it, 10 pairs"] == (18, 24)
-    assert rates["in it, 5 pairs"] == (0, 0)
-    assert rates["confident and wrong"] == (1, 8)
-    assert rates["trusted, good drives of 10 pairs or more"] == (4, 5)
+    assert rates["trusted: axes in the 95 % interval"] == (18, 24)
+    assert rates["trusted, 10 pairs"] == (18, 24)
+    assert rates["trusted, 5 pairs"] == (0, 0)
+    assert rates["the same, trusted or not"] == (18, 30)
+    assert rates["confident and wrong, of all"] == (1, 8)
+    assert rates["confident and wrong, of those trusted"] == (1, 6)
+    assert rates["good drives are trusted, 10 pairs or more"] == (4, 5)
     assert rates["not trusted or failed, labels shuffled"] == (1, 3)
     assert rates["verify fails, as it is"] == (1, 1)
     assert trust.sharpness(findings) == pytest.approx(1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0))
@@ -179,13 +181,14 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
     found = {kind: experiment(trust.Case(kind, seed, 2, 0.0)) for kind in kinds}
     verified = {each.kind: each.status for each in found["verify"]}
-    assert list(verified) == list(trust.OFFSETS)
-    assert verified["as it is"] in ("pass", "inconclusive")
-    assert {verified[kind] for kind in trust.OFFSETS if kind != "as it is"} <= {"fail", "inconclusive"}
+    assert list(verified) == [trust.AS_IT_IS, trust.TURNED, trust.MOVED[seed % 3]]
+    assert verified.pop(trust.AS_IT_IS) in ("pass", "inconclusive")
+    assert verified[trust.TURNED] == "fail"
+    assert verified[trust.MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small picture
     assert found["good"][0].status == "trusted"
     assert {found[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
     table = trust.write_trust([each for listed in found.values() for each in listed], 1, tmp_path)
-    assert "| confident and wrong | 0 | 4 | 0.0% |" in table
+    assert "| confident and wrong, of all | 0 | 4 | 0.0% |" in table
     assert (tmp_path / "plot.png").stat().st_size > 1000
 
 

@@ -55,8 +55,9 @@ pub struct Polished {
     pub moved: f64,
     /// Rounds taken.
     pub rounds: usize,
-    /// The inverse of minus the second derivative with respect to a twist, as last looked at.
-    pub inverse_curvature: Matrix6<f64>,
+    /// The inverse of minus the second derivative with respect to a twist, as last looked at; `None` where nothing
+    /// changes the information.
+    pub inverse_curvature: Option<Matrix6<f64>>,
 }
 
 /// Climbs to the top of the mutual information of all points. `inverse_curvature` is that of a polish near by, of part of
@@ -71,7 +72,7 @@ pub fn polish(
     let start = within_baseline(start, config.max_baseline);
     // The curvature is with respect to twists, so that it outlives the motions of a round.
     let mut is_stale = inverse_curvature.is_none();
-    let inverse_curvature = inverse_curvature.copied().unwrap_or_default();
+    let inverse_curvature = inverse_curvature.copied();
     let mut polished = Polished { pose: start, moved: f64::INFINITY, rounds: 0, inverse_curvature };
     for round in 1..=config.max_rounds {
         let begun = polished.pose;
@@ -81,10 +82,10 @@ pub fn polish(
         let objective = Objective { level: &level, samples, constant, motions, config };
         let is_fresh = is_stale;
         if is_stale {
-            let Some(inverse) = objective.inverse_curvature(&begun) else { break };
-            polished.inverse_curvature = inverse;
+            polished.inverse_curvature = objective.inverse_curvature(&begun);
         }
-        let (pose, wanted) = objective.newton(&begun, &polished.inverse_curvature);
+        let Some(inverse_curvature) = polished.inverse_curvature else { break };
+        let (pose, wanted) = objective.newton(&begun, &inverse_curvature);
         let gone = objective.blocks_between(&begun, &pose);
         polished = Polished { pose, moved: gone.max(wanted), rounds: round, ..polished };
         // A step that gained nothing may be that of an old curvature, or a cusp is the top.
@@ -213,9 +214,18 @@ mod tests {
         let observations = scene(0.0);
         let start = se3::exp(&Vector6::new(0.03, -0.02, 0.02, 0.006, -0.008, 0.01));
         let alone = polish(&observations, &start, None, &CONFIG);
-        let again = polish(&observations, &start, Some(&alone.inverse_curvature), &CONFIG);
+        let again = polish(&observations, &start, alone.inverse_curvature.as_ref(), &CONFIG);
         let apart = again.pose * alone.pose.inverse();
-        assert!(apart.rotation.angle() < 5e-3 && apart.translation.vector.norm() < 0.02, "{apart:?}");
+        // A tenth of a pixel of this small picture, at a focal length of 60 and ranges of 4 to 10 m.
+        assert!(apart.rotation.angle() < 1.7e-3 && apart.translation.vector.norm() < 0.012, "{apart:?}");
+    }
+
+    #[test]
+    fn where_nothing_changes_it_neither_settles_nor_has_a_curvature() {
+        let mut blank = (*scene(0.0)).clone();
+        blank.frames[0].point_classes.fill(0);
+        let polished = polish(&Arc::new(blank), &Isometry3::identity(), None, &CONFIG);
+        assert_eq!((polished.moved, polished.inverse_curvature), (f64::INFINITY, None));
     }
 
     #[test]

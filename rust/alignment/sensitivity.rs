@@ -21,6 +21,7 @@ use crate::se3;
 const HALF_WIDTH: f64 = 0.5;
 /// Points that lie amid so many blocks of one class do not change with it.
 const CONSTANT_RADIUS: usize = 4;
+
 /// Scores and curvature with respect to a twist on the left of the pose (metres and radians), and if asked for fx, fy, cx,
 /// cy (pixels) and k1.
 #[derive(Clone, Debug)]

@@ -120,7 +120,7 @@ def accuracy(
     default=60,
     show_default=True,
     metavar="N",
-    help="Drives: six calibrations of each as it is, five made impossible, 25 verifications.",
+    help="Drives: six calibrations of each as it is, five made impossible, 15 verifications.",
 )
 @first_seed_option(20_000)
 @jobs_option

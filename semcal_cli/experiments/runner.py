@@ -12,9 +12,10 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from importlib.metadata import version
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -144,8 +145,16 @@ def run_cases(
 
 
 def _start(num_jobs: int) -> None:
+    Thread(target=_end_with_parent, daemon=True).start()
     if num_jobs > 1:
         _core.set_num_threads(1)
+
+
+def _end_with_parent() -> None:
+    """Stop when the process that gives the work has been killed."""
+    if (parent := parent_process()) is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _read(file: Path, kind: type[Found]) -> dict[str, list[Found]]:
