@@ -113,14 +113,14 @@ class Repeatability(StrictModel):
     """Including this calibration's; they follow one another."""
     num_failed: Count
     """Seeds with which there was no answer."""
-    spread_camera_center_m: Vector3
-    """Standard deviation of the camera's place, along its axes."""
-    spread_rotation_deg: Vector3
+    spread_camera_center_m: Vector3 | None
+    """Standard deviation of the camera's place, along its axes; null if all others failed."""
+    spread_rotation_deg: Vector3 | None
     """Likewise of the rotation, about them."""
-    farthest_camera_center_m: Vector3
+    farthest_camera_center_m: Annotated[float, Field(ge=0.0)]
     """Largest distance from this calibration."""
-    farthest_rotation_deg: Vector3
-    """Likewise of the rotation."""
+    farthest_rotation_deg: Annotated[float, Field(ge=0.0)]
+    """Largest angle."""
 
 
 class HypothesisRecord(StrictModel):

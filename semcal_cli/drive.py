@@ -114,6 +114,11 @@ class Camera(StrictModel):
     parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
     """What a model needs beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
 
+    def zoomed(self, scale: float) -> "Camera":
+        """The same with other focal lengths."""
+        (fx, _, cx), (_, fy, cy), last_row = self.K
+        return self.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
+
     @field_validator("K")
     @classmethod
     def _check_intrinsics(cls, K: Matrix3) -> Matrix3:

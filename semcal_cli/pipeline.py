@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -59,6 +59,10 @@ from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, label_blee
 
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
+ROUNDING = 1e-9
+"""Metres or degrees: axes that are fixed have intervals without a width."""
+INITIAL_DEG, INITIAL_M = 5.0, 0.5
+"""How far a hypothesis of the initial calibration may be off, to be compared with what is known."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +148,7 @@ class Run:
             refinement or RefinementConfig(),
         )
         observations = self.load()
-        hypotheses = self.initialize(observations, initialization, given)
+        hypotheses = self.initialize(observations, initialization, given, refinement.priors)
         T_camera_lidar = self.refine(observations, hypotheses[0].T_camera_lidar, refinement)
         if num_seeds > 1:
             self._repeat(observations, T_camera_lidar, initialization, given, refinement, num_seeds)
@@ -161,30 +165,31 @@ class Run:
     ) -> None:
         """Calibrate with the seeds that follow, and compare."""
         start = perf_counter()
-        differences = np.zeros((1, 6))
+        found = [np.zeros(6)]
         for seed in range(self.seed + 1, self.seed + num_seeds):
             self.progress(f"repeating with seed {seed}")
             other = Run(self.drive, seed, self.max_frames)
             try:
-                T_init = other.initialize(observations, initialization, given)[0].T_camera_lidar
+                hypotheses = other.initialize(observations, initialization, given, refinement.priors)
+                T_init = hypotheses[0].T_camera_lidar
                 T = other.refine(observations, T_init, replace(refinement, is_assessed=False))
             except CalibrationError:
                 continue
             difference = compare_poses(T, T_camera_lidar)
             center_m = [0.01 * x for x in difference.camera_center_xyz_cm]
-            differences = np.vstack([differences, [*center_m, *difference.rotation_xyz_deg]])
-        spread = differences.std(axis=0, ddof=1 if len(differences) > 1 else 0).tolist()
-        farthest = np.abs(differences).max(axis=0).tolist()
+            found.append(np.array([*center_m, *difference.rotation_xyz_deg]))
+        differences = np.array(found)
+        spread = differences.std(axis=0, ddof=1).tolist() if len(found) > 1 else None
         self.repeatability = Repeatability(
             num_seeds=num_seeds,
-            num_failed=num_seeds - len(differences),
-            spread_camera_center_m=spread[:3],
-            spread_rotation_deg=spread[3:],
-            farthest_camera_center_m=farthest[:3],
-            farthest_rotation_deg=farthest[3:],
+            num_failed=num_seeds - len(found),
+            spread_camera_center_m=spread and spread[:3],
+            spread_rotation_deg=spread and spread[3:],
+            farthest_camera_center_m=float(np.linalg.norm(differences[:, :3], axis=1).max()),
+            farthest_rotation_deg=float(np.linalg.norm(differences[:, 3:], axis=1).max()),
         )
         self.options["num_seeds"] = num_seeds
-        self.reasons += _repeatability_reasons(self.repeatability, self.uncertainty)
+        self.reasons += _repeatability_reasons(self.repeatability, differences, self.uncertainty)
         self.report(StageReport("repeated", perf_counter() - start, note=f"{num_seeds} seeds"))
 
     def load(self) -> Observations:
@@ -211,9 +216,13 @@ class Run:
         return observations
 
     def initialize(
-        self, observations: Observations, config: InitializationConfig, given: Given | None = None
+        self,
+        observations: Observations,
+        config: InitializationConfig,
+        given: Given | None = None,
+        priors: Sequence[Prior] = (),
     ) -> list[Hypothesis]:
-        """Search all mounting directions, or where the user says."""
+        """Search all mounting directions, or where the user says; what priors rule out is left out, if all is not."""
         start = perf_counter()
         self._take(given)
         if given is None:
@@ -225,6 +234,13 @@ class Run:
         T_given = None if given is None else given.T_camera_lidar
         hypotheses = initialize(observations, config, self.seed, T_given)
         self.options["initialization"] = asdict(config)
+        possible = [
+            hypothesis
+            for hypothesis in hypotheses
+            if all(p.allows(hypothesis.T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for p in priors)
+        ]
+        is_ruled_out = 0 < len(possible) < len(hypotheses)
+        hypotheses = possible or hypotheses
         best, other = hypotheses[0], runner_up(hypotheses, config)
         self.hypotheses = tuple(_record(hypothesis, best) for hypothesis in hypotheses)
         note = f"{len(hypotheses)} hypotheses" if len(hypotheses) > 1 else "1 hypothesis"
@@ -232,7 +248,7 @@ class Run:
             self.runner_up_margin = margin(best, other)
             self.reasons += _runner_up_reasons(best, other, self.runner_up_margin)
             note += f", runner-up {self.runner_up_margin:.1f} standard errors behind"
-        elif given is None:
+        elif given is None and not is_ruled_out:
             self.reasons.append(
                 "no other mounting was left to compare with: nothing tells that this one is right"
             )
@@ -268,25 +284,29 @@ class Run:
         )
         self._finish("refined", start, observations, T_camera_lidar, note)
         polished = self._polish(observations, T_camera_lidar, config) if config.is_polished else None
-        if polished is None or not polished.is_accepted:
+        if polished is None:
             self.reasons += _convergence_reasons(refinement)
-            self.reasons += [] if polished is None else [_rejection(polished)]
             return T_camera_lidar
         if config.priors:
-            return self._fuse(observations, polished.T_camera_lidar, config)
+            return self._fuse(observations, polished, config)
         self.reasons += _polish_reasons(polished)
-        if config.is_assessed:
+        if not polished.is_accepted:
+            self.reasons += _convergence_reasons(refinement)
+        elif config.is_assessed:
             self._assess(observations, polished.T_camera_lidar, config)
         return polished.T_camera_lidar
 
-    def _fuse(self, observations: Observations, T_polished: Pose, config: RefinementConfig) -> Pose:
+    def _fuse(self, observations: Observations, polished: Polish, config: RefinementConfig) -> Pose:
         """Put together what labels say and what is known."""
         self.progress("weighing what is known")
         start = perf_counter()
-        fused = fuse(observations, T_polished, config.priors, edge_band_px=config.edge_band_px)
+        fused = fuse(observations, polished.T_camera_lidar, config.priors, edge_band_px=config.edge_band_px)
         T_camera_lidar = fused.T_camera_lidar
         note = ", ".join(prior.name for prior in config.priors)
         self._finish("fused", start, observations, T_camera_lidar, note)
+        if fused.is_alone:
+            # Otherwise it is no wonder that labels lead nowhere.
+            self.reasons += _polish_reasons(polished)
         if not fused.is_settled:
             self.reasons.append("the pose that labels and what is known determine together had not settled")
         self.reasons += fused.conflicts
@@ -338,9 +358,9 @@ class Run:
         )
         against = doubts(observations, T_camera_lidar)
         if found is None:
-            against.insert(
-                0, "labels do not determine the pose: information does not fall in every direction"
-            )
+            nothing = "labels do not determine the pose: information does not fall in every direction"
+            together = "labels and what is known do not determine the pose together"
+            against.insert(0, nothing if fused is None else together)
         else:
             against += found.undetermined
             settings = PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
@@ -417,6 +437,15 @@ def _convergence_reasons(refinement: Refinement) -> list[str]:
 
 
 def _polish_reasons(polished: Polish) -> list[str]:
+    """Say what speaks against a pose in how it was polished."""
+    if not polished.is_accepted:
+        lost, sigma = -polished.gain_nats, polished.sigma_nats
+        if not math.isfinite(sigma):
+            return ["the polish was rejected: held-out data say nothing of it"]
+        return [
+            f"the polish was rejected: held-out data agree less after it, by {lost:.4f} +- {sigma:.4f} nats: nothing "
+            f"is known of the pose's error"
+        ]
     if polished.is_settled:
         return []
     if not math.isfinite(polished.moved_px):
@@ -426,30 +455,24 @@ def _polish_reasons(polished: Polish) -> list[str]:
     ]
 
 
-def _rejection(polished: Polish) -> str:
-    lost, sigma = -polished.gain_nats, polished.sigma_nats
-    if not math.isfinite(sigma):
-        return "the polish was rejected: held-out data say nothing of it"
-    return (
-        f"the polish was rejected: held-out data agree less after it, by {lost:.4f} +- {sigma:.4f} nats: nothing is "
-        f"known of the pose's error"
-    )
-
-
-def _repeatability_reasons(found: Repeatability, uncertainty: UncertaintyRecord | None) -> list[str]:
+def _repeatability_reasons(
+    found: Repeatability, differences: npt.NDArray[np.float64], uncertainty: UncertaintyRecord | None
+) -> list[str]:
+    """Say what speaks against a pose in where other seeds lead: (seeds, 6) metres and degrees from it."""
     reasons = []
     if found.num_failed:
         reasons.append(f"{found.num_failed} of {found.num_seeds} seeds gave no answer")
     if uncertainty is not None:
-        sides = (
-            (found.farthest_camera_center_m, uncertainty.half_width_95_camera_center_m, 100.0, "cm"),
-            (found.farthest_rotation_deg, uncertainty.half_width_95_rotation_deg, 1.0, "degrees"),
-        )
-        for farthest, half_widths, scale, unit in sides:
-            if any(far > half + 1e-9 for far, half in zip(farthest, half_widths, strict=True)):
-                reasons.append(
-                    f"another seed leads {scale * math.hypot(*farthest):.3g} {unit} away, beyond the 95 % interval"
-                )
+        half_widths = [
+            *uncertainty.half_width_95_camera_center_m,
+            *uncertainty.half_width_95_rotation_deg,
+        ]
+        num_beyond = int((np.abs(differences) > np.array(half_widths) + ROUNDING).any(axis=1).sum())
+        if num_beyond:
+            reasons.append(
+                f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "
+                f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
+            )
     return reasons
 
 
@@ -511,7 +534,12 @@ def _uncertainty_record(found: Uncertainty, bleed: npt.NDArray[np.float64] | Non
 
 def _prior_record(prior: Prior) -> dict[str, object]:
     sigmas = [sigma if math.isfinite(sigma) else None for sigma in prior.sigmas]
-    return {"name": prior.name, "T_camera_lidar": prior.T_camera_lidar.tolist(), "sigmas": sigmas}
+    return {
+        "name": prior.name,
+        "T_camera_lidar": prior.T_camera_lidar.tolist(),
+        "sigma_camera_center_m": sigmas[:3],
+        "sigma_rotation_deg": [None if sigma is None else math.degrees(sigma) for sigma in sigmas[3:]],
+    }
 
 
 def _rows(T: Pose) -> tuple[tuple[float, ...], ...]:

@@ -24,7 +24,6 @@ from semcal_cli.uncertainty import (
     Sensitivity,
     Uncertainty,
     is_determined,
-    sandwich,
     scatter,
     sensitivity,
 )
@@ -32,17 +31,22 @@ from semcal_cli.uncertainty import (
 Vector6 = npt.NDArray[np.float64]
 
 HOLD_SIGMAS = 3.0
-"""Farther than this from what is known, no level of the refinement begins."""
+"""Farther than this from what is known, no level of the refinement begins: one in 400 is, if it is normal."""
+EXACT = 1e-6
+"""Metres or radians: what is known better than a micrometre is exact, and rounding stays out of the sums."""
+CONFLICT_LEVEL = 1e-4
+"""Labels contradict what is known if chance has them so far apart once in so many."""
 MAX_CONFLICT = 4.0
-"""What labels say alone may be so many standard errors from what is known."""
+"""What is known may be so many of its standard deviations from the pose: the same for one axis."""
 MAX_ROUNDS = 20
 LONGEST_STEP_PX = 2.0
+"""About as far as a curvature holds."""
 SETTLED_PX = 0.1
 """Rounds end when one would move the points by less than this, root mean square: as `PolishConfig.settled_px`."""
 LEAST_BEND = 1e-6
-"""Where information falls by less than this share of the steepest direction's, per pixel, labels do not count."""
-LEAST_INFORMATION = 1e-9
-"""Likewise for both together: a direction with less is not determined."""
+"""Where information falls by less than this share of the steepest direction's, per pixel, that is rounding."""
+LEAST_INFORMATION = 1e-13
+"""Directions with less than this share of the best known one's are open: that much is rounding."""
 MANY = 1e6
 """Degrees of freedom of what is known."""
 
@@ -56,7 +60,7 @@ class Prior:
     T_camera_lidar: Pose
     """Where the camera is, as far as it is known."""
     sigmas: tuple[float, ...]
-    """Standard errors of its place along its axes, metres, and of its rotation about them, radians: 0 for what is
+    """Standard deviations of its place along its axes, metres, and of its rotation about them, radians: 0 for what is
     exact, infinite for what is not known."""
 
     def residual(self, T_camera_lidar: Pose) -> Vector6:
@@ -75,7 +79,13 @@ class Prior:
     @property
     def exact(self) -> Prior:
         """Only what is known exactly."""
-        return replace(self, sigmas=tuple(sigma if sigma == 0.0 else math.inf for sigma in self.sigmas))
+        return replace(self, sigmas=tuple(0.0 if sigma <= EXACT else math.inf for sigma in self.sigmas))
+
+    def allows(self, T_camera_lidar: Pose, center_m: float, rotation_rad: float) -> bool:
+        """Whether a pose that may itself be off by so much can be the one that is known."""
+        slack = np.repeat([center_m, rotation_rad], 3)
+        most = HOLD_SIGMAS * np.array(self.sigmas) + slack
+        return bool((np.abs(self.residual(T_camera_lidar)) <= most).all())
 
     def hold(self, T_camera_lidar: Pose) -> Pose:
         """Bring a pose to within `HOLD_SIGMAS` of what is known, axis by axis."""
@@ -98,6 +108,8 @@ class Fused:
     T_camera_lidar: Pose
     uncertainty: Uncertainty | None
     """None if labels and what is known do not determine it together."""
+    is_alone: bool
+    """Whether labels determine the pose without what is known."""
     label_gain: Matrix
     """(6, 6) by how much of a twist that labels say the pose moves."""
     is_settled: bool
@@ -128,23 +140,18 @@ def fuse(
         edge_band_px: Of the polish.
     """
     around = sensitivity(observations, T_camera_lidar, edge_band_px=edge_band_px)
-    conflicts: list[str] = []
-    T, moved_px = T_camera_lidar, math.inf
-    if around is None:
-        return Fused(hold(T, priors), None, np.eye(6), False, conflicts)
-    labels, is_alone = _labels(around, observations.num_frames), is_determined(around)
-    if is_alone:
-        covariance, degrees_of_freedom = sandwich(around, observations.num_frames)
-        alone = Uncertainty(T, covariance, degrees_of_freedom)
-        conflicts = [line for prior in priors for line in _conflict(alone, prior)]
-    else:
-        T = hold(T, priors)
-    for _ in range(MAX_ROUNDS):
-        if not is_alone:
+    is_alone = around is not None and is_determined(around)
+    T = T_camera_lidar if is_alone else hold(T_camera_lidar, priors)
+    labels, conflicts, moved_px = _SILENT, {}, math.inf
+    for index in range(MAX_ROUNDS):
+        if index > 0 and not is_alone:
             around = sensitivity(observations, T, edge_band_px=edge_band_px)
-            if around is None:
-                return Fused(T, None, np.eye(6), False, conflicts)
+        if around is None:
+            return Fused(T, None, is_alone, np.eye(6), False, [])
+        if index == 0 or not is_alone:
             labels = _labels(around, observations.num_frames)
+        if index == 0 and is_alone:
+            conflicts = {prior.name: _conflict(labels, prior, T) for prior in priors}
         step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
@@ -159,9 +166,10 @@ def fuse(
     return Fused(
         T,
         found if is_closed else None,
+        is_alone,
         label_gain=covariance @ labels.information,
         is_settled=moved_px < SETTLED_PX,
-        conflicts=conflicts,
+        conflicts=[line for prior in priors for line in conflicts.get(prior.name) or _distance(prior, T)],
     )
 
 
@@ -177,7 +185,12 @@ class _Labels(NamedTuple):
 
     @property
     def information(self) -> Matrix:
+        """(6, 6), 0 in directions that are not read."""
         return np.asarray(self.reads.T @ np.linalg.solve(self.covariance, self.reads))
+
+
+_SILENT = _Labels(np.zeros((0, 6)), np.zeros((1, 0)), np.zeros(0), np.zeros((0, 0)))
+"""Labels that say nothing."""
 
 
 class _Known(NamedTuple):
@@ -192,6 +205,8 @@ def _labels(around: Sensitivity, num_frames: int) -> _Labels:
     scale = 1.0 / np.sqrt(np.diag(around.motions))
     bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
     bend = bends > LEAST_BEND * max(bends[-1], 0.0)
+    if len(around.scores) <= len(bends) + 1:
+        return _SILENT  # Fewer parts than that have no covariance to speak of.
     influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
     covariance, centred = scatter(influences, num_frames)
     return _Labels((directions[:, bend] / scale[:, None]).T, centred, influences.sum(axis=0), covariance)
@@ -207,7 +222,7 @@ def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
 
 def _solve(labels: _Labels, known: _Known, motions: Matrix) -> tuple[Vector6, Matrix, bool]:
     """The twist to the best pose, its covariance, and whether no direction is left open; there, the pose stays."""
-    is_exact = known.sigmas == 0.0
+    is_exact = known.sigmas <= EXACT
     weight = 1.0 / known.sigmas[~is_exact] ** 2
     J, e = known.jacobian[~is_exact], known.residual[~is_exact]
     information = labels.information + J.T @ (weight[:, None] * J)
@@ -235,20 +250,44 @@ def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
     return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
 
 
-def _conflict(alone: Uncertainty, prior: Prior) -> list[str]:
-    """Compare what is known with where labels alone lead."""
-    off = prior.residual(alone.T_camera_lidar)
-    jacobian = prior.jacobian(alone.T_camera_lidar)
-    sigmas = np.sqrt(np.diag(jacobian @ alone.covariance @ jacobian.T) + np.square(prior.sigmas))
-    errors = np.abs(off) / sigmas
-    worst = int(errors.argmax())
-    if errors[worst] <= MAX_CONFLICT:
+def _conflict(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[str]:
+    """Compare what is known with where labels alone lead, over all known axes at once."""
+    from scipy.special import fdtri
+
+    stated = np.isfinite(prior.sigmas)
+    alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
+    jacobian = prior.jacobian(T_camera_lidar)[stated]
+    twist = np.linalg.solve(labels.reads, labels.mean)
+    off = prior.residual(T_camera_lidar)[stated] + jacobian @ twist
+    covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(prior.sigmas)[stated])
+    chi2 = float(off @ np.linalg.solve(covariance, off))
+    fewest = float(_degrees_of_freedom(labels, alone).min())
+    most = float(stated.sum() * fdtri(stated.sum(), fewest, 1.0 - CONFLICT_LEVEL))
+    if chi2 <= most:
         return []
-    far = f"{100.0 * abs(off[worst]):.1f} cm" if worst < 3 else f"{np.degrees(abs(off[worst])):.2f} degrees"
+    worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
+    far = _length(int(np.flatnonzero(stated)[worst]), float(off[worst]))
     return [
-        f"{prior.name} is {far} from where labels alone lead, {errors[worst]:.1f} standard errors, needed at most "
-        f"{MAX_CONFLICT:.0f}"
+        f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {stated.sum()}, needed at most "
+        f"{most:.0f}"
     ]
+
+
+def _distance(prior: Prior, T_camera_lidar: Pose) -> list[str]:
+    """Compare what is known with the pose that all agreed on, labels and other knowledge."""
+    deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
+    worst = int(deviations.argmax())
+    if deviations[worst] <= MAX_CONFLICT:
+        return []
+    far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))
+    return [
+        f"{prior.name} is {far} from the pose that all else leads to, {deviations[worst]:.1f} standard deviations, "
+        f"needed at most {MAX_CONFLICT:.0f}"
+    ]
+
+
+def _length(axis: int, off: float) -> str:
+    return f"{100.0 * abs(off):.1f} cm" if axis < 3 else f"{np.degrees(abs(off)):.2f} degrees"
 
 
 def _null_space(rows: Matrix) -> Matrix:

@@ -12,7 +12,6 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
 from semcal_cli.classes import NO_CLASS
-from semcal_cli.drive import Camera
 from semcal_cli.errors import SemcalError
 from semcal_cli.observations import Observations
 from semcal_cli.poses import Pose
@@ -169,7 +168,7 @@ def _model_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]
 def _focal_doubts(observations: Observations, T_camera_lidar: Pose, own: _core.Agreement) -> list[str]:
     best, best_change = _corrected(own), 0.0
     for change in (-FOCAL_CHANGE, FOCAL_CHANGE):
-        other = replace(observations, camera=_zoomed(observations.camera, 1.0 + change))
+        other = replace(observations, camera=observations.camera.zoomed(1.0 + change))
         found = _refitted(other, T_camera_lidar)
         if found is not None and _corrected(found) > best:
             best, best_change = _corrected(found), change
@@ -223,11 +222,6 @@ def _delayed(observations: Observations, delay_s: float) -> Observations:
         for cloud, twist in zip(observations.points, observations.twists_per_s, strict=True)
     ]
     return replace(observations, points=points)
-
-
-def _zoomed(camera: Camera, scale: float) -> Camera:
-    (fx, _, cx), (_, fy, cy), last_row = camera.K
-    return camera.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
 
 
 def _intrinsics_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:

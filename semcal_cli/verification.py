@@ -100,8 +100,7 @@ def verify(run: Run, given: Given, limits: Limits, observations: Observations | 
     )
     checks = _checks(given.T_camera_lidar, estimate, half_widths, limits)
     if run.reasons or uncertainty is None:
-        unknown = "the polish was rejected: nothing is known of the estimate's error"
-        return Verification("inconclusive", checks, tuple(run.reasons or [unknown]), estimate)
+        return Verification("inconclusive", checks, tuple(run.reasons), estimate)
     verdicts = [check.verdict for check in checks]
     verdict: Verdict = (
         "fail" if "fail" in verdicts else "inconclusive" if "inconclusive" in verdicts else "pass"

@@ -17,12 +17,13 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.calibration import Calibration, read_calibration
+from semcal_cli.calibration import Calibration, Repeatability, UncertaintyRecord, read_calibration
 from semcal_cli.cli import EXIT_FAILURE, main
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.documents import document_text, read_document, write_text
 from semcal_cli.drive import DRIVE_FILE
 from semcal_cli.metrics import compare_poses
+from semcal_cli.pipeline import _repeatability_reasons
 from semcal_cli.polish import PolishConfig
 from semcal_cli.poses import OPTICAL_AXES, Pose, camera_center, inverse
 
@@ -207,7 +208,20 @@ def test_what_is_wrong_is_said_before_the_work_begins(
         ["calibrate", "d", "--fix", "tx"],
         ["calibrate", "d", "--init", "t", "--fix", "tx,qx"],
         ["calibrate", "d", "--init", "t", "--fix", "tx,ty,tz,rx,ry,rz"],
-        ["calibrate", "d", "--prior-translation-m", "0", "0", "0", "0"],
+        [
+            "calibrate",
+            "d",
+            "--prior-translation-m",
+            "0",
+            "0",
+            "0",
+            "0",
+            "--prior-rotation-deg",
+            "0",
+            "0",
+            "0",
+            "0",
+        ],
         ["calibrate", "d", "--prior-rotation-deg", "0", "0", "0", "-1"],
         ["calibrate", "d", "--prior-translation-m", "0", "0", "nan", "1"],
         ["calibrate", "d", "--no-polish", "--prior-translation-m", "0", "0", "0", "1"],
@@ -330,7 +344,10 @@ def test_what_the_polish_did_is_told(
     assert rejected.polish is not None
     assert not rejected.polish.accepted
     assert rejected.status == "not_trusted"
-    assert rejected.reasons[-1].startswith("the polish was rejected: held-out data agree less after it, by ")
+    assert any(
+        reason.startswith("the polish was rejected: held-out data agree less after it, by ")
+        for reason in rejected.reasons
+    )
     np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
     assert "rejected, the refined pose stays" in err
 
@@ -367,7 +384,45 @@ def test_what_is_known_is_weighed_and_said(
     assert max(calibration.uncertainty.sigma_camera_center_m) < 0.0011
     assert calibration.uncertainty.sigma_rotation_deg[2] < 1e-5
     _, about = calibration.settings.options["priors"]
-    assert about["sigmas"] == [None, 0.0, None, None, None, 0.0]
+    assert about["sigma_camera_center_m"] == [None, 0.0, None]
+    assert about["sigma_rotation_deg"] == [None, None, 0.0]
+
+
+def test_a_place_beyond_the_baseline_is_no_prior(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--prior-translation-m", "5", "0", "0", "1"]
+    code, _, err = run(capfd, "calibrate", street, *options, "-o", tmp_path / "out.yaml")
+    assert code == EXIT_FAILURE
+    assert err == (
+        "semcal: error: --prior-translation-m: found the camera 5 m from the LiDAR, needed at most 3 m; "
+        "--max-baseline-m sets the limit\n"
+    )
+
+
+def test_seeds_that_lead_elsewhere_are_said() -> None:
+    found = Repeatability(
+        num_seeds=4,
+        num_failed=1,
+        spread_camera_center_m=(0.1, 0.0, 0.0),
+        spread_rotation_deg=(0.0, 0.0, 0.5),
+        farthest_camera_center_m=0.2,
+        farthest_rotation_deg=1.5,
+    )
+    stated = UncertaintyRecord(
+        covariance=((0.0,) * 6,) * 6,
+        degrees_of_freedom=(9.0,) * 6,
+        sigma_camera_center_m=(0.1,) * 3,
+        sigma_translation_m=(0.1,) * 3,
+        sigma_rotation_deg=(0.5,) * 3,
+        half_width_95_camera_center_m=(0.2, 0.2, 0.0),
+        half_width_95_rotation_deg=(1.0,) * 3,
+    )
+    differences = np.array([[0.0] * 6, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, -1.5]])
+    assert _repeatability_reasons(found, differences, stated) == [
+        "1 of 4 seeds gave no answer",
+        "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
+    ]
 
 
 def test_other_seeds_lead_to_the_same_place(
@@ -381,9 +436,9 @@ def test_other_seeds_lead_to_the_same_place(
     assert stated is not None
     assert (code, found.num_seeds, found.num_failed) == (0, 2, 0)
     assert "2 seeds          camera centre x y z" in err
+    assert found.spread_camera_center_m is not None
     assert max(found.spread_camera_center_m) > 0.0
-    far, half = found.farthest_camera_center_m, stated.half_width_95_camera_center_m
-    assert all(x < limit for x, limit in zip(far, half, strict=True))
+    assert found.farthest_camera_center_m < min(stated.half_width_95_camera_center_m)
 
 
 def test_a_long_drive_is_cut_to_the_frames_that_differ(

@@ -1,14 +1,18 @@
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import make_pose, poses, triples
 from hypothesis import given
 from scipy.linalg import expm
 
+from semcal_cli.classes import NO_CLASS
 from semcal_cli.observations import Observations
 from semcal_cli.polish import PolishConfig, climb
 from semcal_cli.poses import Pose, camera_center, rotation_difference
-from semcal_cli.prior import MAX_CONFLICT, Prior, _Known, _Labels, _solve, fuse, hold
-from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty
+from semcal_cli.prior import Prior, _Known, _Labels, _solve, fuse, hold
+from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, sensitivity
 
 FREE = (np.inf,) * 6
 
@@ -90,31 +94,36 @@ def test_axes_that_are_fixed_stay_and_the_others_follow_the_labels(
     )
 
 
-def test_what_is_hardly_known_changes_nothing(street_observations: Observations, alone: Uncertainty) -> None:
+def test_what_is_hardly_known_leaves_newtons_step_and_its_covariance(
+    street_observations: Observations, alone: Uncertainty
+) -> None:
     vague = Prior("vague", nudged(alone.T_camera_lidar, (0.5, 0.5, 0.5)), (100.0,) * 3 + (10.0,) * 3)
     fused = fuse(street_observations, alone.T_camera_lidar, [vague])
+    around = sensitivity(street_observations, alone.T_camera_lidar)
+    assert around is not None
     assert fused.uncertainty is not None
-    stated, before = fused.uncertainty, alone
-    np.testing.assert_allclose(stated.T_camera_lidar, before.T_camera_lidar, atol=2e-3)
-    np.testing.assert_allclose(np.diag(stated.covariance), np.diag(before.covariance), rtol=0.3)
-    np.testing.assert_allclose(stated.degrees_of_freedom, before.degrees_of_freedom, rtol=0.4)
+    expected = twisted(alone.T_camera_lidar, around.influences().sum(axis=0))
+    np.testing.assert_allclose(fused.T_camera_lidar, expected, atol=1e-6)
+    np.testing.assert_allclose(fused.uncertainty.covariance, alone.covariance, rtol=1e-3, atol=1e-12)
+    np.testing.assert_allclose(fused.uncertainty.degrees_of_freedom, alone.degrees_of_freedom, rtol=1e-3)
     np.testing.assert_allclose(fused.label_gain, np.eye(6), atol=1e-3)
-    assert fused.conflicts == []
+    assert (fused.is_alone, fused.is_settled, fused.conflicts) == (True, True, [])
 
 
 def test_two_equally_good_witnesses_meet_in_the_middle(
     street_observations: Observations, alone: Uncertainty
 ) -> None:
     sigma = float(np.sqrt(alone.covariance[2, 2]))
-    prior = Prior(
-        "tape",
-        nudged(alone.T_camera_lidar, (0.0, 0.0, 2.0 * sigma)),
-        (np.inf, np.inf, sigma, np.inf, np.inf, np.inf),
-    )
-    fused = fuse(street_observations, alone.T_camera_lidar, [prior])
-    assert fused.uncertainty is not None
-    assert prior.residual(fused.uncertainty.T_camera_lidar)[2] == pytest.approx(-sigma, abs=0.5 * sigma)
-    assert np.sqrt(fused.uncertainty.covariance[2, 2]) == pytest.approx(sigma / np.sqrt(2.0), rel=0.2)
+    known = (np.inf, np.inf, sigma, np.inf, np.inf, np.inf)
+    prior = Prior("tape", nudged(alone.T_camera_lidar, (0.0, 0.0, 2.0 * sigma)), known)
+    here = Prior("here", alone.T_camera_lidar, known)
+    between = fuse(street_observations, alone.T_camera_lidar, [prior])
+    at_rest = fuse(street_observations, alone.T_camera_lidar, [here])
+    assert between.uncertainty is not None
+    # Half of the way, from where labels alone lead: that is a small step from the polished pose.
+    moved = here.residual(between.T_camera_lidar)[2] - here.residual(at_rest.T_camera_lidar)[2]
+    assert moved == pytest.approx(sigma, rel=1e-3)
+    assert np.sqrt(between.uncertainty.covariance[2, 2]) == pytest.approx(sigma / np.sqrt(2.0), rel=1e-3)
 
 
 def test_labels_that_contradict_what_is_known_say_so(
@@ -123,8 +132,42 @@ def test_labels_that_contradict_what_is_known_say_so(
     prior = Prior("--fix ty", nudged(alone.T_camera_lidar, (0.0, 0.2, 0.0)), (np.inf, 0.0, *FREE[:4]))
     fused = fuse(street_observations, alone.T_camera_lidar, [prior])
     (line,) = fused.conflicts
-    assert line.startswith("--fix ty is 20.0 cm from where labels alone lead, ")
-    assert line.endswith(f"needed at most {MAX_CONFLICT:.0f}")
+    assert re.fullmatch(
+        r"--fix ty is 20\.\d cm from where labels alone lead, chi-square \d+ of 1, needed at most \d+", line
+    )
+
+
+def test_knowledge_that_contradicts_itself_says_so(
+    street_observations: Observations, alone: Uncertainty
+) -> None:
+    T = alone.T_camera_lidar
+    tape = Prior("tape", nudged(T, (0.01, 0.0, 0.0)), (0.001, *FREE[:5]))
+    fused = fuse(street_observations, T, [tape, Prior("--fix tx", T, (0.0, *FREE[:5]))])
+    assert fused.conflicts[0].startswith("tape is 1.0 cm from ")
+
+
+def test_labels_in_one_corner_leave_the_pose_to_what_is_known(
+    street_observations: Observations, alone: Uncertainty
+) -> None:
+    (frame,) = (street_observations.of_frames([0]),)
+    corner = np.full_like(frame.image_classes[0], NO_CLASS)
+    corner[200:230, 300:330] = frame.image_classes[0][200:230, 300:330]
+    seen = replace(frame, image_classes=[corner])
+    known = Prior("known", nudged(alone.T_camera_lidar, (0.01, 0.0, 0.0)), (0.01,) * 3 + (0.001,) * 3)
+    fused = fuse(seen, alone.T_camera_lidar, [known])
+    assert fused.uncertainty is not None
+    assert not fused.is_alone
+    assert (np.sqrt(np.diag(fused.uncertainty.covariance)) <= np.array(known.sigmas) * (1.0 + 1e-6)).all()
+    assert (np.abs(known.residual(fused.T_camera_lidar)) <= 3.0 * np.array(known.sigmas)).all()
+    half = Prior("half", known.T_camera_lidar, (0.01, *FREE[:5]))
+    assert fuse(seen, alone.T_camera_lidar, [half]).uncertainty is None
+
+
+@pytest.mark.parametrize(("off_m", "is_allowed"), [(0.7, True), (0.9, False)])
+def test_a_rough_pose_is_allowed_as_far_as_both_may_be_off(off_m: float, is_allowed: bool) -> None:
+    T = make_pose((0.3, -1.2, 0.5), (0.4, -0.2, 0.1))
+    known = Prior("known", nudged(T, (off_m, 0.0, 0.0)), (0.1, *FREE[:5]))
+    assert known.allows(T, 0.5, 0.1) == is_allowed
 
 
 def test_what_is_known_decides_where_labels_do_not_bend() -> None:

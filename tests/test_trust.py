@@ -44,10 +44,7 @@ def test_labels_that_tell_no_direction(street_observations: Observations, street
 def test_wrong_intrinsics_are_named(
     street_observations: Observations, street_truth: Pose, scale: float
 ) -> None:
-    camera = street_observations.camera
-    (fx, _, cx), (_, fy, cy), last = camera.K
-    wrong = camera.model_copy(update={"K": ((fx * scale, 0.0, cx), (0.0, fy * scale, cy), last)})
-    seen = replace(street_observations, camera=wrong)
+    seen = replace(street_observations, camera=street_observations.camera.zoomed(scale))
     climbed = refine(
         seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
     )

@@ -40,22 +40,24 @@ PRIOR_OPTIONS = (
         "--fix",
         type=Axes(),
         metavar="AXES",
-        help="Keep these axes as they are in --init or --init-rpy-xyz, as `rz,tx`: tx ty tz are the camera's place "
-        "along its axes, rx ry rz its rotation about them (x right, y down, z forward).",
+        help="Keep these axes as they are in the transform that is started at, as `rz,tx`: tx ty tz are the camera's "
+        "place along its axes, rx ry rz its rotation about them (x right, y down, z forward).",
     ),
     click.option(
         "--prior-translation-m",
         type=FiniteRange(),
         nargs=4,
         metavar="X Y Z SIGMA",
-        help="The camera's place in the LiDAR frame is known beforehand, with this standard deviation.",
+        help="The camera's place in the LiDAR frame is known beforehand, with this standard deviation along each axis; "
+        "0: exactly.",
     ),
     click.option(
         "--prior-rotation-deg",
         type=FiniteRange(),
         nargs=4,
         metavar="R P Y SIGMA",
-        help="Its roll, pitch and yaw are, as in --init-rpy-xyz, with this standard deviation about each axis.",
+        help="The camera's roll, pitch and yaw in the LiDAR frame (as in URDF: yaw turns to the left, pitch looks "
+        "down) are known beforehand, with this standard deviation about each axis; 0: exactly.",
     ),
 )
 
@@ -67,14 +69,17 @@ def prior_options(command: Command) -> Command:
     return command
 
 
-def make_priors(options: dict[str, Any], given: Given | None) -> tuple[Prior, ...]:
+def make_priors(options: dict[str, Any], given: Given | None, max_baseline_m: float) -> tuple[Prior, ...]:
     """Take the options out of a command's, and turn them into what is known; what is exact comes last.
 
     Raises:
-        click.UsageError: axes to keep without a transform to keep them from, or a standard deviation that is none.
+        click.UsageError: axes to keep without a transform to keep them from, a standard deviation that is none, or
+            nothing left to find.
+        InputError: the camera is known to be farther from the LiDAR than it may be.
     """
+    from semcal_cli.errors import InputError
     from semcal_cli.poses import pose_from_mounting
-    from semcal_cli.prior import Prior
+    from semcal_cli.prior import EXACT, Prior
 
     names = ("fix", "prior_translation_m", "prior_rotation_deg")
     fix, place, rotation = (options.pop(name) for name in names)
@@ -82,6 +87,11 @@ def make_priors(options: dict[str, Any], given: Given | None) -> tuple[Prior, ..
     if place is not None:
         *center_m, sigma_m = place
         _check_sigma(sigma_m, "--prior-translation-m")
+        if math.hypot(*center_m) > max_baseline_m:
+            raise InputError(
+                f"--prior-translation-m: found the camera {math.hypot(*center_m):g} m from the LiDAR, needed at most "
+                f"{max_baseline_m:g} m; --max-baseline-m sets the limit"
+            )
         T = pose_from_mounting((0.0, 0.0, 0.0), center_m)
         found.append(Prior(_name("--prior-translation-m", place), T, (sigma_m,) * 3 + (UNKNOWN,) * 3))
     if rotation is not None:
@@ -95,7 +105,9 @@ def make_priors(options: dict[str, Any], given: Given | None) -> tuple[Prior, ..
             raise click.UsageError("--fix: keeps axes of --init or --init-rpy-xyz: give one of them")
         kept = tuple(0.0 if axis in fix else UNKNOWN for axis in AXES)
         found.append(Prior(f"--fix {','.join(fix)}", given.T_camera_lidar, kept))
-    return tuple(found)
+    if found and all(min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in found), strict=True)):
+        raise click.UsageError(f"{', '.join(p.name for p in found)}: leave nothing to be calibrated")
+    return tuple(sorted(found, key=lambda prior: min(prior.sigmas) <= EXACT))
 
 
 def _name(option: str, values: tuple[float, ...]) -> str:
@@ -103,5 +115,5 @@ def _name(option: str, values: tuple[float, ...]) -> str:
 
 
 def _check_sigma(sigma: float, option: str) -> None:
-    if not sigma > 0.0:
-        raise click.UsageError(f"{option}: found a standard deviation of {sigma:g}, needed one above 0")
+    if sigma < 0.0:
+        raise click.UsageError(f"{option}: found a standard deviation of {sigma:g}, needed 0 or more")

@@ -179,7 +179,7 @@ def _uncertainty_rows(uncertainty: UncertaintyRecord | None) -> dict[str, list[s
 
 
 def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
-    if found is None:
+    if found is None or found.spread_camera_center_m is None or found.spread_rotation_deg is None:
         return {}
     center = [100.0 * x for x in found.spread_camera_center_m]
     lines = [

@@ -117,10 +117,8 @@ def _shuffled(observations: Observations, scene: Scene, rng: np.random.Generator
 
 
 def _wrong_focal_length(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
-    (fx, _, cx), (_, fy, cy), last = observations.camera.K
-    scale = 1.1 if rng.random() < 0.5 else 0.9
-    K = ((fx * scale, 0.0, cx), (0.0, fy * scale, cy), last)
-    return replace(observations, camera=observations.camera.model_copy(update={"K": K}))
+    camera = observations.camera.zoomed(1.1 if rng.random() < 0.5 else 0.9)
+    return replace(observations, camera=camera)
 
 
 def _other_pictures(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
