@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 
 from semcal_cli.calibration import read_calibration
-from semcal_cli.documents import read_document
 from semcal_cli.drive import drive_file
 from semcal_cli.formats import read_transform
+from semcal_cli.formats.format import Source
+from semcal_cli.formats.semcal import CALIBRATION
 from semcal_cli.metrics import PoseError, compare_poses
 from semcal_cli.poses import Pose
 
@@ -59,7 +60,7 @@ def read_known(path: Path) -> Known:
         InputError: the file is of no known format, or wrong.
     """
     T_camera_lidar = read_transform(path)
-    if "semcal_calibration" not in read_document(drive_file(path)):
+    if CALIBRATION not in Source.read(drive_file(path)).mapping:
         return Known(T_camera_lidar, None)
     uncertainty = read_calibration(path).uncertainty
     if uncertainty is None:

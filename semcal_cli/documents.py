@@ -85,7 +85,7 @@ def parse_document(text: str, path: Path) -> dict[Any, Any]:
     Raises:
         InputError: the text is not well-formed, or holds something else.
     """
-    document = _parse(text, path)
+    document = parse_any(text, path)
     if not isinstance(document, dict):
         raise InputError(f"{path}: found {describe(document)}, needed a mapping")
     return document
@@ -97,7 +97,7 @@ def read_list(path: Path) -> list[dict[Any, Any]]:
     Raises:
         InputError: there is no such file, it is not UTF-8 or not well-formed, or holds something else.
     """
-    document = _parse(read_text(path), path)
+    document = parse_any(read_text(path), path)
     if not isinstance(document, list):
         raise InputError(f"{path}: found {describe(document)}, needed a list of mappings")
     for index, item in enumerate(document):
@@ -106,7 +106,12 @@ def read_list(path: Path) -> list[dict[Any, Any]]:
     return document
 
 
-def _parse(text: str, path: Path) -> Any:
+def parse_any(text: str, path: Path) -> Any:
+    """Read what the text of a JSON file (by its suffix) or a YAML file holds; `path` is for complaints.
+
+    Raises:
+        InputError: the text is not well-formed.
+    """
     try:
         document = _parse_json(text) if path.suffix.lower() == ".json" else yaml.load(text, _Loader)
         # Only an escape can stand for a lone surrogate.

@@ -1,4 +1,5 @@
 import copy
+import io
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -7,14 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from conftest import DRIVE, documents
-from hypothesis import given
+from click.testing import CliRunner
+from conftest import DRIVE, TEST_DATA, documents, make_pose, poses
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from semcal_cli.calibration import read_calibration
+from semcal_cli.cli import semcal
 from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.formats import read_transform
+from semcal_cli.formats import FORMATS, find_format, put_transform, read_transform
+from semcal_cli.formats.format import Asked, CameraFrame, Source
 from semcal_cli.poses import check_rigid, inverse
 
 RELLIS3D_KEY = "os1_cloud_node-pylon_camera_node"
@@ -42,7 +47,7 @@ def test_rellis3d_agrees_with_its_drive(rellis3d: Path) -> None:
 
 
 def test_rellis3d_between_lidars_is_not_taken_for_a_camera(rellis3d: Path) -> None:
-    with pytest.raises(InputError, match="found top-level keys 'vel2os1', needed one of: "):
+    with pytest.raises(InputError, match="found top-level keys 'vel2os1', needed a transform, of --from "):
         read_transform(rellis3d / "vel2os1.yaml")
 
 
@@ -83,9 +88,9 @@ def test_unknown_content(path: Path) -> None:
     path.write_text("cam0: {}\ncam1: {}\n")
     with pytest.raises(InputError) as error:
         read_transform(path)
+    names = ", ".join(format.name for format in FORMATS)
     assert str(error.value) == (
-        f"{path}: found top-level keys 'cam0', 'cam1', needed one of: "
-        f"a semcal calibration (semcal_calibration); a drive (semcal_drive); RELLIS-3D ({RELLIS3D_KEY})"
+        f"{path}: found top-level keys 'cam0', 'cam1', needed a transform, of --from one of: {names}"
     )
 
 
@@ -128,3 +133,363 @@ def test_near_miss_is_one_line_of_input_error(
         check_rigid(read_transform(path))
     except InputError as error:
         assert len(str(error).splitlines()) == 1  # noqa: PT017
+
+
+# Every format, against what scipy makes of an asymmetric pose.
+
+T_ANY = np.eye(4)
+T_ANY[:3, :3] = Rotation.from_euler("xyz", [73.0, -21.0, 38.0], degrees=True).as_matrix()
+T_ANY[:3, 3] = [0.31, -0.52, 0.17]
+T_LIDAR_CAMERA = np.linalg.inv(T_ANY)
+BODY_OF_OPTICAL = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
+T_KIT_LIDAR = np.eye(4)
+T_KIT_LIDAR[:3, :3] = Rotation.from_euler("xyz", [2.0, 3.0, 91.0], degrees=True).as_matrix()
+T_KIT_LIDAR[:3, 3] = [0.1, 0.2, 1.3]
+
+
+def xyzw(T: np.ndarray) -> list[float]:
+    return Rotation.from_matrix(T[:3, :3]).as_quat().tolist()
+
+
+def wxyz(T: np.ndarray) -> list[float]:
+    return [xyzw(T)[3], *xyzw(T)[:3]]
+
+
+def rpy(T: np.ndarray) -> list[float]:
+    return Rotation.from_matrix(T[:3, :3]).as_euler("xyz").tolist()
+
+
+def words(values: Any) -> str:
+    return " ".join(repr(float(value)) for value in np.ravel(values))
+
+
+def named(keys: str, values: Any) -> dict[str, float]:
+    return {key: float(value) for key, value in zip(keys, values, strict=True)}
+
+
+def sensor(T: np.ndarray) -> dict[str, float]:
+    return dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), [*T[:3, 3].tolist(), *rpy(T)], strict=True))
+
+
+T_LIDAR_BODY = T_LIDAR_CAMERA @ np.linalg.inv(BODY_OF_OPTICAL)
+R0 = Rotation.from_euler("xyz", [0.4, -0.3, 0.9], degrees=True).as_matrix()
+ARGUMENTS = " ".join(
+    f"--{k} {v!r}" for k, v in zip("xyz", T_LIDAR_CAMERA[:3, 3].tolist(), strict=True)
+) + " ".join(["", *(f"--q{k} {v!r}" for k, v in zip("xyzw", xyzw(T_LIDAR_CAMERA), strict=True))])
+STAMPED = {
+    "header": {"frame_id": "os_sensor", "stamp": {"secs": 0, "nsecs": 0}},
+    "child_frame_id": "front_optical",
+    "transform": {
+        "translation": named("xyz", T_LIDAR_CAMERA[:3, 3]),
+        "rotation": named("xyzw", xyzw(T_LIDAR_CAMERA)),
+    },
+}
+KIT = {
+    "sensor_kit_base_link": {
+        "camera0/camera_link": sensor(T_KIT_LIDAR @ T_LIDAR_BODY),
+        "camera1/camera_optical_link": sensor(T_KIT_LIDAR @ T_LIDAR_CAMERA),
+        "velodyne_top_base_link": sensor(T_KIT_LIDAR),
+    }
+}
+SENSORS = [
+    {
+        "token": "a",
+        "sensor_token": "s",
+        "translation": T[:3, 3].tolist(),
+        "rotation": wxyz(T),
+        "camera_intrinsic": [],
+    }
+    for T in (T_KIT_LIDAR @ T_LIDAR_CAMERA, T_KIT_LIDAR)
+]
+SENSORS[1]["token"] = "b"
+T_R0 = np.eye(4)
+T_R0[:3, :3] = R0
+OPENCV = (
+    "%YAML:1.0\n---\nCameraExtrinsicMat: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [{}]\n"
+)
+L2C, C2L = Asked(direction="lidar-to-camera"), Asked(direction="camera-to-lidar")
+
+FILES: dict[str, tuple[str, str, Asked]] = {
+    "ros2-static-transform": (
+        "a.sh",
+        f"ros2 run tf2_ros static_transform_publisher {ARGUMENTS} --frame-id os_sensor --child-frame-id cam_optical",
+        Asked(),
+    ),
+    "ros2-static-transform, parent is the camera, body": (
+        "a.sh",
+        f"static_transform_publisher {words(np.linalg.inv(T_LIDAR_BODY)[:3, 3])} "
+        f"{words(rpy(np.linalg.inv(T_LIDAR_BODY))[::-1])} camera_link lidar 100",
+        Asked(frame="body"),
+    ),
+    "ros2-launch": (
+        "a.launch.xml",
+        "<launch><node pkg='tf2_ros' exec='static_transform_publisher' args='0 0 0 0 0 0 base imu'/>"
+        f"<node pkg='tf2_ros' exec='static_transform_publisher' args='{ARGUMENTS} --frame-id l --child-frame-id "
+        "cam0_optical'/></launch>",
+        Asked(),
+    ),
+    "tf2": ("a.yaml", yaml.dump(STAMPED), Asked()),
+    "apollo": ("a.yaml", yaml.dump(STAMPED | {"child_frame_id": "front_6mm"}), Asked()),
+    "autoware": ("a.yaml", yaml.dump(KIT), Asked(camera="camera0/camera_link")),
+    "autoware, optical": ("a.yaml", yaml.dump(KIT), Asked(camera="camera1/camera_optical_link")),
+    "urdf": (
+        "a.urdf",
+        "<robot><joint name='i' type='fixed'><parent link='base'/><child link='imu'/></joint>"
+        f"<joint name='j' type='fixed'><origin xyz='{words(T_LIDAR_BODY[:3, 3])}' rpy='{words(rpy(T_LIDAR_BODY))}'/>"
+        "<parent link='os_sensor'/><child link='camera_link'/></joint></robot>",
+        Asked(frame="body"),
+    ),
+    "kitti-odometry": ("calib.txt", f"P0: {words(np.eye(3, 4))}\nTr: {words(T_ANY[:3])}\n", Asked()),
+    "kitti-object": (
+        "000000.txt",
+        f"R0_rect: {words(R0)}\nTr_velo_to_cam: {words((np.linalg.inv(T_R0) @ T_ANY)[:3])}\nTr_imu_to_velo: 1\n",
+        Asked(),
+    ),
+    "kitti-360": ("calib_cam_to_velo.txt", words(T_LIDAR_CAMERA[:3]), Asked()),
+    "rellis-3d": (
+        "transforms.yaml",
+        yaml.dump(
+            {
+                RELLIS3D_KEY: {
+                    "q": named("wxyz", wxyz(T_LIDAR_CAMERA)),
+                    "t": named("xyz", T_LIDAR_CAMERA[:3, 3]),
+                }
+            }
+        ),
+        Asked(),
+    ),
+    "nuscenes": ("calibrated_sensor.json", json.dumps(SENSORS), Asked(camera="a", lidar="b")),
+    "kalibr": ("chain.yaml", yaml.dump({"cam0": {"T_cam_lidar": T_ANY.tolist(), "rostopic": "/a"}}), Asked()),
+    "opencv": ("e.yml", OPENCV.format(", ".join(words(T_LIDAR_CAMERA).split())), C2L),
+    "direct-visual-lidar": (
+        "calib.json",
+        json.dumps({"results": {"T_lidar_camera": [*T_LIDAR_CAMERA[:3, 3].tolist(), *xyzw(T_LIDAR_CAMERA)]}}),
+        Asked(),
+    ),
+    "opencalib": ("calib.txt", f"K: 1 0 0 0 1 0 0 0 1\nD: 0 0 0 0\nT: {words(T_ANY[:3])}\n", Asked()),
+    "fast-livo2": (
+        "avia.yaml",
+        yaml.dump(
+            {
+                "/**": {
+                    "ros__parameters": {
+                        "extrin_calib": {"Rcl": T_ANY[:3, :3].ravel().tolist(), "Pcl": T_ANY[:3, 3].tolist()}
+                    }
+                }
+            }
+        ),
+        Asked(),
+    ),
+    "colmap": (
+        "rig_config.json",
+        json.dumps(
+            [
+                {
+                    "cameras": [
+                        {"image_prefix": "left/", "ref_sensor": True},
+                        {
+                            "image_prefix": "right/",
+                            "cam_from_rig_rotation": wxyz(T_ANY),
+                            "cam_from_rig_translation": T_ANY[:3, 3].tolist(),
+                        },
+                    ]
+                }
+            ]
+        ),
+        Asked(),
+    ),
+    "tum": ("pose.txt", f"# stamp x y z qx qy qz qw\n1.5 {words(T_ANY[:3, 3])} {words(xyzw(T_ANY))}\n", L2C),
+    "text": ("T.txt", "\n".join(words(row) for row in T_LIDAR_CAMERA[:3]), C2L),
+    "text, brackets": ("T.txt", str(T_ANY.tolist()), L2C),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_each_format_is_read_the_right_way_round(kind: str, tmp_path: Path) -> None:
+    name, text, asked = FILES[kind]
+    format = kind.split(",")[0]
+    file = tmp_path / name
+    file.write_text(text)
+    np.testing.assert_allclose(read_transform(file, format, asked), T_ANY, atol=1e-12)
+    if format != "apollo":  # of tf2's layout: only its name tells
+        np.testing.assert_allclose(read_transform(file, None, asked), T_ANY, atol=1e-12)
+
+
+def test_arrays_are_read_either_way_round(tmp_path: Path) -> None:
+    np.save(tmp_path / "T.npy", T_LIDAR_CAMERA[:3].astype(np.float64))
+    np.testing.assert_allclose(read_transform(tmp_path / "T.npy", None, C2L), T_ANY, atol=1e-12)
+
+
+RELATIVE = {"autoware": "sensor kit", "nuscenes": "vehicle"}
+
+
+@pytest.mark.parametrize("name", [format.name for format in FORMATS if format.name not in RELATIVE])
+@pytest.mark.parametrize("frame", ["optical", "body"])
+@given(T=poses)
+@settings(max_examples=8)
+def test_there_and_back_is_the_same(name: str, frame: CameraFrame, T: np.ndarray) -> None:
+    asked = Asked(direction="camera-to-lidar", frame=frame)
+    content = find_format(name).write(T, asked)
+    suffix = (
+        "calib_cam_to_velo.txt"
+        if name == "kitti-360"
+        else "f.json"
+        if content.startswith((b"{", b"["))
+        else "f"
+    )
+    source = Source(Path(suffix), content)
+    assert find_format(name).recognises(source) or name == "apollo"
+    again = find_format(name).read(source, asked)
+    np.testing.assert_allclose(again, T, atol=1e-9)
+
+
+@pytest.mark.parametrize(("name", "relative_to"), RELATIVE.items())
+def test_what_is_relative_to_something_else_needs_a_file(name: str, relative_to: str) -> None:
+    with pytest.raises(
+        InputError, match=f"--to {name}: poses are relative to the {relative_to}, needed --into a "
+    ):
+        find_format(name).write(T_ANY, Asked())
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "asked", "kept"),
+    [
+        (
+            "kit.yaml",
+            "# our kit\n"
+            + yaml.dump(KIT, default_flow_style=None).replace(
+                "velodyne_top", "# the top one\n  velodyne_top"
+            ),
+            Asked(camera="camera0/camera_link"),
+            ["# our kit", "# the top one", "camera1/camera_optical_link"],
+        ),
+        (
+            "avia.yaml",
+            "/**:\n  ros__parameters:\n    common: {img_en: 1}  # keep\n    extrin_calib:\n"
+            "      extrinsic_T: [0.1, 0.2, 0.3]\n      Rcl: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n      Pcl: [0, 0, 0]\n",
+            Asked(),
+            ["common: {img_en: 1}  # keep", "extrinsic_T: [0.1, 0.2, 0.3]"],
+        ),
+        (
+            "calibrated_sensor.json",
+            json.dumps(SENSORS, indent=1),
+            Asked(camera="a", lidar="b"),
+            ['\n  "token": "b"'],
+        ),
+        ("drive.yaml", DRIVE + "# the end\n", Asked(), ["# the end", "K: [[640, 0, 639.5]"]),
+    ],
+)
+def test_a_file_of_the_users_keeps_all_else(
+    name: str, text: str, asked: Asked, kept: list[str], tmp_path: Path
+) -> None:
+    file, T = tmp_path / name, make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
+    file.write_text(text)
+    put_transform(T, file, asked)
+    np.testing.assert_allclose(read_transform(file, None, asked), T, atol=1e-9)
+    for piece in kept:
+        assert piece in file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "options", "complaint"),
+    [
+        (
+            "a.yaml",
+            "b: 1",
+            [],
+            "a.yaml: found top-level keys 'b', needed a transform, of --from one of: semcal, ",
+        ),
+        ("a.txt", "", [], "a.txt: found nothing, needed a transform, of --from one of: semcal, "),
+        (
+            "a.txt",
+            words(T_ANY[:3]),
+            [],
+            "a.txt: found a transform of no stated direction, needed --direction ",
+        ),
+        (
+            "a.txt",
+            words(T_ANY[:3] * 1.2),
+            ["--direction", "lidar-to-camera"],
+            "--repair takes the nearest rotation",
+        ),
+        ("a.txt", words(-T_ANY[:3]), ["--direction", "lidar-to-camera", "--repair"], "found determinant -1 "),
+        ("a.yaml", yaml.dump(KIT), [], "needed --camera to name one of them"),
+        (
+            "a.yaml",
+            yaml.dump(STAMPED | {"child_frame_id": "cam0"}),
+            [],
+            "found the camera's frame 'cam0', needed --frame",
+        ),
+        (
+            "a.yaml",
+            yaml.dump(STAMPED | {"child_frame_id": "b"}),
+            [],
+            "found frames 'os_sensor' and 'b', needed --camera",
+        ),
+        (
+            "a.json",
+            json.dumps(SENSORS),
+            [],
+            "found 2 sensors, needed --camera with the token or channel of one of: a, b",
+        ),
+        (
+            "a.yaml",
+            "results: {T_lidar_camera: [1, 2]}",
+            [],
+            "results: T_lidar_camera: found a list of 2, needed 7 numbers",
+        ),
+        ("a.urdf", "<robot><joint/></robot>", [], "found joints none, needed --camera and --lidar"),
+        ("a.urdf", "<!DOCTYPE a><joint/>", [], "found <!DOCTYPE, needed XML without declarations"),
+        (
+            "a.sh",
+            "static_transform_publisher 1 2 3 a b",
+            [],
+            "found 3 numbers, needed 6 or 7, then parent and child",
+        ),
+        ("a.sh", "static_transform_publisher --x 1 --wx 2", [], "found argument 'wx', needed some of: "),
+        ("T.npy", "nothing", ["--from", "npy"], "needed a NumPy array"),
+    ],
+)
+def test_what_a_file_leaves_open_or_has_wrong_is_said(
+    name: str, text: str, options: list[str], complaint: str, tmp_path: Path
+) -> None:
+    (tmp_path / name).write_text(text)
+    found = CliRunner().invoke(semcal, ["convert", str(tmp_path / name), "--to", "semcal", *options])
+    assert isinstance(found.exception, InputError), found.output
+    assert complaint in str(found.exception)
+
+
+def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:
+    scaled = T_ANY.copy()
+    scaled[0, :3] *= 0.9
+    (tmp_path / "T.txt").write_text("\n".join(words(row) for row in scaled))
+    arguments = ["convert", str(tmp_path / "T.txt"), "--direction", "lidar-to-camera", "--repair"]
+    out = tmp_path / "T.npy"
+    found = CliRunner().invoke(
+        semcal, [*arguments, "--to", "npy", "--to-direction", "camera-to-lidar", "-o", str(out)]
+    )
+    assert found.exit_code == 0, found.output
+    assert "semcal: repaired: " in found.stderr
+    assert "found no rotation (determinant 0.9, rows stretched by 0.9 to 1), took the nearest" in found.stderr
+    assert Rotation.from_matrix((np.load(out) @ T_ANY)[:3, :3]).magnitude() < 0.1
+    again = CliRunner().invoke(semcal, [*arguments, "--to", "text", "--to-direction", "lidar-to-camera"])
+    rows = np.loadtxt(io.StringIO(again.stdout))
+    np.testing.assert_allclose(rows, np.linalg.inv(np.load(out)), atol=1e-12)
+
+
+def test_compare_reads_every_format(tmp_path: Path) -> None:
+    (tmp_path / "a.txt").write_text(FILES["kitti-odometry"][1])
+    (tmp_path / "b.json").write_text(FILES["direct-visual-lidar"][1])
+    found = CliRunner().invoke(semcal, ["compare", str(tmp_path / "a.txt"), str(tmp_path / "b.json")])
+    assert found.exit_code == 0, found.output
+    assert found.stdout.splitlines()[-1] == "same"
+
+
+def test_opencalib_is_what_the_import_makes_of_it() -> None:
+    file = TEST_DATA / "opencalib_road" / "1" / "calib.txt"
+    if not file.exists():
+        pytest.skip(f"no real frames: {file} does not exist; set SEMCAL_TEST_DATA")
+    T = read_transform(file)
+    # Road frames: the camera looks along the LiDAR's x axis, from above and a little behind its centre.
+    assert T[2, 0] > 0.99
+    np.testing.assert_allclose(T[:3, 3], [-0.0323222, -0.396685, -0.0869361])

@@ -13,6 +13,7 @@ import click
 
 from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.compare import compare
+from semcal_cli.cli.convert import convert
 from semcal_cli.cli.demo import demo
 from semcal_cli.cli.evaluate import evaluate
 from semcal_cli.cli.experiment import experiment
@@ -35,7 +36,7 @@ def semcal() -> None:
 
 
 COMMANDS = (
-    *(calibrate, initialize, refine, evaluate, verify, compare),
+    *(calibrate, initialize, refine, evaluate, verify, compare, convert),
     *(inspect, import_, synth, experiment, demo),
 )
 for command in COMMANDS:

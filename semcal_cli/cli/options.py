@@ -28,7 +28,7 @@ PATH = click.Path(path_type=Path)
 MAX_SEED = 2**63 - 1
 MAX_THREADS = 1024
 
-KNOWN_TRANSFORMS = "a calibration, a drive with its reference, a RELLIS-3D transforms.yaml"
+KNOWN_TRANSFORMS = "a calibration, a drive with its reference, or any format that `convert --formats` lists"
 
 drive_argument = click.argument("drive", type=PATH)
 

@@ -1,45 +1,129 @@
-"""Transforms from files of any known format, one module each; each states its direction as an equation."""
+"""Transforms from files of any known format, and into them: one module each, its direction stated as an equation."""
+
+from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Protocol
 
-from semcal_cli.documents import describe, read_document
+from semcal_cli.documents import describe, listed, write_bytes, write_text
 from semcal_cli.drive import drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.formats import rellis3d, semcal
+from semcal_cli.formats import (
+    autoware,
+    colmap,
+    direct_visual_lidar,
+    fast_livo2,
+    kalibr,
+    kitti,
+    kitti_360,
+    matrix,
+    nuscenes,
+    opencalib,
+    opencv,
+    rellis3d,
+    ros,
+    semcal,
+    tf2,
+    urdf,
+)
+from semcal_cli.formats.editing import edited
+from semcal_cli.formats.format import Asked, Format, Source
 from semcal_cli.poses import Pose
 
+FORMATS: tuple[Format, ...] = (
+    semcal.FORMAT,
+    ros.COMMAND,
+    ros.LAUNCH,
+    tf2.TF2,
+    tf2.APOLLO,
+    autoware.FORMAT,
+    urdf.FORMAT,
+    kitti.ODOMETRY,
+    kitti.OBJECT,
+    kitti_360.FORMAT,
+    rellis3d.FORMAT,
+    nuscenes.FORMAT,
+    kalibr.FORMAT,
+    opencv.FORMAT,
+    direct_visual_lidar.FORMAT,
+    opencalib.FORMAT,
+    fast_livo2.FORMAT,
+    colmap.FORMAT,
+    matrix.TUM,
+    matrix.TEXT,
+    matrix.ARRAY,
+)
 
-class Reader(Protocol):
-    """What a module of this package offers."""
 
-    KNOWN_AS: str
-    """The format and the key that tells it, for the message that lists what is known."""
+def read_transform(path: Path, name: str | None = None, asked: Asked | None = None) -> Pose:
+    """Read the transform of a file of any known format, or of a drive's folder.
 
-    def recognises(self, document: dict[Any, Any]) -> bool:
-        """Whether the document is of this format."""
-
-    def read(self, document: dict[Any, Any], path: Path) -> Pose:
-        """Read T_camera_lidar from a recognised document; `path` is for complaints."""
-
-
-READERS: tuple[Reader, ...] = (semcal, rellis3d)
-
-
-def read_transform(path: Path) -> Pose:
-    """Read the transform of any known file, or of a drive's folder.
+    Args:
+        path: The file.
+        name: Its format; None: as its content tells.
+        asked: What the file leaves open.
 
     Returns:
         T_camera_lidar (4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres.
 
     Raises:
-        InputError: the content is of no known format, or wrong.
+        InputError: the content is of no known format, of several, or wrong, or leaves something open.
     """
-    file = drive_file(path)
-    document = read_document(file)
-    for reader in READERS:
-        if reader.recognises(document):
-            return reader.read(document, file)
-    found = ", ".join(describe(key) for key in list(document)[:5]) or "none"
-    known = "; ".join(reader.KNOWN_AS for reader in READERS)
-    raise InputError(f"{file}: found top-level keys {found}, needed one of: {known}")
+    source = Source.read(drive_file(path))
+    format = _recognised(source) if name is None else find_format(name)
+    return format.read(source, asked or Asked())
+
+
+def find_format(name: str) -> Format:
+    """Give the format of a name."""
+    return next(format for format in FORMATS if format.name == name)
+
+
+def _recognised(source: Source) -> Format:
+    found = [format for format in FORMATS if format.recognises(source)]
+    if len(found) == 1:
+        return found[0]
+    known = ", ".join(format.name for format in found or FORMATS)
+    if found:
+        raise InputError(
+            f"{source.path}: found what several formats have, needed --from with one of: {known}"
+        )
+    raise InputError(
+        f"{source.path}: found {_content(source)}, needed a transform, of --from one of: {known}"
+    )
+
+
+def _content(source: Source) -> str:
+    """What a file of no known format holds, in a few words."""
+    if source.mapping:
+        return f"top-level keys {listed(map(describe, source.mapping))}"
+    if not source.content.strip():
+        return "nothing"
+    first = source.content.splitlines()[0][:40].decode(errors="replace")
+    return f"{describe(first)} and no known key"
+
+
+def write_transform(T_camera_lidar: Pose, path: Path | None, name: str, asked: Asked | None = None) -> bytes:
+    """Make the file of a transform, and write it if there is a path.
+
+    Raises:
+        InputError: the format needs something that is not asked, or the file cannot be written.
+    """
+    content = find_format(name).write(T_camera_lidar, asked or Asked())
+    if path is not None:
+        write_bytes(content, path)
+    return content
+
+
+def put_transform(T_camera_lidar: Pose, path: Path, asked: Asked | None = None) -> None:
+    """Set the transform in a file of the user's, and leave all else, comments too, as it is.
+
+    Raises:
+        InputError: the file is of no format that this can be done with, or needs something that is not asked.
+    """
+    source = Source.read(path)
+    format = _recognised(source)
+    put = format.put
+    if put is None:
+        able = ", ".join(each.name for each in FORMATS if each.put is not None)
+        raise InputError(f"{path}: found {format.name}, which is not edited in place, needed one of: {able}")
+    write_text(edited(source, lambda document: put(document, T_camera_lidar, asked or Asked())), path)

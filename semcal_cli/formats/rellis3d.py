@@ -3,17 +3,18 @@
 The file does not say so; labels and pictures agree only in this direction.
 """
 
-from pathlib import Path
+from __future__ import annotations
+
 from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from semcal_cli.poses import Pose, inverse, pose_from_quaternion
+from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_quaternion, wxyz, xyz
+from semcal_cli.poses import Pose, inverse
 from semcal_cli.validation import StrictModel, validate
 
 KEY = "os1_cloud_node-pylon_camera_node"
 """Other files of the dataset have the same layout but relate two LiDARs; only the key tells them apart."""
-KNOWN_AS = f"RELLIS-3D ({KEY})"
 
 
 class _Quaternion(StrictModel):
@@ -33,29 +34,30 @@ class _Transform(StrictModel):
     q: _Quaternion
     t: _Translation
 
-    @model_validator(mode="after")
-    def _check_norm(self) -> "_Transform":
-        self.T_lidar_camera()
-        return self
-
-    def T_lidar_camera(self) -> Pose:
-        q, t = self.q, self.t
-        return pose_from_quaternion((q.x, q.y, q.z, q.w), (t.x, t.y, t.z))
-
 
 class _File(StrictModel):
     transform: _Transform = Field(validation_alias=KEY)
 
 
-def recognises(document: dict[Any, Any]) -> bool:
-    """Whether the document relates RELLIS-3D's Ouster and its camera."""
-    return KEY in document
+def _read(source: Source, asked: Asked) -> Pose:
+    transform = validate(_File, source.document, source.path).transform
+    q, t = transform.q, transform.t
+    where = f"{source.path}: ['{KEY}']"
+    return inverse(from_quaternion(where, [q.x, q.y, q.z, q.w], [t.x, t.y, t.z], asked))
 
 
-def read(document: dict[Any, Any], path: Path) -> Pose:
-    """Read T_camera_lidar, inverting what the file states.
+def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+    T = inverse(T_camera_lidar)
+    transform = document.setdefault(KEY, {})
+    for name, keys, values in (("q", "wxyz", wxyz(T)), ("t", "xyz", xyz(T))):
+        transform.setdefault(name, {}).update(zip(keys, values, strict=True))
 
-    Raises:
-        InputError: a key is missing or wrong, or the quaternion is not of unit norm.
-    """
-    return inverse(validate(_File, document, path).transform.T_lidar_camera())
+
+FORMAT = Format(
+    "rellis-3d",
+    f"p_lidar = T p_camera: transforms.yaml, {KEY}",
+    lambda source: KEY in source.mapping,
+    _read,
+    document_writer(_put),
+    _put,
+)

@@ -1,6 +1,10 @@
-"""semcal's own files: p_camera = T_camera_lidar * p_lidar, as stored."""
+"""semcal's own files: p_camera = T_camera_lidar * p_lidar, as stored.
 
-from pathlib import Path
+A calibration, a drive with its reference, or a bare transform, as `convert` writes it.
+"""
+
+from __future__ import annotations
+
 from typing import Any
 
 import numpy as np
@@ -8,26 +12,45 @@ import numpy as np
 from semcal_cli.calibration import Calibration
 from semcal_cli.drive import Drive
 from semcal_cli.errors import InputError
+from semcal_cli.formats.format import Asked, Format, Source, document_writer
 from semcal_cli.poses import Pose
-from semcal_cli.validation import validate
+from semcal_cli.validation import StrictModel, Transform, Version, validate
 
-KNOWN_AS = "a semcal calibration (semcal_calibration); a drive (semcal_drive)"
-
-
-def recognises(document: dict[Any, Any]) -> bool:
-    """Whether the document is a calibration or a drive."""
-    return "semcal_calibration" in document or "semcal_drive" in document
+CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_transform"
 
 
-def read(document: dict[Any, Any], path: Path) -> Pose:
-    """Read the transform of a calibration, or the reference of a drive.
+class _Transform(StrictModel):
+    semcal_transform: Version
+    T_camera_lidar: Transform
 
-    Raises:
-        InputError: the file is wrong, or the drive has no reference.
-    """
-    if "semcal_calibration" in document:
-        return validate(Calibration, document, path).pose
-    drive = validate(Drive, document, path)
-    if drive.T_camera_lidar is None:
-        raise InputError(f"{path}: T_camera_lidar: found nothing, needed the drive's reference transform")
-    return np.array(drive.T_camera_lidar)
+
+def _read(source: Source, asked: Asked) -> Pose:
+    if CALIBRATION in source.mapping:
+        return validate(Calibration, source.document, source.path).pose
+    if DRIVE in source.mapping:
+        drive = validate(Drive, source.document, source.path)
+        if drive.T_camera_lidar is None:
+            needed = "needed the drive's reference transform"
+            raise InputError(f"{source.path}: T_camera_lidar: found nothing, {needed}")
+        return np.array(drive.T_camera_lidar)
+    return np.array(validate(_Transform, source.document, source.path).T_camera_lidar)
+
+
+def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+    if CALIBRATION in document:
+        raise InputError(
+            "--into: found a calibration, which says how sure its own transform is, needed another file"
+        )
+    if DRIVE not in document:
+        document.setdefault(TRANSFORM, 1)
+    document["T_camera_lidar"] = T_camera_lidar.tolist()
+
+
+FORMAT = Format(
+    "semcal",
+    "p_camera = T p_lidar: T_camera_lidar of a calibration, a drive or a bare transform",
+    lambda source: bool({CALIBRATION, DRIVE, TRANSFORM} & source.mapping.keys()),
+    _read,
+    document_writer(_put),
+    _put,
+)

@@ -16,11 +16,11 @@ from typing import Any
 from semcal_cli.documents import describe, listed, parse_document, read_text
 from semcal_cli.errors import InputError
 from semcal_cli.formats.values import number, picture_side
+from semcal_cli.formats.xml import parse_xml
 
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
 MATRIX_TAG = re.compile(r"!!opencv-\w+|!<tag:[^>\n]*>")
 TIGHT_COLON = re.compile(r"^(\s*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE)
-DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
@@ -32,8 +32,9 @@ def is_storage(text: str) -> bool:
 class Storage:
     """A file that OpenCV wrote. Complaints name the file, the key, what was found and what was needed."""
 
-    def __init__(self, path: Path):
-        text = read_text(path)
+    def __init__(self, path: Path, text: str | None = None):
+        """Read a file, or its text if that is known."""
+        text = read_text(path) if text is None else text
         self.path = path
         self.document = _parse_xml(text, path) if text.lstrip().startswith("<") else _parse_yaml(text, path)
 
@@ -97,14 +98,9 @@ def _parse_yaml(text: str, path: Path) -> dict[Any, Any]:
 
 
 def _parse_xml(text: str, path: Path) -> dict[Any, Any]:
-    """Parse XML that declares nothing of its own, so that no small file can grow into a large document."""
-    if found := DECLARATION.search(text):
-        raise InputError(f"{path}: found <!{found.group(1)}, needed XML without declarations")
+    root = parse_xml(text, path)
     try:
-        root = ET.fromstring(text.lstrip())
         document = _node(root)
-    except ET.ParseError as error:
-        raise InputError(f"{path}: line {error.position[0]}: found no well-formed XML, needed it") from None
     except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: {_xml_reason(error)}") from None
     if root.tag != "opencv_storage" or not isinstance(document, dict):

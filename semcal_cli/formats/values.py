@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -118,7 +118,12 @@ def read_keyed(path: Path) -> dict[str, str]:
     Raises:
         InputError: there is no such file, or it is no text.
     """
-    lines = (line.partition(":") for line in read_text(path).splitlines())
+    return keyed_lines(read_text(path))
+
+
+def keyed_lines(text: str) -> dict[str, str]:
+    """Give the values of `key: values` lines by their keys."""
+    lines = (line.partition(":") for line in text.splitlines())
     return {key.strip(): values.strip() for key, colon, values in lines if colon}
 
 
@@ -162,3 +167,87 @@ def _is_finite(word: str) -> bool:
         return math.isfinite(float(word))
     except ValueError:
         return False
+
+
+def parse_number(where: str, text: str) -> float:
+    """Parse a finite number.
+
+    Raises:
+        InputError: the text is none.
+    """
+    if not _is_finite(text):
+        raise InputError(f"{where}: found {text[:40]!r}, needed a finite number")
+    return float(text)
+
+
+def mapping_at(where: str, value: object) -> dict[Any, Any]:
+    """Give a mapping of a document.
+
+    Raises:
+        InputError: it is none.
+    """
+    if not isinstance(value, dict):
+        raise InputError(f"{where}: found {describe(value)}, needed a mapping")
+    return value
+
+
+def at(where: str, node: object, key: str) -> Any:
+    """Give what a mapping of a document has under a key.
+
+    Raises:
+        InputError: it has nothing there, or is no mapping.
+    """
+    mapping = mapping_at(where, node)
+    if mapping.get(key) is None:
+        raise InputError(f"{where}: {key}: found nothing, needed a value")
+    return mapping[key]
+
+
+def text_at(where: str, node: object, key: str) -> str:
+    """Give the text under a key.
+
+    Raises:
+        InputError: there is none.
+    """
+    value = at(where, node, key)
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{where}: {key}: found {describe(value)}, needed a name")
+    return value
+
+
+def numbers_in(where: str, node: object, key: str, count: int) -> list[float]:
+    """Give the list of finite numbers under a key.
+
+    Raises:
+        InputError: there is none of so many.
+    """
+    values = at(where, node, key)
+    if not isinstance(values, list) or len(values) != count:
+        raise InputError(f"{where}: {key}: found {describe(values)}, needed {count} numbers")
+    return [number(f"{where}: {key}", value) for value in values]
+
+
+def numbers_at(where: str, node: object, key: str, names: Sequence[str]) -> list[float]:
+    """Give the finite numbers that the mapping under a key has by name.
+
+    Raises:
+        InputError: there is no mapping with all of them.
+    """
+    part = mapping_at(f"{where}: {key}", at(where, node, key))
+    return [number(f"{where}: {key}.{name}", at(f"{where}: {key}", part, name)) for name in names]
+
+
+def matrix_at(where: str, node: object, key: str) -> list[float]:
+    """Give the numbers, by rows, of the 4 x 4 or 3 x 4 matrix under a key.
+
+    Raises:
+        InputError: there is none.
+    """
+    rows = at(where, node, key)
+    if (
+        not isinstance(rows, list)
+        or len(rows) not in (3, 4)
+        or any(not isinstance(row, list) or len(row) != 4 for row in rows)
+    ):
+        raise InputError(f"{where}: {key}: found {describe(rows)}, needed 4 rows of 4 numbers")
+    return [number(f"{where}: {key}", value) for row in rows for value in row]

@@ -1,0 +1,135 @@
+"""`semcal convert`: a transform from one format into another."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from semcal_cli.cli.options import PATH, Command
+
+if TYPE_CHECKING:
+    from semcal_cli.formats.format import Asked
+
+DIRECTIONS = ("lidar-to-camera", "camera-to-lidar")
+FRAMES = ("optical", "body")
+
+
+class FormatName(click.ParamType[str]):
+    """The name of a format; they are loaded when one is given, not for `--help` of other commands."""
+
+    name = "format"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Check the name."""
+        from semcal_cli.formats import FORMATS
+
+        names = [format.name for format in FORMATS]
+        if value not in names:
+            self.fail(f"found {value!r}, needed one of: {', '.join(names)}.", param, ctx)
+        return str(value)
+
+
+def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
+    """Add what says what a file leaves open: of the one that is read, or with a prefix of the one that is written."""
+
+    def add(command: Command) -> Command:
+        for option in (
+            click.option(f"--{prefix}lidar", metavar="NAME", help=f"The LiDAR's in {of}."),
+            click.option(
+                f"--{prefix}camera", metavar="NAME", help=f"The camera's frame, entry or token in {of}."
+            ),
+            click.option(
+                f"--{prefix}frame",
+                type=click.Choice(FRAMES),
+                help=f"What the camera's frame in {of} is: optical (x right, y down, z forward) or body (x forward, "
+                "y left, z up).",
+            ),
+            click.option(
+                f"--{prefix}direction",
+                type=click.Choice(DIRECTIONS),
+                help=f"Which points a bare matrix in {of} maps: p_camera = T p_lidar, or p_lidar = T p_camera.",
+            ),
+        ):
+            command = option(command)
+        return command
+
+    return add
+
+
+def make_asked(options: dict[str, Any], prefix: str = "") -> Asked:
+    """Take these options out of a command's."""
+    from semcal_cli.formats.format import Asked
+
+    return Asked(*(options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")))
+
+
+def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
+    if is_asked:
+        from semcal_cli.formats import FORMATS
+
+        for format in FORMATS:
+            click.echo(f"{format.name:<22}{format.equation}")
+        ctx.exit()
+
+
+@click.command()
+@click.argument("source", metavar="IN", type=PATH)
+@click.option("--to", type=FormatName(), metavar="FORMAT", help="What to write; see --formats.")
+@click.option(
+    "--from", "from_", type=FormatName(), metavar="FORMAT", help="What IN is, if its content does not tell."
+)
+@click.option(
+    "-o", "--output", type=PATH, metavar="FILE", help="Where it goes. Standard output if not given."
+)
+@click.option(
+    "--into",
+    type=PATH,
+    metavar="FILE",
+    help="Set the transform in this file instead, and leave its other keys and comments as they are.",
+)
+@open_options("", "IN")
+@open_options("to-", "what is written")
+@click.option("--repair", is_flag=True, help="Take the nearest rotation of one that is none, and say so.")
+@click.option(
+    "--formats",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_formats,
+    help="List them, and exit.",
+)
+def convert(
+    source: Path,
+    to: str | None,
+    from_: str | None,
+    output: Path | None,
+    into: Path | None,
+    repair: bool,
+    **options: Any,
+) -> None:
+    """Convert the transform of IN into another format."""
+    from dataclasses import replace
+
+    from semcal_cli.errors import InputError
+    from semcal_cli.formats import put_transform, read_transform, write_transform
+
+    if (to is None) == (into is None):
+        raise click.UsageError("give --to FORMAT, or --into FILE")
+    if into is not None and output is not None:
+        raise click.UsageError("-o: --into changes its own file: leave -o out")
+    written, read = make_asked(options, "to_"), make_asked(options)
+    on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
+    T_camera_lidar = read_transform(source, from_, replace(read, on_repair=on_repair))
+    if into is not None:
+        put_transform(T_camera_lidar, into, written)
+        return
+    assert to is not None
+    if output is not None and output.resolve() == source.resolve():
+        raise InputError(f"{output}: found the file that is read, needed another name")
+    content = write_transform(T_camera_lidar, output, to, written)
+    if output is None:
+        sys.stdout.buffer.write(content)

@@ -1,0 +1,112 @@
+"""Autoware's sensor_kit_calibration.yaml: p_base = T p_sensor, as x y z (metres) roll pitch yaw (radians).
+
+Poses are relative to the kit, so the LiDAR's own entry is needed. `camera0/camera_link` is a camera's body frame,
+`camera0/camera_optical_link` its optical one (Autoware documentation, "Creating a sensor model").
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from semcal_cli.documents import listed
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import (
+    CAMERA_NAME,
+    T_BODY_OPTICAL,
+    Asked,
+    Format,
+    Source,
+    from_rpy,
+    optical_axes,
+    rpy,
+    xyz,
+)
+from semcal_cli.formats.values import mapping_at, numbers_at
+from semcal_cli.poses import Pose, inverse
+
+KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+LIDAR_NAME = re.compile("lidar|velodyne|livox|pandar|ouster|hesai|robosense|rslidar", re.IGNORECASE)
+
+
+def _entries(where: str, document: Any) -> dict[str, Any]:
+    """The sensors of the kit, by name."""
+    kits = [value for value in mapping_at(where, document).values() if _is_kit(value)]
+    if len(kits) != 1:
+        needed = "needed one: a base frame with sensors of x y z roll pitch yaw"
+        raise InputError(f"{where}: found {len(kits)} kits, {needed}")
+    kit: dict[str, Any] = kits[0]
+    return kit
+
+
+def _is_kit(value: object) -> bool:
+    return isinstance(value, dict) and bool(value) and all(_is_sensor(entry) for entry in value.values())
+
+
+def _is_sensor(entry: object) -> bool:
+    return isinstance(entry, dict) and entry.keys() >= set(KEYS)
+
+
+def _name(
+    where: str, entries: dict[str, Any], wanted: str | None, pattern: re.Pattern[str], option: str
+) -> str:
+    if wanted is not None and wanted in entries:
+        return wanted
+    found = [name for name in entries if pattern.search(name)]
+    if wanted is not None or len(found) != 1:
+        raise InputError(f"{where}: found sensors {listed(entries)}, needed {option} to name one of them")
+    return found[0]
+
+
+def _names(where: str, entries: dict[str, Any], asked: Asked) -> tuple[str, str]:
+    prefix = "--to-" if where == "--into" else "--"
+    return (
+        _name(where, entries, asked.camera, CAMERA_NAME, f"{prefix}camera"),
+        _name(where, entries, asked.lidar, LIDAR_NAME, f"{prefix}lidar"),
+    )
+
+
+def _pose(where: str, entries: dict[str, Any], name: str) -> Pose:
+    values = numbers_at(where, entries, name, KEYS)
+    return from_rpy(f"{where}: {name}", values[3:], values[:3])
+
+
+def _axes(where: str, camera: str, asked: Asked) -> Pose:
+    """T_frame_optical of the camera's frame; `camera_link` is a body frame here."""
+    if asked.frame is None and camera.endswith("camera_link"):
+        return T_BODY_OPTICAL
+    return optical_axes(where, camera, asked)
+
+
+def _read(source: Source, asked: Asked) -> Pose:
+    where = str(source.path)
+    entries = _entries(where, source.document)
+    camera, lidar = _names(where, entries, asked)
+    T_base_optical = _pose(where, entries, camera) @ _axes(where, camera, asked)
+    return inverse(T_base_optical) @ _pose(where, entries, lidar)
+
+
+def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+    where = "--into"
+    entries = _entries(where, document)
+    camera, lidar = _names(where, entries, asked)
+    T_base_optical = _pose(where, entries, lidar) @ inverse(T_camera_lidar)
+    T = T_base_optical @ inverse(_axes(where, camera, asked))
+    entries[camera].update(zip(KEYS, [*xyz(T), *rpy(T)], strict=True))
+
+
+def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    raise InputError(
+        "--to autoware: poses are relative to the sensor kit, needed --into a sensor_kit_calibration.yaml with the "
+        "LiDAR's own entry"
+    )
+
+
+FORMAT = Format(
+    "autoware",
+    "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each sensor",
+    lambda source: len([kit for kit in source.mapping.values() if _is_kit(kit)]) == 1,
+    _read,
+    _write,
+    _put,
+)

@@ -1,0 +1,290 @@
+"""What a format of transforms offers, what a file is, and what it leaves open."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.documents import document_text, parse_any, read_bytes
+from semcal_cli.errors import InputError
+from semcal_cli.formats.values import rigid
+from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+
+Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
+"""Which points a matrix maps: p_camera = T p_lidar, or p_lidar = T p_camera."""
+CameraFrame: TypeAlias = Literal["optical", "body"]
+"""Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
+
+LIDAR, CAMERA, CAMERA_BODY = "lidar", "camera_optical_frame", "camera_link"
+"""What frames are called where nobody says."""
+CAMERA_NAME = re.compile("cam|optical", re.IGNORECASE)
+OPTICAL_NAME = re.compile("optical", re.IGNORECASE)
+
+T_BODY_OPTICAL = np.eye(4)
+T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the user says beside the file."""
+
+    direction: Direction | None = None
+    frame: CameraFrame | None = None
+    """What the camera's frame in the file is."""
+    camera: str | None = None
+    """The name in the file of the camera's frame, entry or token."""
+    lidar: str | None = None
+    """Likewise of the LiDAR's."""
+    on_repair: Callable[[str], None] | None = None
+    """Told of each rotation that was none and was replaced by the nearest; None: such files are refused."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that may hold a transform."""
+
+    path: Path
+    content: bytes
+
+    @classmethod
+    def read(cls, path: Path) -> Source:
+        """Read a file.
+
+        Raises:
+            InputError: there is none, or it is too large to hold a transform.
+        """
+        content = read_bytes(path, MAX_BYTES + 1)
+        if len(content) > MAX_BYTES:
+            raise InputError(f"{path}: found more than {MAX_BYTES:,} bytes, needed a file with a transform")
+        return cls(path, content)
+
+    @property
+    def text(self) -> str:
+        """Its text.
+
+        Raises:
+            InputError: it is not UTF-8.
+        """
+        try:
+            return self.content.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise InputError(f"{self.path}: byte {error.start} is not UTF-8, needed text") from None
+
+    @property
+    def document(self) -> Any:
+        """What it holds as JSON, by its suffix, or as YAML.
+
+        Raises:
+            InputError: it is neither.
+        """
+        return parse_any(self.text, self.path)
+
+    @cached_property
+    def mapping(self) -> dict[Any, Any]:
+        """Likewise if that is a mapping; an empty one otherwise: to recognise formats by."""
+        found = self._quietly()
+        return found if isinstance(found, dict) else {}
+
+    @cached_property
+    def records(self) -> list[dict[Any, Any]]:
+        """Likewise if it is a list of mappings."""
+        found = self._quietly()
+        is_so = isinstance(found, list) and all(isinstance(item, dict) for item in found)
+        return found if is_so else []
+
+    def _quietly(self) -> Any:
+        try:
+            return self.document
+        except InputError:
+            return None
+
+    @property
+    def is_text(self) -> bool:
+        """Whether it is UTF-8."""
+        try:
+            return bool(self.text) or True
+        except InputError:
+            return False
+
+
+MAX_BYTES = 50_000_000
+
+Put: TypeAlias = Callable[[Any, Pose, Asked], None]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format of transforms."""
+
+    name: str
+    equation: str
+    """Which points its numbers map, and where they stand."""
+    recognises: Callable[[Source], bool]
+    read: Callable[[Source, Asked], Pose]
+    """Gives T_camera_lidar; raises `InputError` where the file is wrong or leaves something open."""
+    write: Callable[[Pose, Asked], bytes]
+    """Makes a new file of T_camera_lidar; raises `InputError` where something is left open."""
+    put: Put | None = None
+    """Sets the transform in a document of this format and leaves the rest, if it is one."""
+
+
+def document_writer(put: Put, *, as_json: bool = False) -> Callable[[Pose, Asked], bytes]:
+    """Write a new file by putting a transform into an empty document."""
+
+    def write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+        document: dict[str, Any] = {}
+        put(document, T_camera_lidar, asked)
+        return document_text(document, "json" if as_json else "yaml").encode()
+
+    return write
+
+
+def checked(where: str, T: Pose, asked: Asked) -> Pose:
+    """Give the transform that a file states but for rounding, or if repairs are asked for the nearest one.
+
+    Raises:
+        InputError: it is not rigid, or farther than any rig.
+    """
+    if asked.on_repair is None or not np.isfinite(T).all():
+        try:
+            return rigid(where, T)
+        except InputError as error:
+            repair = "; --repair takes the nearest rotation" if "needed a rotation" in str(error) else ""
+            raise InputError(f"{error}{repair}") from None
+    U, scales, Vt = np.linalg.svd(T[:3, :3])
+    nearest = T.copy()
+    nearest[:3, :3] = U @ Vt
+    if np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > 0.0 and np.abs(scales - 1.0).max() > ROUNDING:
+        asked.on_repair(
+            f"{where}: found no rotation (determinant {np.prod(scales):.4g}, rows stretched by {scales[-1]:.4g} to "
+            f"{scales[0]:.4g}), took the nearest"
+        )
+        return rigid(where, nearest)
+    return rigid(where, T)
+
+
+ROUNDING = 1e-6
+
+
+def from_rows(where: str, values: npt.ArrayLike, asked: Asked) -> Pose:
+    """Make a transform of the 12 or 16 numbers of its rows.
+
+    Raises:
+        InputError: they are no rigid transform.
+    """
+    rows = np.array(values, np.float64).reshape(-1, 4)
+    return checked(
+        where, np.vstack([rows[:3], rows[3:] if len(rows) == 4 else [[0.0, 0.0, 0.0, 1.0]]]), asked
+    )
+
+
+def from_quaternion(where: str, xyzw: list[float], xyz: list[float], asked: Asked) -> Pose:
+    """Make a transform of a unit quaternion and a translation, metres.
+
+    Raises:
+        InputError: the quaternion is not of unit norm, or the translation farther than any rig.
+    """
+    norm = float(np.linalg.norm(xyzw))
+    if asked.on_repair is not None and norm > 0.0 and abs(norm - 1.0) > ROUNDING:
+        asked.on_repair(f"{where}: found a quaternion of norm {norm:.6g}, scaled it to 1")
+        xyzw = [value / norm for value in xyzw]
+    try:
+        return rigid(where, pose_from_quaternion(xyzw, xyz))
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def from_rpy(where: str, rpy_rad: list[float], xyz: list[float]) -> Pose:
+    """Make a transform of roll, pitch and yaw as in URDF, R = Rz(yaw) Ry(pitch) Rx(roll), and a translation, metres."""
+    from scipy.spatial.transform import Rotation
+
+    T = np.eye(4)
+    T[:3, :3] = Rotation.from_euler("xyz", rpy_rad).as_matrix()
+    T[:3, 3] = xyz
+    return rigid(where, T)
+
+
+def rpy(T: Pose) -> list[float]:
+    """Roll, pitch and yaw in radians, as in URDF."""
+    import warnings
+
+    from scipy.spatial.transform import Rotation
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # At a pitch of 90 degrees roll is set to 0, which is as good as any.
+        angles: list[float] = Rotation.from_matrix(T[:3, :3]).as_euler("xyz").tolist()
+    return angles
+
+
+def xyz(T: Pose) -> list[float]:
+    """Translation in metres."""
+    values: list[float] = T[:3, 3].tolist()
+    return values
+
+
+def wxyz(T: Pose) -> list[float]:
+    """Unit quaternion, w first."""
+    x, y, z, w = quaternion_xyzw(T).tolist()
+    return [w, x, y, z]
+
+
+def turned(where: str, T: Pose, asked: Asked) -> Pose:
+    """Give T_camera_lidar of a transform whose direction the file does not say, or the other way round.
+
+    Raises:
+        InputError: the user does not say it, either.
+    """
+    if asked.direction is None:
+        option = "--to-direction" if where.startswith("--to") else "--direction"
+        needed = f"needed {option} lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
+        raise InputError(f"{where}: found a transform of no stated direction, {needed}")
+    return T if asked.direction == "lidar-to-camera" else inverse(T)
+
+
+def between(where: str, T_parent_child: Pose, parent: str, child: str, asked: Asked) -> Pose:
+    """Give T_camera_lidar of a transform between two named frames, p_parent = T p_child.
+
+    Raises:
+        InputError: names do not tell which frame is the camera's, or whether it is an optical one, and the user does
+            not say it.
+    """
+    cameras = [name for name in (parent, child) if CAMERA_NAME.search(name)]
+    camera = asked.camera or (cameras[0] if len(cameras) == 1 else None)
+    if camera not in (parent, child) or parent == child:
+        raise InputError(
+            f"{where}: found frames {parent!r} and {child!r}, needed --camera to name the camera's"
+        )
+    lidar = parent if camera == child else child
+    if asked.lidar not in (None, lidar):
+        raise InputError(
+            f"{where}: found frames {parent!r} and {child!r}, needed {asked.lidar!r} as --lidar says"
+        )
+    T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
+    return inverse(T_lidar_camera @ optical_axes(where, camera, asked))
+
+
+def optical_axes(where: str, camera: str, asked: Asked) -> Pose:
+    """T_frame_optical of a camera's frame, by its name or by what the user says.
+
+    Raises:
+        InputError: neither tells.
+    """
+    frame = asked.frame or ("optical" if OPTICAL_NAME.search(camera) else None)
+    if frame is None:
+        needed = "needed --frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        raise InputError(f"{where}: found the camera's frame {camera!r}, {needed}")
+    return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
+
+
+def named(T_camera_lidar: Pose, asked: Asked) -> tuple[Pose, str, str]:
+    """T_lidar_frame of the camera's frame that is to be written, and the names of both."""
+    is_body = asked.frame == "body"
+    T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
+    return T, asked.lidar or LIDAR, asked.camera or (CAMERA_BODY if is_body else CAMERA)

@@ -1,0 +1,80 @@
+"""KITTI's `Tr` (odometry, calib.txt) and `Tr_velo_to_cam` with `R0_rect` (object): p_camera0 = [R0_rect] T p_velo.
+
+Camera 0 is the rectified one; the others are moved along its x axis, as `P1` to `P3` say (Geiger et al., *Vision meets
+robotics: The KITTI dataset*, 2013, eqs. 3 to 6).
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import Asked, Format, Source, checked, from_rows
+from semcal_cli.formats.values import keyed_lines, numbers
+from semcal_cli.poses import Pose
+
+OBJECT_KEY, ODOMETRY_KEY = "Tr_velo_to_cam", "Tr"
+
+
+def _shift(source: Source, keyed: dict[str, str], asked: Asked) -> Pose:
+    """T_camera_camera0 of the camera `P0` to `P3` that is asked for; the identity if none is."""
+    T = np.eye(4)
+    if asked.camera is not None:
+        P = numbers(source.path, keyed, asked.camera, 12).reshape(3, 4)
+        try:
+            T[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
+        except np.linalg.LinAlgError:
+            raise InputError(f"{source.path}: {asked.camera}: found no K to invert, needed one") from None
+    return T
+
+
+def _read_odometry(source: Source, asked: Asked) -> Pose:
+    keyed = keyed_lines(source.text)
+    T = from_rows(f"{source.path}: {ODOMETRY_KEY}", numbers(source.path, keyed, ODOMETRY_KEY, 12), asked)
+    return _shift(source, keyed, asked) @ T
+
+
+def _read_object(source: Source, asked: Asked) -> Pose:
+    keyed = keyed_lines(source.text)
+    T = from_rows(f"{source.path}: {OBJECT_KEY}", numbers(source.path, keyed, OBJECT_KEY, 12), asked)
+    R0 = np.eye(4)
+    R0[:3, :3] = numbers(source.path, keyed, "R0_rect", 9).reshape(3, 3)
+    return _shift(source, keyed, asked) @ checked(f"{source.path}: R0_rect", R0, asked) @ T
+
+
+def row(T: Pose) -> str:
+    """The 12 numbers of a transform."""
+    return " ".join(map(repr, T[:3].ravel().tolist()))
+
+
+def _write_odometry(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    return f"{ODOMETRY_KEY}: {row(T_camera_lidar)}\n".encode()
+
+
+def _write_object(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    identity = " ".join(map(repr, np.eye(3).ravel().tolist()))
+    return f"R0_rect: {identity}\n{OBJECT_KEY}: {row(T_camera_lidar)}\n".encode()
+
+
+def _has(source: Source, key: str) -> bool:
+    with suppress(InputError):
+        return key in keyed_lines(source.text)
+    return False
+
+
+ODOMETRY = Format(
+    "kitti-odometry",
+    "p_camera0 = Tr p_velo; --camera P2 for another camera",
+    lambda source: _has(source, ODOMETRY_KEY),
+    _read_odometry,
+    _write_odometry,
+)
+OBJECT = Format(
+    "kitti-object",
+    "p_camera0 = R0_rect Tr_velo_to_cam p_velo; --camera P2 for another camera",
+    lambda source: _has(source, OBJECT_KEY),
+    _read_object,
+    _write_object,
+)

@@ -1,0 +1,99 @@
+"""Bare numbers, whose --direction has to be given: an array or a text of 3 x 4 or 4 x 4, or a line of TUM's format."""
+
+from __future__ import annotations
+
+import io
+import re
+from contextlib import suppress
+
+import numpy as np
+
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import Asked, Format, Source, from_quaternion, from_rows, turned, xyz
+from semcal_cli.formats.values import parse_numbers
+from semcal_cli.poses import Pose, quaternion_xyzw
+
+SHAPES = ((3, 4), (4, 4))
+NPY = b"\x93NUMPY"
+SEPARATORS = re.compile(r"[,;\[\]()]")
+
+
+def _read_array(source: Source, asked: Asked) -> Pose:
+    try:
+        array = np.load(io.BytesIO(source.content), allow_pickle=False)
+    except (ValueError, EOFError, OSError, MemoryError) as error:
+        raise InputError(f"{source.path}: {str(error).splitlines()[0]}, needed a NumPy array") from None
+    if not isinstance(array, np.ndarray) or array.shape not in SHAPES or array.dtype.kind not in "fiu":
+        found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "several arrays"
+        raise InputError(f"{source.path}: found {found}, needed numbers of shape (4, 4) or (3, 4)")
+    if not np.isfinite(array).all():
+        raise InputError(f"{source.path}: found a number that is not finite, needed a transform")
+    return turned(str(source.path), from_rows(str(source.path), array.astype(np.float64), asked), asked)
+
+
+def _write_array(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    buffer = io.BytesIO()
+    np.save(buffer, turned("--to npy", T_camera_lidar, asked))
+    return buffer.getvalue()
+
+
+def _lines(source: Source) -> list[str]:
+    """Lines of numbers, without comments and brackets."""
+    lines = (SEPARATORS.sub(" ", line.split("#")[0]) for line in source.text.splitlines())
+    return [line for line in lines if line.strip()]
+
+
+def _read_text(source: Source, asked: Asked) -> Pose:
+    values = parse_numbers(source.path, "matrix", " ".join(_lines(source)), 12, 16)
+    return turned(str(source.path), from_rows(str(source.path), values, asked), asked)
+
+
+def _write_text(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    rows = turned("--to text", T_camera_lidar, asked).tolist()
+    return "".join(" ".join(map(repr, row)) + "\n" for row in rows).encode()
+
+
+def _read_tum(source: Source, asked: Asked) -> Pose:
+    lines = _lines(source)
+    if len(lines) != 1:
+        raise InputError(f"{source.path}: found {len(lines)} lines, needed one: stamp x y z qx qy qz qw")
+    _, x, y, z, *quaternion = parse_numbers(source.path, "line 1", lines[0], 8).tolist()
+    where = str(source.path)
+    return turned(where, from_quaternion(where, quaternion, [x, y, z], asked), asked)
+
+
+def _write_tum(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    T = turned("--to tum", T_camera_lidar, asked)
+    return (" ".join(map(repr, [0.0, *xyz(T), *quaternion_xyzw(T).tolist()])) + "\n").encode()
+
+
+def _counts(source: Source) -> list[int]:
+    """How many numbers there are a line; none if there is something else."""
+    with suppress(InputError):
+        lines = _lines(source)
+        parse_numbers(source.path, "", " ".join(lines), sum(len(line.split()) for line in lines))
+        return [len(line.split()) for line in lines]
+    return []
+
+
+ARRAY = Format(
+    "npy",
+    "p = T p of --direction: a NumPy array, 4 x 4 or 3 x 4",
+    lambda source: source.content.startswith(NPY),
+    _read_array,
+    _write_array,
+)
+TEXT = Format(
+    "text",
+    "p = T p of --direction: 4 x 4 or 3 x 4 numbers",
+    lambda source: source.path.name != "calib_cam_to_velo.txt" and sum(_counts(source)) in (12, 16),
+    _read_text,
+    _write_text,
+)
+TUM = Format(
+    "tum",
+    "p = T p of --direction: a line, stamp x y z qx qy qz qw",
+    lambda source: _counts(source) == [8],
+    _read_tum,
+    _write_tum,
+)

@@ -1,0 +1,77 @@
+"""nuScenes' calibrated_sensor.json: p_ego = T p_sensor, rotation w x y z. The LiDAR's own entry is needed.
+
+Sensors are named by their token or, where sensor.json lies beside the table and a channel has one entry, by channel.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from semcal_cli.documents import listed, read_list
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import Asked, Format, Source, from_quaternion, wxyz, xyz
+from semcal_cli.formats.values import numbers_in
+from semcal_cli.poses import Pose, inverse
+
+KEYS = {"token", "sensor_token", "translation", "rotation"}
+
+
+def _channels(source: Source) -> dict[Any, Any]:
+    """Names of sensors by their token, as far as there is a table of them."""
+    path = source.path.with_name("sensor.json")
+    if not path.is_file():
+        return {}
+    return {record.get("token"): record.get("channel") for record in read_list(path)}
+
+
+def _record(
+    where: str, records: list[dict[Any, Any]], channels: dict[Any, Any], wanted: str | None, option: str
+) -> dict[Any, Any]:
+    def names(record: dict[Any, Any]) -> tuple[Any, Any]:
+        return record.get("token"), channels.get(record.get("sensor_token"))
+
+    found = [record for record in records if wanted is not None and wanted in names(record)]
+    if len(found) != 1:
+        known = listed(channel or token for token, channel in map(names, records))
+        problem = "nothing of that name" if wanted and not found else f"{len(found) or len(records)} sensors"
+        raise InputError(
+            f"{where}: found {problem}, needed {option} with the token or channel of one of: {known}"
+        )
+    return found[0]
+
+
+def _pose(where: str, record: dict[Any, Any], asked: Asked) -> Pose:
+    w, x, y, z = numbers_in(where, record, "rotation", 4)
+    return from_quaternion(where, [x, y, z, w], numbers_in(where, record, "translation", 3), asked)
+
+
+def _read(source: Source, asked: Asked) -> Pose:
+    where = str(source.path)
+    records, channels = source.records, _channels(source)
+    camera = _pose(where, _record(where, records, channels, asked.camera, "--camera"), asked)
+    return inverse(camera) @ _pose(where, _record(where, records, channels, asked.lidar, "--lidar"), asked)
+
+
+def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+    where = "--into"
+    camera = _record(where, document, {}, asked.camera, "--to-camera")
+    lidar = _record(where, document, {}, asked.lidar, "--to-lidar")
+    T = _pose(where, lidar, asked) @ inverse(T_camera_lidar)
+    camera["translation"], camera["rotation"] = xyz(T), wxyz(T)
+
+
+def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    raise InputError(
+        "--to nuscenes: poses are relative to the vehicle, needed --into a calibrated_sensor.json with the LiDAR's own "
+        "entry"
+    )
+
+
+FORMAT = Format(
+    "nuscenes",
+    "p_ego = T p_sensor: calibrated_sensor.json, --camera and --lidar name two entries",
+    lambda source: bool(source.records) and all(record.keys() >= KEYS for record in source.records),
+    _read,
+    _write,
+    _put,
+)

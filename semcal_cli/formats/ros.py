@@ -1,0 +1,168 @@
+"""ROS 2's `static_transform_publisher`, on a command line or in an XML launch file: p_parent = T p_child.
+
+`--frame-id` is the parent, `--child-frame-id` the child. Without names of arguments, as in ROS 1: x y z yaw pitch roll,
+or x y z qx qy qz qw, then parent and child (geometry2, tf2_ros/src/static_transform_broadcaster_program.cpp).
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from contextlib import suppress
+
+from semcal_cli.documents import listed
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import (
+    CAMERA_NAME,
+    Asked,
+    Format,
+    Source,
+    between,
+    from_quaternion,
+    from_rpy,
+    named,
+    xyz,
+)
+from semcal_cli.formats.values import parse_number
+from semcal_cli.formats.xml import parse_xml
+from semcal_cli.poses import Pose, quaternion_xyzw
+
+PUBLISHER = "static_transform_publisher"
+PLACES, QUATERNION, ANGLES = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("roll", "pitch", "yaw")
+NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+
+
+def _read_command(source: Source, asked: Asked) -> Pose:
+    words = _words(str(source.path), " ".join(source.text.replace("\\\n", " ").split()))
+    if PUBLISHER not in words:
+        raise InputError(f"{source.path}: found no {PUBLISHER}, needed its command line")
+    return _transform(str(source.path), words[words.index(PUBLISHER) + 1 :], asked)
+
+
+def _read_launch(source: Source, asked: Asked) -> Pose:
+    nodes = [node for node in parse_xml(source.text, source.path).iter("node") if _is_publisher(node.attrib)]
+    if not nodes:
+        raise InputError(f"{source.path}: found no node of {PUBLISHER}, needed one")
+    where = f"{source.path}: {PUBLISHER}"
+    candidates = [_words(where, node.get("args", "")) for node in nodes]
+    if len(candidates) > 1:
+        wanted = asked.camera
+        candidates = [
+            words
+            for words in candidates
+            if any(word == wanted if wanted else CAMERA_NAME.search(word) for word in _frames(words))
+        ]
+    if len(candidates) != 1:
+        found = listed(" to ".join(_frames(_words(where, node.get("args", "")))) for node in nodes)
+        raise InputError(f"{where}: found transforms {found}, needed --camera to name the camera's frame")
+    return _transform(where, candidates[0], asked)
+
+
+def _is_publisher(attributes: dict[str, str]) -> bool:
+    return PUBLISHER in (attributes.get("exec"), attributes.get("type"))
+
+
+def _words(where: str, text: str) -> list[str]:
+    try:
+        return shlex.split(text)
+    except ValueError as error:
+        raise InputError(f"{where}: {str(error).lower()}, needed a command line") from None
+
+
+def _frames(words: list[str]) -> list[str]:
+    """Parent and child, as far as they are there."""
+    options = dict(zip(words[::2], words[1::2], strict=False))
+    if "--frame-id" in options:
+        return [options["--frame-id"], options.get("--child-frame-id", "")]
+    return [word for word in words if not NUMBER.fullmatch(word)][:2]
+
+
+def _transform(where: str, words: list[str], asked: Asked) -> Pose:
+    if words and NUMBER.fullmatch(words[0]):
+        count = next((i for i, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
+        names = {6: (*PLACES, *reversed(ANGLES)), 7: (*PLACES, *QUATERNION)}.get(count)
+        if names is None or len(words) < count + 2:
+            raise InputError(f"{where}: found {count} numbers, needed 6 or 7, then parent and child")
+        options = dict(zip(names, words[:count], strict=True))
+        parent, child = words[count : count + 2]
+    else:
+        options = {}
+        for name, value in zip(words[::2], words[1::2], strict=False):
+            if name == "--ros-args":
+                break
+            options[name.removeprefix("--")] = value
+        known = {*PLACES, *QUATERNION, *ANGLES, "frame-id", "child-frame-id"}
+        if unknown := [name for name in options if name not in known]:
+            raise InputError(
+                f"{where}: found argument {unknown[0]!r}, needed some of: {', '.join(sorted(known))}"
+            )
+        missing = [name for name in ("frame-id", "child-frame-id") if name not in options]
+        if missing:
+            raise InputError(f"{where}: found no --{missing[0]}, needed it")
+        parent, child = options.pop("frame-id"), options.pop("child-frame-id")
+
+    def values(names: tuple[str, ...], usual: tuple[float, ...]) -> list[float]:
+        return [
+            parse_number(f"{where}: --{name}", options[name]) if name in options else default
+            for name, default in zip(names, usual, strict=True)
+        ]
+
+    place = values(PLACES, (0.0,) * 3)
+    if any(name in options for name in ANGLES):
+        if any(name in options for name in QUATERNION):
+            raise InputError(f"{where}: found a quaternion and angles, needed one of them")
+        T = from_rpy(where, values(ANGLES, (0.0,) * 3), place)
+    else:
+        T = from_quaternion(where, values(QUATERNION, (0.0, 0.0, 0.0, 1.0)), place, asked)
+    return between(where, T, parent, child, asked)
+
+
+def _arguments(T_camera_lidar: Pose, asked: Asked) -> str:
+    T, lidar, camera = named(T_camera_lidar, asked)
+    pairs = [
+        *zip(PLACES, xyz(T), strict=True),
+        *zip(QUATERNION, quaternion_xyzw(T).tolist(), strict=True),
+        ("frame-id", shlex.quote(lidar)),
+        ("child-frame-id", shlex.quote(camera)),
+    ]
+    return " ".join(f"--{name} {value}" for name, value in pairs)
+
+
+def _write_command(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    return f"ros2 run tf2_ros {PUBLISHER} {_arguments(T_camera_lidar, asked)}\n".encode()
+
+
+def _write_launch(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    from xml.sax.saxutils import quoteattr
+
+    arguments = quoteattr(_arguments(T_camera_lidar, asked))
+    node = f'<node pkg="tf2_ros" exec="{PUBLISHER}" args={arguments}/>'
+    return f"<launch>\n  {node}\n</launch>\n".encode()
+
+
+def _is_command(source: Source) -> bool:
+    with suppress(InputError):
+        return PUBLISHER in source.text and not source.text.lstrip().startswith("<")
+    return False
+
+
+def _is_launch(source: Source) -> bool:
+    with suppress(InputError):
+        return source.text.lstrip().startswith("<") and "<launch" in source.text
+    return False
+
+
+COMMAND = Format(
+    "ros2-static-transform",
+    "p_parent = T p_child: --x --y --z --qx --qy --qz --qw --frame-id LIDAR --child-frame-id CAMERA",
+    _is_command,
+    _read_command,
+    _write_command,
+)
+LAUNCH = Format(
+    "ros2-launch",
+    "p_parent = T p_child: a node of static_transform_publisher in an XML launch file",
+    _is_launch,
+    _read_launch,
+    _write_launch,
+)

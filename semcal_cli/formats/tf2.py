@@ -1,0 +1,80 @@
+"""tf2's TransformStamped as YAML, and Apollo's extrinsics, which have its layout: p_parent = T p_child.
+
+`header.frame_id` is the parent. Apollo's child is a camera's optical frame (apollo, modules/drivers/camera/params).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import (
+    Asked,
+    Format,
+    Source,
+    between,
+    document_writer,
+    from_quaternion,
+    named,
+    xyz,
+)
+from semcal_cli.formats.values import at, mapping_at, numbers_at, text_at
+from semcal_cli.poses import Pose, quaternion_xyzw
+
+
+def _read(source: Source, asked: Asked) -> Pose:
+    document, where = mapping_at(str(source.path), source.document), str(source.path)
+    transform = at(where, document, "transform")
+    place = numbers_at(where, transform, "translation", ("x", "y", "z"))
+    quaternion = numbers_at(where, transform, "rotation", ("x", "y", "z", "w"))
+    parent = text_at(where, at(where, document, "header"), "frame_id")
+    child = text_at(where, document, "child_frame_id")
+    return between(where, from_quaternion(where, quaternion, place, asked), parent, child, asked)
+
+
+def _read_apollo(source: Source, asked: Asked) -> Pose:
+    document, where = mapping_at(str(source.path), source.document), str(source.path)
+    camera = asked.camera or text_at(where, document, "child_frame_id")
+    return _read(source, replace(asked, camera=camera, frame=asked.frame or "optical"))
+
+
+def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+    T, lidar, camera = named(T_camera_lidar, asked)
+    x, y, z, w = quaternion_xyzw(T).tolist()
+    header = document.setdefault("header", {"frame_id": lidar})
+    if "child_frame_id" in document:
+        # A file that names its frames keeps them.
+        parent, child = header.get("frame_id"), document["child_frame_id"]
+        if (asked.lidar or parent, asked.camera or child) != (parent, child):
+            raise InputError(
+                f"--into: found frames {parent!r} and {child!r}, needed {asked.lidar or parent!r} and "
+                f"{asked.camera or child!r}"
+            )
+    document.setdefault("child_frame_id", camera)
+    transform = document.setdefault("transform", {})
+    for name, keys, values in (("translation", "xyz", xyz(T)), ("rotation", "xyzw", [x, y, z, w])):
+        part = transform.setdefault(name, {})
+        part.update(zip(keys, values, strict=True))
+
+
+def _recognises(source: Source) -> bool:
+    return {"header", "child_frame_id", "transform"} <= source.mapping.keys()
+
+
+TF2 = Format(
+    "tf2",
+    "p_parent = T p_child: header.frame_id, child_frame_id, transform.translation, transform.rotation (x y z w)",
+    _recognises,
+    _read,
+    document_writer(_put),
+    _put,
+)
+APOLLO = Format(
+    "apollo",
+    "p_parent = T p_child as in tf2; the child is a camera's optical frame",
+    lambda source: False,  # Of the same layout as tf2, which reads it wherever names tell the camera.
+    _read_apollo,
+    document_writer(_put),
+    _put,
+)
