@@ -125,6 +125,33 @@ def read_observations(drive: Drive) -> Observations:
     )
 
 
+def load_points(drive: Drive) -> Observations:
+    """Load the clouds of a drive, and its label images where every frame has one; no point has a class.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says.
+    """
+    clouds = read_clouds(drive)
+    points, twists_per_s = compensated(drive, clouds)
+    observations = Observations(
+        camera=drive.camera,
+        lidar=drive.lidar,
+        points=points,
+        point_classes=[np.full(len(cloud), NO_CLASS, np.uint8) for cloud in points],
+        image_classes=[],
+        point_class_names=[],
+        image_class_names=[],
+        twists_per_s=twists_per_s,
+    )
+    if any(frame.image_labels is None for frame in drive.frames):
+        return observations
+    pictures = read_pictures(drive)
+    table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
+    size = drive.camera.height, drive.camera.width
+    classes = [_dense(picture, table)[0].reshape(size) for picture in pictures]
+    return replace(observations, image_classes=classes, image_class_names=table.names)
+
+
 def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
     """Red, green, blue of each class of colour-coded label images, in the palette's order."""
     return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]

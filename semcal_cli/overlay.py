@@ -1,10 +1,12 @@
-"""Pictures of LiDAR points on camera images, coloured by class: what a calibration looks like."""
+"""Pictures of LiDAR points on camera images, coloured by class, depth or agreement: what a calibration looks like."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -22,7 +24,8 @@ from semcal_cli.poses import Pose
 Picture: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
 Colors: TypeAlias = npt.NDArray[np.uint8]
-"""(C, 3) blue, green, red of each class."""
+"""(C, 3) blue, green, red of each class, or of each point."""
+Coloring: TypeAlias = Literal["class", "depth", "agreement"]
 
 # Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on a picture.
 CARLA_COLORS = {
@@ -74,6 +77,18 @@ QUALITATIVE_COLORS = (
     (150, 100, 60),
 )
 
+# Red, green, blue, of Okabe and Ito's.
+AGREEMENT_COLORS = {
+    "agree": (0, 158, 115),
+    "disagree": (213, 94, 0),
+    "hidden from the camera": (120, 120, 120),
+}
+DEPTHS_M = (2.0, 100.0)
+"""Colours span these, as logarithms; the legend names some between."""
+DEPTH_STEPS_M = (2, 5, 10, 20, 50, 100)
+WIDE = 2.0
+"""Pictures of so many columns a row, or more, are put above each other."""
+
 BACKGROUND_STRENGTH = 0.6
 BACKGROUND_GRAY = 0.6
 """How much of a picture's colour is taken out, so that the dots' colours are the only ones."""
@@ -94,24 +109,23 @@ def class_colors(names: Sequence[str]) -> Colors:
     return np.array(rgb, dtype=np.uint8).reshape(-1, 3)[:, ::-1]
 
 
-def visible_points(
-    points: npt.NDArray[np.float32], classes: npt.NDArray[np.uint8], T_camera_lidar: Pose, camera: Camera
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
-    """Find the labelled points that the camera sees.
+class Seen(NamedTuple):
+    """Points that land in a picture, farthest first."""
 
-    Args:
-        points: (N, 3), metres, LiDAR frame.
-        classes: (N,), `NO_CLASS` for those without a label.
-        T_camera_lidar: (4, 4).
-        camera: Where they land.
+    indices: npt.NDArray[np.intp]
+    pixels: npt.NDArray[np.intp]
+    """(M, 2), (u, v), the nearest."""
+    ranges_m: npt.NDArray[np.float64]
+    """(M,) from the camera."""
+    is_hidden: npt.NDArray[np.bool_]
 
-    Returns:
-        The nearest pixels (M, 2), (u, v), and the classes (M,), farthest first.
-    """
+
+def points_in_picture(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
+    """Find the points (N, 3), metres, LiDAR frame, that land in the picture, and tell which of them are hidden."""
     pixels, ranges, hidden = _core.land(core_camera(camera), points, T_camera_lidar)
-    seen = np.flatnonzero(np.isfinite(ranges) & ~hidden & (classes != NO_CLASS))
+    seen = np.flatnonzero(np.isfinite(ranges))
     seen = seen[np.argsort(-ranges[seen], kind="stable")]
-    return np.rint(pixels[seen]).astype(np.intp), classes[seen]
+    return Seen(seen, np.rint(pixels[seen]).astype(np.intp), ranges[seen], hidden[seen])
 
 
 def draw_overlay(
@@ -132,7 +146,8 @@ def draw_overlay(
         camera: The camera that took the picture.
         palette: (C, 3) blue, green, red.
     """
-    return _draw_points(_dim(image_bgr), points, classes, T_camera_lidar, camera, palette)
+    pixels, shown = _by_class(points_in_picture(points, T_camera_lidar, camera), classes)
+    return _draw_dots(_dim(image_bgr), pixels, palette[shown])
 
 
 def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Picture:
@@ -169,57 +184,128 @@ def before_after(pictures: Mapping[str, Picture], *, stacked: bool = False) -> P
     return np.vstack(captioned) if stacked else np.hstack(captioned)
 
 
-def write_overlay(
-    drive: Drive,
-    observations: Observations,
-    poses: Mapping[str, Pose],
-    frame: int,
-    path: Path,
-    *,
-    stacked: bool = False,
-) -> None:
-    """Write a PNG of one frame's points on its picture, at each pose under its caption, and a legend.
+@dataclass(frozen=True)
+class Overlays:
+    """Pictures of the frames of a drive with their points, at each pose under its caption, and a legend.
 
-    A frame without a picture shows its label image instead.
-
-    Args:
-        drive: Where the picture is looked for.
-        observations: Of the same drive.
-        poses: T_camera_lidar (4, 4) by caption.
-        frame: Its number, from 0.
-        path: The .png to write.
-        stacked: Put the poses above each other, instead of beside.
-
-    Raises:
-        InputError: there is no such frame, its picture is wrong, or the file cannot be written.
+    A frame without a picture shows its label image instead. Poses are put beside each other, those of wide pictures
+    above each other.
     """
-    if not 0 <= frame < observations.num_frames:
-        raise InputError(f"{drive.path}: found {observations.num_frames} frames, needed one numbered {frame}")
-    names, camera = observations.point_class_names, observations.camera
-    points, classes = observations.points[frame], observations.point_classes[frame]
-    palette, background = class_colors(names), _background(drive, observations, frame)
-    pictures = {
-        caption: _draw_points(background, points, classes, T, camera, palette) for caption, T in poses.items()
-    }
-    drawn = [visible_points(points, classes, T, camera)[1] for T in poses.values()]
-    present = np.unique(np.concatenate(drawn))
-    picture = before_after(pictures, stacked=stacked)
-    legend = draw_legend([names[i] for i in present], palette[present], picture.shape[1])
-    write_picture(np.vstack([picture, legend]), path)
+
+    drive: Drive
+    """Where pictures are looked for."""
+    observations: Observations
+    """Of the same drive; without labels if colours are those of depth."""
+    poses: Mapping[str, Pose]
+    """T_camera_lidar (4, 4) by caption; at least one."""
+    by: Coloring = "class"
+    """What colours say: the point's class; how far it is from the camera; or whether its class and the pixel's go
+    together, that is, are found together more often than by chance at the last pose."""
+
+    def write(self, frame: int, path: Path) -> None:
+        """Write the PNG of a frame, numbered from 0.
+
+        Raises:
+            InputError: there is no such frame, its picture is wrong, or the file cannot be written.
+        """
+        observations, camera = self.observations, self.observations.camera
+        if not 0 <= frame < observations.num_frames:
+            raise InputError(
+                f"{self.drive.path}: found {observations.num_frames} frames, needed one numbered {frame}"
+            )
+        background = _background(self.drive, observations, frame)
+        pictures: dict[str, Picture] = {}
+        legend: dict[str, tuple[int, ...]] = {}
+        for caption, T in self.poses.items():
+            seen = points_in_picture(observations.points[frame], T, camera)
+            pixels, colors, named = self._colored(frame, seen)
+            pictures[caption] = _draw_dots(background, pixels, colors)
+            legend |= named
+        picture = before_after(pictures, stacked=camera.width >= WIDE * camera.height)
+        swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
+        write_picture(np.vstack([picture, draw_legend(list(legend), swatches, picture.shape[1])]), path)
+
+    def _colored(
+        self, frame: int, seen: Seen
+    ) -> tuple[npt.NDArray[np.intp], Colors, dict[str, tuple[int, ...]]]:
+        """Pixels (M, 2) and colours (M, 3) of the dots, and the legend."""
+        if self.by == "depth":
+            shown = ~seen.is_hidden
+            steps = map(tuple, _depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist())
+            legend = {f"{step} m": color for step, color in zip(DEPTH_STEPS_M, steps, strict=True)}
+            return seen.pixels[shown], _depth_colors(seen.ranges_m[shown]), legend
+        if self.by == "agreement":
+            colors = np.array(list(AGREEMENT_COLORS.values()), np.uint8)[:, ::-1]
+            pixels, kinds = by_agreement(self.observations, frame, seen, self._together)
+            return (
+                pixels,
+                colors[kinds],
+                dict(zip(AGREEMENT_COLORS, map(tuple, colors.tolist()), strict=True)),
+            )
+        names = self.observations.point_class_names
+        palette = class_colors(names)
+        pixels, classes = _by_class(seen, self.observations.point_classes[frame])
+        present = {names[index]: tuple(palette[index].tolist()) for index in np.unique(classes).tolist()}
+        return pixels, palette[classes], present
+
+    @cached_property
+    def _together(self) -> npt.NDArray[np.bool_]:
+        return goes_together(self.observations, list(self.poses.values())[-1])
 
 
-def _draw_points(
-    background: Picture,
-    points: npt.NDArray[np.float32],
-    classes: npt.NDArray[np.uint8],
-    T_camera_lidar: Pose,
-    camera: Camera,
-    palette: Colors,
-) -> Picture:
+def _by_class(
+    seen: Seen, classes: npt.NDArray[np.uint8]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
+    """Pixels and classes of the labelled points that the camera sees."""
+    shown = ~seen.is_hidden & (classes[seen.indices] != NO_CLASS)
+    return seen.pixels[shown], classes[seen.indices[shown]]
+
+
+def by_agreement(
+    observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Pixels of labelled points on labelled pixels, and the place in `AGREEMENT_COLORS` of each."""
+    point, pixel = _pairs(observations, frame, seen)
+    labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
+    kinds = np.where(seen.is_hidden, 2, ~together[point, pixel])
+    return seen.pixels[labelled], kinds[labelled]
+
+
+def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
+    """Which classes of points and of pixels are found together more often than by chance, over all frames."""
+    counts = np.zeros((256, 256))
+    for frame, points in enumerate(observations.points):
+        seen = points_in_picture(points, T_camera_lidar, observations.camera)
+        point, pixel = _pairs(observations, frame, seen)
+        np.add.at(counts, (point[~seen.is_hidden], pixel[~seen.is_hidden]), 1.0)
+    counts[NO_CLASS], counts[:, NO_CLASS] = 0.0, 0.0
+    by_chance = counts.sum(axis=1, keepdims=True) * counts.sum(axis=0) / max(counts.sum(), 1.0)
+    return np.asarray(counts > by_chance)
+
+
+def _pairs(
+    observations: Observations, frame: int, seen: Seen
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Classes of points in the picture and of the pixels they land on."""
+    u, v = seen.pixels.T
+    image = observations.image_classes[frame]
+    rows, columns = v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)
+    return observations.point_classes[frame][seen.indices], image[rows, columns]
+
+
+def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
+    """(N, 3) red near by, blue far away."""
+    near, far = np.log(DEPTHS_M)
+    share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
+    levels = np.rint(255.0 * (1.0 - share)).astype(np.uint8).reshape(-1, 1)
+    colors: Colors = cv2.applyColorMap(levels, cv2.COLORMAP_TURBO).reshape(-1, 3).astype(np.uint8)
+    return colors
+
+
+def _draw_dots(background: Picture, pixels: npt.NDArray[np.intp], colors: Colors) -> Picture:
     canvas = background.copy()
-    radius = max(1, round(camera.width / COLUMNS_PER_DOT_RADIUS))
-    pixels, classes = visible_points(points, classes, T_camera_lidar, camera)
-    for pixel, color in zip(pixels.tolist(), palette[classes].tolist(), strict=True):
+    radius = max(1, round(canvas.shape[1] / COLUMNS_PER_DOT_RADIUS))
+    for pixel, color in zip(pixels.tolist(), colors.tolist(), strict=True):
         cv2.circle(canvas, pixel, radius, color, thickness=cv2.FILLED)
     return canvas
 
@@ -227,6 +313,9 @@ def _draw_points(
 def _background(drive: Drive, observations: Observations, frame: int) -> Picture:
     """The picture of a frame, dimmed; without one, its label image at half strength."""
     name = drive.frames[frame].image
+    if name is None and not observations.image_classes:
+        key = drive.frames[frame].key("image")
+        raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
     if name is None:
         colors = class_colors(observations.image_class_names)
         table = np.zeros((256, 3), dtype=np.uint8)

@@ -53,3 +53,15 @@ def write_picture(picture: npt.NDArray[np.uint8], path: Path) -> None:
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .png")
     _, content = cv2.imencode(".png", picture)
     write_bytes(content.tobytes(), path)
+
+
+def make_picture_folder(path: Path) -> None:
+    """Make a folder for pictures, unless there is one.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made: {(error.strerror or str(error)).lower()}") from None

@@ -1,14 +1,29 @@
+import shutil
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+import yaml
+from click.testing import CliRunner
 
 from semcal_cli.classes import NO_CLASS
+from semcal_cli.cli import semcal
 from semcal_cli.drive import Camera, Drive, Frame
 from semcal_cli.errors import InputError
+from semcal_cli.formats import write_transform
 from semcal_cli.observations import Observations
-from semcal_cli.overlay import before_after, class_colors, draw_legend, draw_overlay, write_overlay
+from semcal_cli.overlay import (
+    Overlays,
+    _depth_colors,
+    before_after,
+    by_agreement,
+    class_colors,
+    draw_legend,
+    draw_overlay,
+    goes_together,
+    points_in_picture,
+)
 
 CAMERA = Camera(
     model="plumb_bob", width=640, height=360, K=((320.0, 0.0, 319.5), (0.0, 320.0, 179.5), (0.0, 0.0, 1.0))
@@ -87,7 +102,7 @@ def observed(image: str | None) -> tuple[Drive, Observations]:
 
 def test_without_a_picture_the_label_image_is_shown(tmp_path: Path) -> None:
     path = tmp_path / "overlay.png"
-    write_overlay(*observed(None), {"truth": T_CAMERA_LIDAR}, 0, path)
+    Overlays(*observed(None), {"truth": T_CAMERA_LIDAR}).write(0, path)
     picture = cv2.imread(str(path))
     caption = np.flatnonzero((picture[:, 320] == class_colors(NAMES)[1] // 2).all(axis=1))[0]
     np.testing.assert_array_equal(picture[caption + 200, 100], class_colors(NAMES)[0])
@@ -99,11 +114,64 @@ def test_wrong_input(tmp_path: Path) -> None:
     cv2.imwrite(small, BLACK[:100])
     poses = {"truth": T_CAMERA_LIDAR}
     with pytest.raises(InputError, match=r"small.png: found 640 x 100 pixels, needed 640 x 360"):
-        write_overlay(*observed(small), poses, 0, tmp_path / "o.png")
+        Overlays(*observed(small), poses).write(0, tmp_path / "o.png")
     with pytest.raises(InputError, match=r"missing.jpg: no such file or folder"):
-        write_overlay(*observed("missing.jpg"), poses, 0, tmp_path / "o.png")
+        Overlays(*observed("missing.jpg"), poses).write(0, tmp_path / "o.png")
     with pytest.raises(InputError, match=r"found 1 frames, needed one numbered 1"):
-        write_overlay(*observed(None), poses, 1, tmp_path / "o.png")
+        Overlays(*observed(None), poses).write(1, tmp_path / "o.png")
     with pytest.raises(InputError, match=r"o.jpg: found suffix '.jpg', needed .png"):
-        write_overlay(*observed(None), poses, 0, tmp_path / "o.jpg")
+        Overlays(*observed(None), poses).write(0, tmp_path / "o.jpg")
     assert [p.name for p in tmp_path.iterdir()] == ["small.png"]
+
+
+@pytest.mark.parametrize("by", ["class", "depth", "agreement"])
+def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Path, by: str) -> None:
+    off = street_truth.copy()
+    off[0, 3] += 0.3
+    write_transform(off, tmp_path / "off.yaml", "semcal")
+    arguments = ["overlay", str(street), str(street), "--against", str(tmp_path / "off.yaml"), "--by", by]
+    found = CliRunner().invoke(semcal, [*arguments, "-o", str(tmp_path / "out"), "--max-frames", "2"])
+    assert found.exit_code == 0, found.output
+    first, second = sorted((tmp_path / "out").iterdir())
+    assert (first.name, second.name) == ("000000.png", "000001.png")
+    picture = cv2.imread(str(first))
+    assert picture.shape[1] == 2 * 640
+    assert picture.shape[0] > 360
+
+
+def agreeing(poses: list[np.ndarray], observations: Observations) -> list[float]:
+    """Share of green among green and red dots, for each pose."""
+    found, together = [], goes_together(observations, poses[1])
+    for T in poses:
+        seen = points_in_picture(observations.points[0], T, observations.camera)
+        _, kinds = by_agreement(observations, 0, seen, together)
+        found.append(float(np.mean(kinds[kinds < 2] == 0)))
+    return found
+
+
+def test_labels_agree_best_at_the_truth(street_observations: Observations, street_truth: np.ndarray) -> None:
+    moved = [street_truth.copy() for _ in range(3)]
+    for T, by in zip(moved, (-0.3, 0.0, 0.3), strict=True):
+        T[0, 3] += by
+    left, middle, right = agreeing(moved, street_observations)
+    assert middle > 0.95
+    assert max(left, right) < middle - 0.02
+
+
+def test_near_is_red_and_far_is_blue() -> None:
+    near, far = _depth_colors(np.array([2.0, 100.0])).astype(int)
+    assert near[2] > near[0] + 50  # blue, green, red
+    assert far[0] > far[2]
+
+
+def test_a_drive_without_labels_is_shown_by_depth(street: Path, tmp_path: Path) -> None:
+    drive = Path(shutil.copytree(street, tmp_path / "drive"))
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    for frame in document["frames"]:
+        del frame["point_labels"], frame["image_labels"]
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    for by, is_enough in (("depth", True), ("class", False)):
+        arguments = ["overlay", str(drive), str(drive), "--by", by, "-o", str(tmp_path / by), "-q"]
+        found = CliRunner().invoke(semcal, arguments)
+        assert (found.exit_code == 0) == is_enough
+        assert (tmp_path / by).exists() == is_enough

@@ -20,6 +20,7 @@ from semcal_cli.cli.experiment import experiment
 from semcal_cli.cli.import_ import import_
 from semcal_cli.cli.initialize import initialize
 from semcal_cli.cli.inspect import inspect
+from semcal_cli.cli.overlay import overlay
 from semcal_cli.cli.refine import refine
 from semcal_cli.cli.synth import synth
 from semcal_cli.cli.verify import verify
@@ -36,7 +37,7 @@ def semcal() -> None:
 
 
 COMMANDS = (
-    *(calibrate, initialize, refine, evaluate, verify, compare, convert),
+    *(calibrate, initialize, refine, evaluate, verify, compare, convert, overlay),
     *(inspect, import_, synth, experiment, demo),
 )
 for command in COMMANDS:

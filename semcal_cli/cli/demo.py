@@ -30,7 +30,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.formats import read_transform
     from semcal_cli.metrics import compare_poses
     from semcal_cli.observations import load_observations
-    from semcal_cli.overlay import write_overlay
+    from semcal_cli.overlay import Overlays
     from semcal_cli.pipeline import set_threads
     from semcal_cli.synthesis import synthesize
     from semcal_cli.synthesis_config import SynthConfig
@@ -46,7 +46,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     initial = np.array(calibration.stages["initial"].T_camera_lidar)
     poses = {"initial calibration, from nothing": initial, "refined": calibration.pose}
     spec = read_drive(drive)
-    write_overlay(spec, load_observations(spec), poses, 0, picture)
+    Overlays(spec, load_observations(spec), poses).write(0, picture)
     console.print("\nerror against the truth, which the calibration never saw:")
     for line in error_lines(compare_poses(calibration.pose, read_transform(drive))):
         console.print(line)

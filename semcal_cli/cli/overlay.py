@@ -1,0 +1,79 @@
+"""`semcal overlay`: points on pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, quiet_option
+
+if TYPE_CHECKING:
+    from semcal_cli.overlay import Coloring
+
+COLORINGS = ("class", "depth", "agreement")
+
+
+@click.command(
+    help=f"Draw the points of DRIVE on its pictures, as CALIBRATION puts them: {KNOWN_TRANSFORMS}. Points that the "
+    "camera cannot see are left out."
+)
+@click.argument("drive", type=PATH)
+@click.argument("calibration", type=PATH)
+@click.option(
+    "-o",
+    "--output",
+    type=PATH,
+    required=True,
+    metavar="DIR",
+    help="Where the pictures go, 000000.png and so on.",
+)
+@click.option("--against", type=PATH, metavar="FILE", help="Show this transform beside it.")
+@click.option(
+    "--by",
+    type=click.Choice(COLORINGS),
+    default="class",
+    show_default=True,
+    help="What colours say: the class of the point; its distance from the camera (needs no labels); or whether its "
+    "class and the pixel's go together.",
+)
+@click.option(
+    "--max-frames",
+    type=click.IntRange(1),
+    default=20,
+    show_default=True,
+    metavar="N",
+    help="Of a longer drive, so many evenly spaced frames.",
+)
+@quiet_option
+def overlay(
+    drive: Path,
+    calibration: Path,
+    output: Path,
+    against: Path | None,
+    by: Coloring,
+    max_frames: int,
+    quiet: bool,
+) -> None:
+    """Draw points on pictures."""
+    from semcal_cli.cli.session import make_console
+    from semcal_cli.drive import read_drive
+    from semcal_cli.formats import read_transform
+    from semcal_cli.observations import load_points, read_observations
+    from semcal_cli.overlay import Overlays
+    from semcal_cli.pictures import make_picture_folder
+    from semcal_cli.selection import evenly_spaced
+
+    poses = {str(path): read_transform(path) for path in (against, calibration) if path is not None}
+    spec = read_drive(drive)
+    frames = evenly_spaced(spec.frames, max_frames)
+    spec = spec.model_copy(update={"frames": tuple(frames)})
+    observations = load_points(spec) if by == "depth" else read_observations(spec)
+    make_picture_folder(output)
+    overlays = Overlays(spec, observations, poses, by)
+    console = make_console(quiet)
+    for frame in range(len(frames)):
+        path = output / f"{frame:06d}.png"
+        overlays.write(frame, path)
+        console.print(str(path), markup=False)
