@@ -1,5 +1,6 @@
 """Every exit code through the real command."""
 
+import io
 import json
 import os
 import re
@@ -205,6 +206,11 @@ def test_what_is_wrong_is_said_before_the_work_begins(
         ["calibrate", "d", "--device", "cuda"],
         ["calibrate", "d", "--max-frames", "0"],
         ["calibrate", "d", "--repeat", "1"],
+        ["calibrate", "d", "--to", "nothing"],
+        ["calibrate", "d", "--to-camera", "front"],
+        ["convert", "a"],
+        ["convert", "a", "--to", "tf2", "--into", "b"],
+        ["convert", "a", "--into", "b", "-o", "c"],
         ["calibrate", "d", "--fix", "tx"],
         ["calibrate", "d", "--init", "t", "--fix", "tx,qx"],
         ["calibrate", "d", "--init", "t", "--fix", "tx,ty,tz,rx,ry,rz"],
@@ -423,6 +429,21 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
         "1 of 4 seeds gave no answer",
         "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
     ]
+
+
+def test_a_calibration_in_the_format_of_another_tool(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--init", street, "--to", "text", "--to-direction", "lidar-to-camera", "-q"]
+    code, out, _ = run(capfd, "calibrate", street, *options)
+    T = np.loadtxt(io.StringIO(out))
+    assert code == 0
+    assert compare_poses(T, street_truth).rotation_deg < 0.2
+    code, out, err = run(capfd, "calibrate", street, "--to", "text", "-o", tmp_path / "T.txt")
+    assert (code, out) == (EXIT_FAILURE, "")
+    assert err.startswith(
+        "semcal: error: --to text: found a transform of no stated direction, needed --to-direction "
+    )
 
 
 def test_other_seeds_lead_to_the_same_place(

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from semcal_cli.cli.convert import FormatName, make_asked, open_options
 from semcal_cli.cli.options import drive_argument, result_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
@@ -23,8 +24,15 @@ from semcal_cli.cli.search import make_search, search_options
     metavar="N",
     help="Calibrate with N seeds, and report how far apart they lead beside the stated uncertainty.",
 )
+@click.option(
+    "--to",
+    type=FormatName(),
+    metavar="FORMAT",
+    help="Write only the transform, in a format that `convert --formats` lists.",
+)
+@open_options("to-", "what is written with --to")
 @result_options
-def calibrate(drive: Path, repeat: int | None, **options: Any) -> None:
+def calibrate(drive: Path, repeat: int | None, to: str | None, **options: Any) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
 
     Needs no start guess: all mounting directions are searched, then the best pose is refined. Exit code 3 means that
@@ -33,8 +41,13 @@ def calibrate(drive: Path, repeat: int | None, **options: Any) -> None:
     from semcal_cli.cli.session import Session
 
     config, given = make_search(options)
+    asked = make_asked(options, "to_")
+    if to is None and any(vars(asked).values()):
+        raise click.UsageError(
+            "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
+        )
     refinement = make_refinement(options, config.alignment.max_baseline_m, given)
-    with Session(drive, given=given, **options) as session:
+    with Session(drive, given=given, to=None if to is None else (to, asked), **options) as session:
         code = session.finish(
             session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
         )

@@ -24,10 +24,12 @@ from semcal_cli.calibration import (
 from semcal_cli.documents import is_folder, output_format, write_text
 from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.formats import write_transform
 from semcal_cli.pipeline import Run, StageReport, set_threads
 from semcal_cli.poses import camera_center
 
 if TYPE_CHECKING:
+    from semcal_cli.formats.format import Asked
     from semcal_cli.initialization import Hypothesis
     from semcal_cli.metrics import PoseError
     from semcal_cli.pipeline import Given
@@ -49,10 +51,12 @@ class Session:
         quiet: bool = False,
         max_frames: int | None = None,
         given: Given | None = None,
+        to: tuple[str, Asked] | None = None,
     ) -> None:
         """Check everything that can be wrong before the work begins.
 
-        `given` is a transform that the command reads, too.
+        `given` is a transform that the command reads, too; `to` a format to write the transform in, instead of all that
+        is known.
 
         Raises:
             InputError: the drive is invalid, or the result or the log cannot go where they shall.
@@ -64,10 +68,12 @@ class Session:
             *([given.source] if given and given.source else []),
         ]
         _check_outputs(read, [path for path in (output, log) if path is not None])
-        if output is not None:
+        if to is not None:
+            write_transform(np.eye(4), None, *to)
+        elif output is not None:
             output_format(output)
         self.console = make_console(quiet)
-        self.output, self.log, self.threads = output, log, threads
+        self.output, self.log, self.threads, self.to = output, log, threads, to
         self.reports: list[StageReport] = []
         self._status: Status | None = None
         self.run = Run(spec, seed, report=self._report, progress=self._progress)
@@ -101,7 +107,11 @@ class Session:
             self._status.stop()
         if self.log is not None:
             write_text(self._log_text(), self.log)
-        if self.output is None:
+        if self.to is not None:
+            content = write_transform(calibration.pose, self.output, *self.to)
+            if self.output is None:
+                click.echo(content, nl=False)
+        elif self.output is None:
             click.echo(calibration_text(calibration, "yaml"), nl=False)
         else:
             write_calibration(calibration, self.output)
