@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -156,20 +157,28 @@ def _model_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]
 
     Focal lengths hardly bend the optimum, but even single frames tell them apart so.
     """
-    own = _refitted(observations, T_camera_lidar)
+    changes = (-FOCAL_CHANGE, FOCAL_CHANGE)
+    delays_s = CLOCK_DELAYS_S if _tells_clocks(observations) else ()
+    models = [
+        observations,
+        *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
+        *(_delayed(observations, delay_s) for delay_s in delays_s),
+    ]
+    # Each climb is a chain of small steps, so several run side by side.
+    with ThreadPoolExecutor() as pool:
+        own, *others = pool.map(lambda model: _refitted(model, T_camera_lidar), models)
     if own is None:
         return []
+    zoomed, delayed = others[: len(changes)], others[len(changes) :]
     return [
-        *_focal_doubts(observations, T_camera_lidar, own),
-        *_clock_doubts(observations, T_camera_lidar, own),
+        *_focal_doubts(own, dict(zip(changes, zoomed, strict=True))),
+        *_clock_doubts(own, dict(zip(delays_s, delayed, strict=True))),
     ]
 
 
-def _focal_doubts(observations: Observations, T_camera_lidar: Pose, own: _core.Agreement) -> list[str]:
+def _focal_doubts(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
     best, best_change = _corrected(own), 0.0
-    for change in (-FOCAL_CHANGE, FOCAL_CHANGE):
-        other = replace(observations, camera=observations.camera.zoomed(1.0 + change))
-        found = _refitted(other, T_camera_lidar)
+    for change, found in others.items():
         if found is not None and _corrected(found) > best:
             best, best_change = _corrected(found), change
     if best_change == 0.0:
@@ -180,14 +189,15 @@ def _focal_doubts(observations: Observations, T_camera_lidar: Pose, own: _core.A
     ]
 
 
-def _clock_doubts(observations: Observations, T_camera_lidar: Pose, own: _core.Agreement) -> list[str]:
-    """Take sweeps as of other moments; at one steady motion that is no other than a camera elsewhere."""
+def _tells_clocks(observations: Observations) -> bool:
+    """Whether frames move differently: at one steady motion another moment is no other than a camera elsewhere."""
     twists = observations.twists_per_s
-    if twists is None or not np.ptp(twists, axis=0).any():
-        return []
+    return twists is not None and bool(np.ptp(twists, axis=0).any())
+
+
+def _clock_doubts(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
     best, best_delay_s = MIN_CLOCK_GAIN, 0.0
-    for delay_s in CLOCK_DELAYS_S:
-        found = _refitted(_delayed(observations, delay_s), T_camera_lidar)
+    for delay_s, found in others.items():
         if found is not None:
             gain = (_corrected(found) - _corrected(own)) / max(math.hypot(own.sigma, found.sigma), 1e-12)
             if gain > best:
