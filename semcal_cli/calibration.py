@@ -31,6 +31,9 @@ AGREEMENT_TOLERANCE = 1e-6
 Status: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
+Width: TypeAlias = Annotated[float, Field(ge=0.0, le=1e100)]
+"""How far something is off: never less than 0, and no number that overflows in other units."""
+Widths: TypeAlias = Annotated[tuple[Width, ...], length(3, 3)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -90,15 +93,15 @@ class UncertaintyRecord(StrictModel):
     """Of xi, metres and radians."""
     degrees_of_freedom: Vector6
     """Of Student's t, for each of xi: how many independent parts of the pictures tell of it."""
-    sigma_camera_center_m: Vector3
+    sigma_camera_center_m: Widths
     """Standard errors of the camera's place, along its axes."""
-    sigma_translation_m: Vector3
+    sigma_translation_m: Widths
     """Of translation_m, which a rotation about the camera changes, too."""
-    sigma_rotation_deg: Vector3
+    sigma_rotation_deg: Widths
     """Of the rotation, about the camera's axes."""
-    half_width_95_camera_center_m: Vector3
+    half_width_95_camera_center_m: Widths
     """95 % intervals are as wide to either side, by Student's t."""
-    half_width_95_rotation_deg: Vector3
+    half_width_95_rotation_deg: Widths
     """Likewise of the rotation."""
     weak_directions: Annotated[tuple[str, ...], length(0)] = ()
     """What the data hardly determine, in words."""

@@ -59,6 +59,10 @@ from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, label_blee
 
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
+MAX_MOTION_PX = 3.0
+"""Half of the points may be displaced so far by a motion that is not compensated."""
+AT_LIMIT = 0.999
+"""A camera that is so near to the limit of its distance is held by it."""
 ROUNDING = 1e-9
 """Metres or degrees: axes that are fixed have intervals without a width."""
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
@@ -123,6 +127,8 @@ class Run:
     reasons: list[str] = field(default_factory=list)
     options: dict[str, object] = field(default_factory=dict)
     given: Given | None = None
+    max_baseline_m: float = math.inf
+    """How far the camera may be from the LiDAR, if that was asked."""
     is_assessed: bool = False
     """Whether everything was looked at that may speak against the pose."""
 
@@ -265,6 +271,8 @@ class Run:
     ) -> Pose:
         """Climb the mutual information from a pose; `from_afar` from one that may be 20 degrees off."""
         start = perf_counter()
+        self.reasons += _motion_reasons(observations.motion_error_px)
+        self.max_baseline_m = config.max_baseline_m
         pyramid = PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
         climb, settings = self._climb(observations, config)
 
@@ -288,19 +296,23 @@ class Run:
             self.reasons += _convergence_reasons(refinement)
             return T_camera_lidar
         if config.priors:
-            return self._fuse(observations, polished, config)
+            T_start = polished.T_camera_lidar if polished.is_accepted else T_camera_lidar
+            return self._fuse(observations, T_start, polished, config)
         self.reasons += _polish_reasons(polished)
         if not polished.is_accepted:
             self.reasons += _convergence_reasons(refinement)
-        elif config.is_assessed:
+            return T_camera_lidar
+        if config.is_assessed:
             self._assess(observations, polished.T_camera_lidar, config)
         return polished.T_camera_lidar
 
-    def _fuse(self, observations: Observations, polished: Polish, config: RefinementConfig) -> Pose:
+    def _fuse(
+        self, observations: Observations, T_start: Pose, polished: Polish, config: RefinementConfig
+    ) -> Pose:
         """Put together what labels say and what is known."""
         self.progress("weighing what is known")
         start = perf_counter()
-        fused = fuse(observations, polished.T_camera_lidar, config.priors, edge_band_px=config.edge_band_px)
+        fused = fuse(observations, T_start, config.priors, edge_band_px=config.edge_band_px)
         T_camera_lidar = fused.T_camera_lidar
         note = ", ".join(prior.name for prior in config.priors)
         self._finish("fused", start, observations, T_camera_lidar, note)
@@ -377,7 +389,12 @@ class Run:
     def result(self, observations: Observations, T_camera_lidar: Pose, folder: Path) -> Calibration:
         """Assess a pose and put everything into a calibration."""
         agreement = _core.agreement(observations.core, T_camera_lidar)
-        reasons = [*self.reasons, *_overlap_reasons(agreement), *_information_reasons(agreement)]
+        reasons = [
+            *self.reasons,
+            *_baseline_reasons(T_camera_lidar, self.max_baseline_m),
+            *_overlap_reasons(agreement),
+            *_information_reasons(agreement),
+        ]
         status: Status = "not_trusted" if reasons else "trusted" if self.is_assessed else "not_assessed"
         return Calibration.from_pose(
             T_camera_lidar,
@@ -443,8 +460,7 @@ def _polish_reasons(polished: Polish) -> list[str]:
         if not math.isfinite(sigma):
             return ["the polish was rejected: held-out data say nothing of it"]
         return [
-            f"the polish was rejected: held-out data agree less after it, by {lost:.4f} +- {sigma:.4f} nats: nothing "
-            f"is known of the pose's error"
+            f"the polish was rejected: held-out data agree less after it, by {lost:.4f} +- {sigma:.4f} nats"
         ]
     if polished.is_settled:
         return []
@@ -474,6 +490,25 @@ def _repeatability_reasons(
                 f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
             )
     return reasons
+
+
+def _motion_reasons(error_px: float | None) -> list[str]:
+    if error_px is None or error_px <= MAX_MOTION_PX:
+        return []
+    return [
+        f"the LiDAR's motion is not compensated: half of the points are {error_px:.1f} pixels off or more, needed at "
+        f"most {MAX_MOTION_PX:.0f}"
+    ]
+
+
+def _baseline_reasons(T_camera_lidar: Pose, max_baseline_m: float) -> list[str]:
+    distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))
+    if distance_m < AT_LIMIT * max_baseline_m:
+        return []
+    return [
+        f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m: it may be farther "
+        f"away"
+    ]
 
 
 def _overlap_reasons(agreement: _core.Agreement) -> list[str]:

@@ -262,7 +262,9 @@ def _conflict(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[str]:
     covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(prior.sigmas)[stated])
     chi2 = float(off @ np.linalg.solve(covariance, off))
     fewest = float(_degrees_of_freedom(labels, alone).min())
-    most = float(stated.sum() * fdtri(stated.sum(), fewest, 1.0 - CONFLICT_LEVEL))
+    # Of few parts of the pictures anything may be chance; that is no reason to believe it.
+    by_chance = float(stated.sum() * fdtri(stated.sum(), fewest, 1.0 - CONFLICT_LEVEL))
+    most = min(by_chance, float(stated.sum()) * MAX_CONFLICT**2)
     if chi2 <= most:
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())

@@ -122,8 +122,8 @@ def _pairing_doubts(observations: Observations, T_camera_lidar: Pose) -> list[st
     if not found or max(found) <= MAX_EXCHANGED * own:
         return []
     return [
-        f"pictures of other frames fit the clouds almost as well: {max(found):.2f} of {own:.2f} nats, needed at most "
-        f"{MAX_EXCHANGED:.0%}: sweeps and pictures may not belong together"
+        f"pictures of other frames fit the clouds {_as_well(max(found), own)}: {max(found):.2f} of {own:.2f} nats, "
+        f"needed at most {MAX_EXCHANGED:.0%}: sweeps and pictures may not belong together"
     ]
 
 
@@ -140,9 +140,13 @@ def _azimuth_doubts(observations: Observations, T_camera_lidar: Pose) -> list[st
     if best <= MAX_TURNED * own:
         return []
     return [
-        f"with the camera turned by {best_deg:.0f} degrees labels fit almost as well: {best:.2f} of {own:.2f} nats, "
-        f"needed at most {MAX_TURNED:.0%}"
+        f"with the camera turned by {best_deg:.0f} degrees labels fit {_as_well(best, own)}: {best:.2f} of {own:.2f} "
+        f"nats, needed at most {MAX_TURNED:.0%}"
     ]
+
+
+def _as_well(other: float, own: float) -> str:
+    return "almost as well" if other < own else "as well or better"
 
 
 def _about_z(angle_deg: float) -> Pose:

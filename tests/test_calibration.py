@@ -72,6 +72,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
         ),
         stages={"initial": Stage(T_camera_lidar=np.eye(4).tolist(), mutual_information_nats=1e-5)},
         uncertainty=UNCERTAINTY,
+        repeatability=None,
         polish=PolishRecord(accepted=True, held_out_gain_nats=0.01, held_out_sigma_nats=None),
         input=Input(
             drive="drive.yaml",

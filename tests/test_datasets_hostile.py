@@ -170,7 +170,7 @@ def whole(text: str) -> Callable[[str], str]:
             "rellis-3d",
             "00000/transforms.yaml",
             swapped("x: -1", "x: -1e308"),
-            "found a translation of 1e+308, needed at most 100000 m",
+            "['os1_cloud_node-pylon_camera_node']: found a translation of 1e+308, needed at most 100000 m",
         ),
         (
             "nuscenes",

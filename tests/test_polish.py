@@ -97,9 +97,9 @@ def test_at_the_truth_it_stays_there(street_observations: Observations, street_t
         (True, True, True, []),
         (True, True, False, []),
         (True, False, True, ["the polish had not settled"]),
-        (False, True, True, []),
-        (False, False, True, []),
-        (False, True, False, ["the refinement had not settled"]),
+        (False, True, True, ["the polish was rejected"]),
+        (False, False, True, ["the polish was rejected"]),
+        (False, True, False, ["the polish was rejected", "the refinement had not settled"]),
     ],
 )
 def test_the_pose_that_counts_is_the_one_that_has_to_settle(

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli.cli import semcal
 from semcal_cli.documents import document_text, read_document, write_text
 from semcal_cli.drive import DRIVE_FILE
+from semcal_cli.errors import InputError
 from semcal_cli.metrics import compare_poses
 from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 from semcal_cli.verification import recognise
@@ -149,3 +150,18 @@ def test_compare(street: Path, street_truth: Pose, tmp_path: Path) -> None:
     assert CliRunner().invoke(semcal, ["compare", str(result), str(far)]).exit_code == FAIL
     allowed = ["compare", str(result), str(far), "--max-translation-m", "0.1"]
     assert CliRunner().invoke(semcal, allowed).exit_code == PASS
+
+
+@pytest.mark.parametrize("value", [-1.0, 1e308])
+def test_intervals_of_a_damaged_calibration_are_refused(
+    street: Path, street_truth: Pose, tmp_path: Path, value: float
+) -> None:
+    path = tmp_path / "calibration.yaml"
+    arguments = ["refine", str(street), "--init", str(street), "-o", str(path), "-q"]
+    assert CliRunner().invoke(semcal, arguments).exit_code == 0
+    document = read_document(path)
+    document["uncertainty"]["half_width_95_camera_center_m"][0] = value
+    write_text(document_text(document, "yaml"), path)
+    found = CliRunner().invoke(semcal, ["compare", str(path), str(street), "--json"])
+    assert isinstance(found.exception, InputError)
+    assert "uncertainty.half_width_95_camera_center_m[0]: found " in str(found.exception)

@@ -216,8 +216,8 @@ mod tests {
         let alone = polish(&observations, &start, None, &CONFIG);
         let again = polish(&observations, &start, alone.inverse_curvature.as_ref(), &CONFIG);
         let apart = again.pose * alone.pose.inverse();
-        // A tenth of a pixel of this small picture, at a focal length of 60 and ranges of 4 to 10 m.
-        assert!(apart.rotation.angle() < 1.7e-3 && apart.translation.vector.norm() < 0.012, "{apart:?}");
+        // A third of a pixel of this small picture, as above: its top is rough.
+        assert!(apart.rotation.angle() < 5e-3 && apart.translation.vector.norm() < 0.04, "{apart:?}");
     }
 
     #[test]

@@ -8,7 +8,7 @@ from typing import get_args
 
 import click
 
-from semcal_cli.cli.options import PATH, Command
+from semcal_cli.cli.options import MAX_SEED, PATH, Command
 
 FIRST_SEED = 10_000
 ESTIMATORS = ("exact", "mine")
@@ -39,7 +39,7 @@ def first_seed_option(default: int) -> Callable[[Command], Command]:
     """Say which seeds are used."""
     return click.option(
         "--first-seed",
-        type=click.IntRange(0),
+        type=click.IntRange(0, MAX_SEED),
         default=default,
         show_default=True,
         metavar="N",

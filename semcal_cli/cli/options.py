@@ -27,6 +27,8 @@ PATH = click.Path(path_type=Path)
 
 MAX_SEED = 2**63 - 1
 MAX_THREADS = 1024
+MAX_LIMIT = 1e6
+"""Metres or degrees: no two transforms are farther apart."""
 
 KNOWN_TRANSFORMS = "a calibration, a drive with its reference, or any format that `convert --formats` lists"
 
@@ -66,7 +68,7 @@ max_frames_option = click.option(
 
 def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
     """Say how far transforms may be apart."""
-    least = FiniteRange(0.0, min_open=not may_be_zero)
+    least = FiniteRange(0.0, MAX_LIMIT, min_open=not may_be_zero)
 
     def add(command: Command) -> Command:
         command = click.option(
