@@ -24,7 +24,7 @@ from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.documents import document_text, read_document, write_text
 from semcal_cli.drive import DRIVE_FILE
 from semcal_cli.metrics import compare_poses
-from semcal_cli.pipeline import _repeatability_reasons
+from semcal_cli.pipeline import _baseline_reasons, _motion_reasons, _repeatability_reasons
 from semcal_cli.polish import PolishConfig
 from semcal_cli.poses import OPTICAL_AXES, Pose, camera_center, inverse
 
@@ -404,6 +404,18 @@ def test_a_place_beyond_the_baseline_is_no_prior(
         "semcal: error: --prior-translation-m: found the camera 5 m from the LiDAR, needed at most 3 m; "
         "--max-baseline-m sets the limit\n"
     )
+
+
+def test_motion_and_limits_that_hold_a_pose_are_said() -> None:
+    assert _motion_reasons(None) == _motion_reasons(3.0) == []
+    assert _motion_reasons(7.04) == [
+        "the LiDAR's motion is not compensated: half of the points are 7.0 pixels off or more, needed at most 3"
+    ]
+    T = np.eye(4)
+    T[:3, 3] = [0.0, 0.9, 0.0]
+    assert _baseline_reasons(T, 1.0) == []
+    (held,) = _baseline_reasons(T, 0.9)
+    assert held.startswith("the camera is held at 0.9 m from the LiDAR, the limit of --max-baseline-m")
 
 
 def test_seeds_that_lead_elsewhere_are_said() -> None:
