@@ -77,7 +77,7 @@ class Source:
         except UnicodeDecodeError as error:
             raise InputError(f"{self.path}: byte {error.start} is not UTF-8, needed text") from None
 
-    @property
+    @cached_property
     def document(self) -> Any:
         """What it holds as JSON, by its suffix, or as YAML.
 
@@ -104,14 +104,6 @@ class Source:
             return self.document
         except InputError:
             return None
-
-    @property
-    def is_text(self) -> bool:
-        """Whether it is UTF-8."""
-        try:
-            return bool(self.text) or True
-        except InputError:
-            return False
 
 
 MAX_BYTES = 50_000_000
