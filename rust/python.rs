@@ -359,6 +359,7 @@ struct PyAgreement {
     overlap: f64,
     num_inside: usize,
     num_hidden: usize,
+    joint: Py<PyArray2<f64>>,
 }
 
 #[pyclass(name = "Trajectory", frozen)]
@@ -740,6 +741,8 @@ mod _core {
     ) -> PyResult<PyAgreement> {
         let pose = isometry(&t_camera_lidar)?;
         let found = detached(py, || measure_agreement(&observations.0, &pose));
+        let shape = [observations.0.num_point_classes, observations.0.num_image_classes];
+        let joint = PyArray1::from_slice(py, &found.joint.weights).reshape(shape)?;
         Ok(PyAgreement {
             mutual_information: found.joint.mutual_information(),
             bias: found.joint.bias(),
@@ -748,6 +751,7 @@ mod _core {
             overlap: found.overlap,
             num_inside: found.num_inside,
             num_hidden: found.num_hidden,
+            joint: joint.unbind(),
         })
     }
 

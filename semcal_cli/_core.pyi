@@ -210,6 +210,9 @@ class Agreement:
     @property
     def num_hidden(self) -> int:
         """Those of them that nearer returns hide from the camera."""
+    @property
+    def joint(self) -> _Float64:
+        """(num_point_classes, num_image_classes) weights of the visible pairs."""
 
 @final
 class Renderer:

@@ -8,11 +8,8 @@ from typing import Literal
 
 import numpy as np
 
-from semcal_cli.calibration import read_calibration
-from semcal_cli.drive import drive_file
 from semcal_cli.formats import read_transform
-from semcal_cli.formats.format import Source
-from semcal_cli.formats.semcal import CALIBRATION
+from semcal_cli.formats.semcal import read_record
 from semcal_cli.metrics import PoseError, compare_poses
 from semcal_cli.poses import Pose
 
@@ -60,11 +57,10 @@ def read_known(path: Path) -> Known:
         InputError: the file is of no known format, or wrong.
     """
     T_camera_lidar = read_transform(path)
-    if CALIBRATION not in Source.read(drive_file(path)).mapping:
+    record = read_record(path)
+    if record is None or record.uncertainty is None:
         return Known(T_camera_lidar, None)
-    uncertainty = read_calibration(path).uncertainty
-    if uncertainty is None:
-        return Known(T_camera_lidar, None)
+    uncertainty = record.uncertainty
     center_cm = (100.0 * half for half in uncertainty.half_width_95_camera_center_m)
     return Known(T_camera_lidar, (*center_cm, *uncertainty.half_width_95_rotation_deg))
 

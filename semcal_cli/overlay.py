@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -18,13 +18,15 @@ from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Camera, Drive
 from semcal_cli.errors import InputError
 from semcal_cli.observations import Observations
-from semcal_cli.pictures import read_picture, write_picture
+from semcal_cli.pictures import make_picture_folder, read_picture, write_picture
 from semcal_cli.poses import Pose
 
 Picture: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
 Colors: TypeAlias = npt.NDArray[np.uint8]
 """(C, 3) blue, green, red of each class, or of each point."""
+Legend: TypeAlias = dict[str, tuple[int, ...]]
+"""Blue, green, red of what is named."""
 Coloring: TypeAlias = Literal["class", "depth", "agreement"]
 
 # Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on a picture.
@@ -202,32 +204,52 @@ class Overlays:
     """What colours say: the point's class; how far it is from the camera; or whether its class and the pixel's go
     together, that is, are found together more often than by chance at the last pose."""
 
+    def write_all(self, folder: Path) -> Iterator[Path]:
+        """Write the PNG of every frame into a folder, 000000.png and so on, and give each path when it is written.
+
+        Raises:
+            InputError: the folder cannot be made, or as `write`.
+        """
+        make_picture_folder(folder)
+        for frame in range(self.observations.num_frames):
+            path = folder / f"{frame:06d}.png"
+            self.write(frame, path)
+            yield path
+
     def write(self, frame: int, path: Path) -> None:
         """Write the PNG of a frame, numbered from 0.
 
         Raises:
             InputError: there is no such frame, its picture is wrong, or the file cannot be written.
         """
-        observations, camera = self.observations, self.observations.camera
+        camera = self.observations.camera
+        pictures, legend = self.draw(frame)
+        picture = before_after(pictures, stacked=camera.width >= WIDE * camera.height)
+        swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
+        write_picture(np.vstack([picture, draw_legend(list(legend), swatches, picture.shape[1])]), path)
+
+    def draw(self, frame: int) -> tuple[dict[str, Picture], Legend]:
+        """Draw the points of a frame, numbered from 0, at each pose: pictures by caption, and what colours mean.
+
+        Raises:
+            InputError: there is no such frame, or its picture is wrong.
+        """
+        observations = self.observations
         if not 0 <= frame < observations.num_frames:
             raise InputError(
                 f"{self.drive.path}: found {observations.num_frames} frames, needed one numbered {frame}"
             )
         background = _background(self.drive, observations, frame)
         pictures: dict[str, Picture] = {}
-        legend: dict[str, tuple[int, ...]] = {}
+        legend: Legend = {}
         for caption, T in self.poses.items():
-            seen = points_in_picture(observations.points[frame], T, camera)
+            seen = points_in_picture(observations.points[frame], T, observations.camera)
             pixels, colors, named = self._colored(frame, seen)
             pictures[caption] = _draw_dots(background, pixels, colors)
             legend |= named
-        picture = before_after(pictures, stacked=camera.width >= WIDE * camera.height)
-        swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
-        write_picture(np.vstack([picture, draw_legend(list(legend), swatches, picture.shape[1])]), path)
+        return pictures, legend
 
-    def _colored(
-        self, frame: int, seen: Seen
-    ) -> tuple[npt.NDArray[np.intp], Colors, dict[str, tuple[int, ...]]]:
+    def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
         """Pixels (M, 2) and colours (M, 3) of the dots, and the legend."""
         if self.by == "depth":
             shown = ~seen.is_hidden
@@ -267,20 +289,15 @@ def by_agreement(
     """Pixels of labelled points on labelled pixels, and the place in `AGREEMENT_COLORS` of each."""
     point, pixel = _pairs(observations, frame, seen)
     labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
-    kinds = np.where(seen.is_hidden, 2, ~together[point, pixel])
-    return seen.pixels[labelled], kinds[labelled]
+    kinds = np.where(seen.is_hidden[labelled], 2, ~together[point[labelled], pixel[labelled]])
+    return seen.pixels[labelled], kinds
 
 
 def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
-    """Which classes of points and of pixels are found together more often than by chance, over all frames."""
-    counts = np.zeros((256, 256))
-    for frame, points in enumerate(observations.points):
-        seen = points_in_picture(points, T_camera_lidar, observations.camera)
-        point, pixel = _pairs(observations, frame, seen)
-        np.add.at(counts, (point[~seen.is_hidden], pixel[~seen.is_hidden]), 1.0)
-    counts[NO_CLASS], counts[:, NO_CLASS] = 0.0, 0.0
-    by_chance = counts.sum(axis=1, keepdims=True) * counts.sum(axis=0) / max(counts.sum(), 1.0)
-    return np.asarray(counts > by_chance)
+    """Which classes of points (rows) and of pixels are found together more often than by chance, over all frames."""
+    joint = _core.agreement(observations.core, T_camera_lidar).joint
+    by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
+    return np.asarray(joint > by_chance)
 
 
 def _pairs(
@@ -303,10 +320,17 @@ def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
 
 
 def _draw_dots(background: Picture, pixels: npt.NDArray[np.intp], colors: Colors) -> Picture:
+    """Draw dots in order; where they overlap, the last is seen."""
     canvas = background.copy()
-    radius = max(1, round(canvas.shape[1] / COLUMNS_PER_DOT_RADIUS))
-    for pixel, color in zip(pixels.tolist(), colors.tolist(), strict=True):
-        cv2.circle(canvas, pixel, radius, color, thickness=cv2.FILLED)
+    height, width = canvas.shape[:2]
+    radius = max(1, round(width / COLUMNS_PER_DOT_RADIUS))
+    span = np.arange(-radius, radius + 1)
+    du, dv = (grid.ravel() for grid in np.meshgrid(span, span))
+    is_disk = du**2 + dv**2 <= (radius + 0.5) ** 2
+    u, v = pixels[:, :1] + du[is_disk], pixels[:, 1:] + dv[is_disk]
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    # Assigned in order of points, so that the last of those on a pixel stays.
+    canvas[v[inside], u[inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[inside]
     return canvas
 
 

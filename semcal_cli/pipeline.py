@@ -11,7 +11,7 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
+from semcal_cli import _core, reasons
 from semcal_cli.calibration import (
     Calibration,
     HypothesisRecord,
@@ -27,14 +27,13 @@ from semcal_cli.calibration import (
 from semcal_cli.drive import Drive, Motion
 from semcal_cli.errors import CalibrationError
 from semcal_cli.initialization import (
-    MIN_OVERLAP,
     Hypothesis,
     InitializationConfig,
     initialize,
     margin,
     runner_up,
 )
-from semcal_cli.metrics import compare_poses
+from semcal_cli.metrics import PoseError, compare_poses
 from semcal_cli.observations import Observations, load_observations
 from semcal_cli.polish import Polish, PolishConfig, polish
 from semcal_cli.poses import Pose, rotation_error_deg
@@ -50,21 +49,12 @@ from semcal_cli.refinement import (
     ExactConfig,
     Level,
     PyramidConfig,
-    Refinement,
     refine,
 )
 from semcal_cli.selection import MAX_FRAMES, select_frames
 from semcal_cli.trust import doubts
 from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, label_bleed
 
-MIN_RUNNER_UP_MARGIN = 2.0
-"""An answer is trusted only if other mounting directions are so many standard errors of mutual information behind."""
-MAX_MOTION_PX = 3.0
-"""Half of the points may be displaced so far by a motion that is not compensated."""
-AT_LIMIT = 0.999
-"""A camera that is so near to the limit of its distance is held by it."""
-ROUNDING = 1e-9
-"""Metres or degrees: axes that are fixed have intervals without a width."""
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """How far a hypothesis of the initial calibration may be off, to be compared with what is known."""
 
@@ -76,6 +66,8 @@ class StageReport:
     name: str
     seconds: float
     agreement: _core.Agreement | None = None
+    moved: PoseError | None = None
+    """How far its pose is from the one that it began with."""
     note: str = ""
 
 
@@ -195,7 +187,7 @@ class Run:
             farthest_rotation_deg=float(np.linalg.norm(differences[:, 3:], axis=1).max()),
         )
         self.options["num_seeds"] = num_seeds
-        self.reasons += _repeatability_reasons(self.repeatability, differences, self.uncertainty)
+        self.reasons += reasons.repeatability(self.repeatability, differences, self.uncertainty)
         self.report(StageReport("repeated", perf_counter() - start, note=f"{num_seeds} seeds"))
 
     def load(self) -> Observations:
@@ -252,7 +244,7 @@ class Run:
         note = f"{len(hypotheses)} hypotheses" if len(hypotheses) > 1 else "1 hypothesis"
         if other is not None:
             self.runner_up_margin = margin(best, other)
-            self.reasons += _runner_up_reasons(best, other, self.runner_up_margin)
+            self.reasons += reasons.runner_up(best, other, self.runner_up_margin)
             note += f", runner-up {self.runner_up_margin:.1f} standard errors behind"
         elif given is None and not is_ruled_out:
             self.reasons.append(
@@ -271,13 +263,17 @@ class Run:
     ) -> Pose:
         """Climb the mutual information from a pose; `from_afar` from one that may be 20 degrees off."""
         start = perf_counter()
-        self.reasons += _motion_reasons(observations.motion_error_px)
+        self.reasons += reasons.motion(observations.motion_error_px)
         self.max_baseline_m = config.max_baseline_m
         pyramid = PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
         climb, settings = self._climb(observations, config)
 
         def on_level(level: Level, num_levels: int) -> None:
-            self.progress(f"refining: {level.factor}-pixel blocks done, {level.information_nats:.4f} nats")
+            moved = compare_poses(level.T_camera_lidar, T_init)
+            self.progress(
+                f"refining: {level.factor}-pixel blocks done, {level.information_nats:.4f} nats, moved "
+                f"{moved.rotation_deg:.3f} deg, {moved.camera_center_cm:.2f} cm"
+            )
 
         refinement = refine(
             observations, T_init, climb, pyramid, on_level, lambda pose: hold(pose, config.priors)
@@ -293,14 +289,14 @@ class Run:
         self._finish("refined", start, observations, T_camera_lidar, note)
         polished = self._polish(observations, T_camera_lidar, config) if config.is_polished else None
         if polished is None:
-            self.reasons += _convergence_reasons(refinement)
+            self.reasons += reasons.convergence(refinement)
             return T_camera_lidar
         if config.priors:
             T_start = polished.T_camera_lidar if polished.is_accepted else T_camera_lidar
             return self._fuse(observations, T_start, polished, config)
-        self.reasons += _polish_reasons(polished)
+        self.reasons += reasons.polish(polished)
         if not polished.is_accepted:
-            self.reasons += _convergence_reasons(refinement)
+            self.reasons += reasons.convergence(refinement)
             return T_camera_lidar
         if config.is_assessed:
             self._assess(observations, polished.T_camera_lidar, config)
@@ -318,7 +314,7 @@ class Run:
         self._finish("fused", start, observations, T_camera_lidar, note)
         if fused.is_alone:
             # Otherwise it is no wonder that labels lead nowhere.
-            self.reasons += _polish_reasons(polished)
+            self.reasons += reasons.polish(polished)
         if not fused.is_settled:
             self.reasons.append("the pose that labels and what is known determine together had not settled")
         self.reasons += fused.conflicts
@@ -389,17 +385,17 @@ class Run:
     def result(self, observations: Observations, T_camera_lidar: Pose, folder: Path) -> Calibration:
         """Assess a pose and put everything into a calibration."""
         agreement = _core.agreement(observations.core, T_camera_lidar)
-        reasons = [
+        against = [
             *self.reasons,
-            *_baseline_reasons(T_camera_lidar, self.max_baseline_m),
-            *_overlap_reasons(agreement),
-            *_information_reasons(agreement),
+            *reasons.baseline(T_camera_lidar, self.max_baseline_m),
+            *reasons.overlap(agreement),
+            *reasons.information(agreement),
         ]
-        status: Status = "not_trusted" if reasons else "trusted" if self.is_assessed else "not_assessed"
+        status: Status = "not_trusted" if against else "trusted" if self.is_assessed else "not_assessed"
         return Calibration.from_pose(
             T_camera_lidar,
             status=status,
-            reasons=tuple(reasons),
+            reasons=tuple(against),
             quality=Quality(
                 mutual_information_nats=agreement.mutual_information,
                 bias_nats=agreement.bias,
@@ -428,11 +424,14 @@ class Run:
     def _finish(
         self, name: str, start: float, observations: Observations, T_camera_lidar: Pose, note: str
     ) -> None:
+        seconds = perf_counter() - start
         agreement = _core.agreement(observations.core, T_camera_lidar)
+        before = next(reversed(self.stages.values()), None)
+        moved = None if before is None else compare_poses(T_camera_lidar, np.array(before.T_camera_lidar))
         self.stages[name] = Stage(
             T_camera_lidar=_rows(T_camera_lidar), mutual_information_nats=agreement.mutual_information
         )
-        self.report(StageReport(name, perf_counter() - start, agreement, note))
+        self.report(StageReport(name, seconds, agreement, moved, note))
 
 
 def _compensation(motion: Motion, error_px: float | None) -> str:
@@ -441,101 +440,6 @@ def _compensation(motion: Motion, error_px: float | None) -> str:
     if error_px is None:
         return "not compensated: clouds have no times"
     return f"not compensated: half of the points are {error_px:.1f} pixels off or more"
-
-
-def _convergence_reasons(refinement: Refinement) -> list[str]:
-    """Say why a refinement's pose cannot be trusted, if so."""
-    if refinement.converged:
-        return []
-    return [
-        f"the refinement had not settled: the pose still moved points by {refinement.levels[-1].drift:.1f} pixels "
-        f"over the last quarters of the finest level"
-    ]
-
-
-def _polish_reasons(polished: Polish) -> list[str]:
-    """Say what speaks against a pose in how it was polished."""
-    if not polished.is_accepted:
-        lost, sigma = -polished.gain_nats, polished.sigma_nats
-        if not math.isfinite(sigma):
-            return ["the polish was rejected: held-out data say nothing of it"]
-        return [
-            f"the polish was rejected: held-out data agree less after it, by {lost:.4f} +- {sigma:.4f} nats"
-        ]
-    if polished.is_settled:
-        return []
-    if not math.isfinite(polished.moved_px):
-        return ["the polish found no direction in which the pose changes the labels' agreement"]
-    return [
-        f"the polish had not settled: its last round still moved points by {polished.moved_px:.2f} pixels"
-    ]
-
-
-def _repeatability_reasons(
-    found: Repeatability, differences: npt.NDArray[np.float64], uncertainty: UncertaintyRecord | None
-) -> list[str]:
-    """Say what speaks against a pose in where other seeds lead: (seeds, 6) metres and degrees from it."""
-    reasons = []
-    if found.num_failed:
-        reasons.append(f"{found.num_failed} of {found.num_seeds} seeds gave no answer")
-    if uncertainty is not None:
-        half_widths = [
-            *uncertainty.half_width_95_camera_center_m,
-            *uncertainty.half_width_95_rotation_deg,
-        ]
-        num_beyond = int((np.abs(differences) > np.array(half_widths) + ROUNDING).any(axis=1).sum())
-        if num_beyond:
-            reasons.append(
-                f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "
-                f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
-            )
-    return reasons
-
-
-def _motion_reasons(error_px: float | None) -> list[str]:
-    if error_px is None or error_px <= MAX_MOTION_PX:
-        return []
-    return [
-        f"the LiDAR's motion is not compensated: half of the points are {error_px:.1f} pixels off or more, needed at "
-        f"most {MAX_MOTION_PX:.0f}"
-    ]
-
-
-def _baseline_reasons(T_camera_lidar: Pose, max_baseline_m: float) -> list[str]:
-    distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))
-    if distance_m < AT_LIMIT * max_baseline_m:
-        return []
-    return [
-        f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m: it may be farther "
-        f"away"
-    ]
-
-
-def _overlap_reasons(agreement: _core.Agreement) -> list[str]:
-    if agreement.overlap >= MIN_OVERLAP:
-        return []
-    return [
-        f"visible labelled points cover {agreement.overlap:.1%} of the picture, needed are {MIN_OVERLAP:.0%}"
-    ]
-
-
-def _information_reasons(agreement: _core.Agreement) -> list[str]:
-    if agreement.mutual_information > agreement.bias:
-        return []
-    return [
-        f"labels share {agreement.mutual_information:.4f} nats, no more than unrelated labels do by chance"
-    ]
-
-
-def _runner_up_reasons(best: Hypothesis, other: Hypothesis, margin: float) -> list[str]:
-    if margin >= MIN_RUNNER_UP_MARGIN:
-        return []
-    angle_deg = rotation_error_deg(best.T_camera_lidar, other.T_camera_lidar)
-    return [
-        f"a mounting {angle_deg:.0f} degrees away explains the labels almost as well: "
-        f"{other.corrected_nats:.4f} against {best.corrected_nats:.4f} nats, "
-        f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}; add frames"
-    ]
 
 
 def _record(hypothesis: Hypothesis, best: Hypothesis) -> HypothesisRecord:

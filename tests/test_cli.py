@@ -18,13 +18,13 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
+from semcal_cli import reasons
 from semcal_cli.calibration import Calibration, Repeatability, UncertaintyRecord, read_calibration
 from semcal_cli.cli import EXIT_FAILURE, main
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.documents import document_text, read_document, write_text
 from semcal_cli.drive import DRIVE_FILE
 from semcal_cli.metrics import compare_poses
-from semcal_cli.pipeline import _baseline_reasons, _motion_reasons, _repeatability_reasons
 from semcal_cli.polish import PolishConfig
 from semcal_cli.poses import OPTICAL_AXES, Pose, camera_center, inverse
 
@@ -298,7 +298,7 @@ def test_calibrate_then_evaluate(
 def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("semcal_cli.pipeline.MIN_OVERLAP", 1.1)
+    monkeypatch.setattr("semcal_cli.reasons.MIN_OVERLAP", 1.1)
     code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
@@ -311,7 +311,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
 def test_a_runner_up_that_is_close_is_not_trusted(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("semcal_cli.pipeline.MIN_RUNNER_UP_MARGIN", 1000.0)
+    monkeypatch.setattr("semcal_cli.reasons.MIN_RUNNER_UP_MARGIN", 1000.0)
     code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
     assert code == EXIT_NOT_TRUSTED
     (reason,) = read_calibration(tmp_path / "out.yaml").reasons
@@ -407,14 +407,14 @@ def test_a_place_beyond_the_baseline_is_no_prior(
 
 
 def test_motion_and_limits_that_hold_a_pose_are_said() -> None:
-    assert _motion_reasons(None) == _motion_reasons(3.0) == []
-    assert _motion_reasons(7.04) == [
+    assert reasons.motion(None) == reasons.motion(3.0) == []
+    assert reasons.motion(7.04) == [
         "the LiDAR's motion is not compensated: half of the points are 7.0 pixels off or more, needed at most 3"
     ]
     T = np.eye(4)
     T[:3, 3] = [0.0, 0.9, 0.0]
-    assert _baseline_reasons(T, 1.0) == []
-    (held,) = _baseline_reasons(T, 0.9)
+    assert reasons.baseline(T, 1.0) == []
+    (held,) = reasons.baseline(T, 0.9)
     assert held.startswith("the camera is held at 0.9 m from the LiDAR, the limit of --max-baseline-m")
 
 
@@ -437,7 +437,7 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
         half_width_95_rotation_deg=(1.0,) * 3,
     )
     differences = np.array([[0.0] * 6, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, -1.5]])
-    assert _repeatability_reasons(found, differences, stated) == [
+    assert reasons.repeatability(found, differences, stated) == [
         "1 of 4 seeds gave no answer",
         "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
     ]

@@ -9,8 +9,8 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize, margin, runner_up
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations
-from semcal_cli.pipeline import MIN_RUNNER_UP_MARGIN
 from semcal_cli.poses import Pose, camera_center, inverse, rotation_error_deg
+from semcal_cli.reasons import MIN_RUNNER_UP_MARGIN
 
 RIGHT_DEG = 1.0  # pictures of 640 x 360 climb on blocks of 2 pixels, a quarter of a degree
 RIGHT_CM = 15.0

@@ -19,8 +19,8 @@ LAYERS = [
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
     {"mine", "polish", "inspection"},
-    {"uncertainty"},
-    {"trust", "prior"},
+    {"uncertainty", "report"},
+    {"trust", "prior", "reasons"},
     {"pipeline", "comparison"},
     {"verification"},
     {"experiments"},
@@ -28,7 +28,7 @@ LAYERS = [
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 WITH_TORCH = {"mine", "se3", "projection", "objective"}
-WITH_OPENCV = {"pnp", "pictures", "overlay"}
+WITH_OPENCV = {"pnp", "pictures", "overlay", "report"}
 
 
 def imports(path: Path, *, anywhere: bool) -> set[str]:

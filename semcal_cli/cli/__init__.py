@@ -22,6 +22,7 @@ from semcal_cli.cli.initialize import initialize
 from semcal_cli.cli.inspect import inspect
 from semcal_cli.cli.overlay import overlay
 from semcal_cli.cli.refine import refine
+from semcal_cli.cli.report import report
 from semcal_cli.cli.synth import synth
 from semcal_cli.cli.verify import verify
 from semcal_cli.errors import SemcalError
@@ -37,8 +38,8 @@ def semcal() -> None:
 
 
 COMMANDS = (
-    *(calibrate, initialize, refine, evaluate, verify, compare, convert, overlay),
-    *(inspect, import_, synth, experiment, demo),
+    *(calibrate, initialize, refine, evaluate, verify, compare, convert),
+    *(overlay, report, inspect, import_, synth, experiment, demo),
 )
 for command in COMMANDS:
     semcal.add_command(command)

@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from semcal_cli.cli.convert import FormatName, make_asked, open_options
-from semcal_cli.cli.options import drive_argument, result_options
+from semcal_cli.cli.options import PATH, drive_argument, result_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 
@@ -31,14 +31,25 @@ from semcal_cli.cli.search import make_search, search_options
     help="Write only the transform, in a format that `convert --formats` lists.",
 )
 @open_options("to-", "what is written with --to")
+@click.option("--report", "page", type=PATH, metavar="FILE", help="Write a page about it, too: .html.")
+@click.option(
+    "--overlay",
+    "pictures",
+    type=PATH,
+    metavar="DIR",
+    help="Write pictures of points on images there, too, before and after, of at most 20 frames.",
+)
 @result_options
-def calibrate(drive: Path, repeat: int | None, to: str | None, **options: Any) -> None:
+def calibrate(
+    drive: Path, repeat: int | None, to: str | None, page: Path | None, pictures: Path | None, **options: Any
+) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
 
     Needs no start guess: all mounting directions are searched, then the best pose is refined. Exit code 3 means that
     an answer was written but is not trusted.
     """
     from semcal_cli.cli.session import Session
+    from semcal_cli.pictures import make_picture_folder
 
     config, given = make_search(options)
     asked = make_asked(options, "to_")
@@ -47,8 +58,10 @@ def calibrate(drive: Path, repeat: int | None, to: str | None, **options: Any) -
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
     refinement = make_refinement(options, config.alignment.max_baseline_m, given)
-    with Session(drive, given=given, to=None if to is None else (to, asked), **options) as session:
-        code = session.finish(
-            session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
-        )
+    with Session(drive, given=given, to=None if to is None else (to, asked), page=page, **options) as session:
+        if pictures is not None:
+            make_picture_folder(pictures)
+        calibration = session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
+        code = session.finish(calibration)
+    session.illustrate(calibration, page, pictures)
     sys.exit(code)

@@ -20,8 +20,8 @@ NUM_FRAMES = 8
 def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     """Calibrate a synthetic street drive from nothing, and compare with the truth.
 
-    Makes the folder OUT (semcal_demo) with the drive, its calibration.yaml and an overlay.png to look at. Running it
-    again overwrites them.
+    Makes the folder OUT (semcal_demo) with the drive, its calibration.yaml, and report.html and overlay.png to look at.
+    Running it again overwrites them.
     """
     import numpy as np
 
@@ -37,18 +37,20 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
 
     console = make_console(quiet)
     set_threads(threads)
-    drive, result, picture = out / "drive", out / "calibration.yaml", out / "overlay.png"
+    drive, result = out / "drive", out / "calibration.yaml"
+    page, picture = out / "report.html", out / "overlay.png"
     console.print(f"making {NUM_FRAMES} frames of a synthetic street in {drive}")
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
     with Session(drive, output=result, seed=seed, threads=threads, quiet=quiet) as session:
         calibration = session.run.calibrate(session.folder)
         code = session.finish(calibration)
+    spec = read_drive(drive)
     initial = np.array(calibration.stages["initial"].T_camera_lidar)
     poses = {"initial calibration, from nothing": initial, "refined": calibration.pose}
-    spec = read_drive(drive)
     Overlays(spec, load_observations(spec), poses).write(0, picture)
+    session.illustrate(calibration, page, None)
     console.print("\nerror against the truth, which the calibration never saw:")
     for line in error_lines(compare_poses(calibration.pose, read_transform(drive))):
         console.print(line)
-    console.print(f"look at {picture}")
+    console.print(f"look at {page} and {picture}")
     sys.exit(code)

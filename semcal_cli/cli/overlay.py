@@ -62,7 +62,6 @@ def overlay(
     from semcal_cli.formats import read_transform
     from semcal_cli.observations import load_points, read_observations
     from semcal_cli.overlay import Overlays
-    from semcal_cli.pictures import make_picture_folder
     from semcal_cli.selection import evenly_spaced
 
     poses = {str(path): read_transform(path) for path in (against, calibration) if path is not None}
@@ -70,10 +69,6 @@ def overlay(
     frames = evenly_spaced(spec.frames, max_frames)
     spec = spec.model_copy(update={"frames": tuple(frames)})
     observations = load_points(spec) if by == "depth" else read_observations(spec)
-    make_picture_folder(output)
-    overlays = Overlays(spec, observations, poses, by)
     console = make_console(quiet)
-    for frame in range(len(frames)):
-        path = output / f"{frame:06d}.png"
-        overlays.write(frame, path)
+    for path in Overlays(spec, observations, poses, by).write_all(output):
         console.print(str(path), markup=False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 from rich.console import Console
-from rich.status import Status
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from semcal_cli.calibration import (
     Calibration,
@@ -52,11 +53,12 @@ class Session:
         max_frames: int | None = None,
         given: Given | None = None,
         to: tuple[str, Asked] | None = None,
+        page: Path | None = None,
     ) -> None:
         """Check everything that can be wrong before the work begins.
 
         `given` is a transform that the command reads, too; `to` a format to write the transform in, instead of all that
-        is known.
+        is known; `page` where a report goes.
 
         Raises:
             InputError: the drive is invalid, or the result or the log cannot go where they shall.
@@ -67,7 +69,9 @@ class Session:
             *map(spec.resolve, spec.files()),
             *([given.source] if given and given.source else []),
         ]
-        _check_outputs(read, [path for path in (output, log) if path is not None])
+        if page is not None:
+            check_page(page)
+        check_outputs(read, [path for path in (output, log, page) if path is not None])
         if to is not None:
             write_transform(np.eye(4), None, *to)
         elif output is not None:
@@ -75,16 +79,15 @@ class Session:
         self.console = make_console(quiet)
         self.output, self.log, self.threads, self.to = output, log, threads, to
         self.reports: list[StageReport] = []
-        self._status: Status | None = None
-        self.run = Run(spec, seed, report=self._report, progress=self._progress)
+        self._line = ExitStack()
+        self._progress: Callable[[str], None] = lambda doing: None
+        self.run = Run(spec, seed, report=self._report, progress=self.progress)
         if max_frames is not None:
             self.run.max_frames = max_frames
         set_threads(threads)
 
     def __enter__(self) -> Session:
-        if self.console.is_terminal:
-            self._status = self.console.status("")
-            self._status.start()
+        self._progress = self._line.enter_context(progress_line(self.console))
         return self
 
     def __exit__(
@@ -93,8 +96,7 @@ class Session:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if self._status is not None:
-            self._status.stop()
+        self._line.close()
 
     @property
     def folder(self) -> Path:
@@ -103,8 +105,7 @@ class Session:
 
     def finish(self, calibration: Calibration) -> int:
         """Write and summarise a calibration, and tell the exit code: 3 if it is not trusted."""
-        if self._status is not None:
-            self._status.stop()
+        self._line.close()
         if self.log is not None:
             write_text(self._log_text(), self.log)
         if self.to is not None:
@@ -117,6 +118,24 @@ class Session:
             write_calibration(calibration, self.output)
         self._summarise(calibration)
         return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
+
+    def illustrate(self, calibration: Calibration, page: Path | None, pictures: Path | None) -> None:
+        """Write a page about a calibration, and pictures, where asked."""
+        if page is None and pictures is None:
+            return
+        from semcal_cli.report import make_subject, write_report
+
+        name = str(self.output or "calibration")
+        with progress_line(self.console) as progress:
+            progress("reading frames")
+            subject = make_subject(self.run.drive, name, calibration.pose, calibration)
+            if page is not None:
+                write_report(subject, page, progress)
+                self.console.print(f"{'report':<17}{page}", markup=False)
+            if pictures is not None:
+                progress("drawing points on pictures")
+                for path in subject.overlays().write_all(pictures):
+                    self.console.print(f"{'picture':<17}{path}", markup=False)
 
     def show(self, hypotheses: Sequence[Hypothesis]) -> None:
         """Print the hypotheses of the initial calibration."""
@@ -131,13 +150,15 @@ class Session:
                 markup=False,
             )
 
-    def _progress(self, doing: str) -> None:
-        if self._status is not None:
-            self._status.update(doing)
+    def progress(self, doing: str) -> None:
+        """Show what is being done, on a terminal."""
+        self._progress(doing)
 
     def _report(self, report: StageReport) -> None:
         self.reports.append(report)
         figures = "" if report.agreement is None else f"MI {report.agreement.mutual_information:.4f} nats   "
+        if report.moved is not None:
+            figures += f"moved {report.moved.rotation_deg:.4f} deg, {report.moved.camera_center_cm:.3f} cm   "
         self.console.print(f"{report.name:<8} {report.seconds:6.2f} s   {figures}{report.note}", markup=False)
 
     def _summarise(self, calibration: Calibration) -> None:
@@ -199,7 +220,7 @@ def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
     return {f"{found.num_seeds} seeds": lines}
 
 
-def _check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
+def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
     """Check that results have a folder to go to, and overwrite neither an input nor one another."""
     taken = {path.resolve() for path in read}
     for path in outputs:
@@ -210,6 +231,28 @@ def _check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
         if path.resolve() in taken:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
         taken.add(path.resolve())
+
+
+def check_page(path: Path) -> None:
+    """Check the suffix of a page.
+
+    Raises:
+        InputError: it is none of HTML.
+    """
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{path}: found suffix {path.suffix!r}, needed .html")
+
+
+@contextmanager
+def progress_line(console: Console) -> Iterator[Callable[[str], None]]:
+    """Show what is being done, and for how long, on a terminal."""
+    if not console.is_terminal:
+        yield lambda doing: None
+        return
+    columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
+    with Progress(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("")
+        yield lambda doing: progress.update(task, description=doing)
 
 
 def make_console(quiet: bool) -> Console:

@@ -178,6 +178,8 @@ def _plot(timings: Sequence[Timing]) -> Figure:
 def run_process(command: list[str]) -> tuple[float, float]:
     """Run a process, and tell its wall time in seconds and its peak memory in GiB.
 
+    Linux counts this process's own memory as the other's until that begins: it never tells less.
+
     Raises:
         CalibrationError: it failed.
     """

@@ -5,12 +5,13 @@ A calibration, a drive with its reference, or a bare transform, as `convert` wri
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from semcal_cli.calibration import Calibration
-from semcal_cli.drive import Drive
+from semcal_cli.drive import Drive, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, document_writer
 from semcal_cli.poses import Pose
@@ -22,6 +23,18 @@ CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_tr
 class _Transform(StrictModel):
     semcal_transform: Version
     T_camera_lidar: Transform
+
+
+def read_record(path: Path) -> Calibration | None:
+    """Read all that semcal wrote with a transform; None if the file is no calibration of semcal's.
+
+    Raises:
+        InputError: it is one, and wrong.
+    """
+    source = Source.read(drive_file(path))
+    if CALIBRATION not in source.mapping:
+        return None
+    return validate(Calibration, source.document, source.path)
 
 
 def _read(source: Source, asked: Asked) -> Pose:

@@ -26,7 +26,7 @@ from semcal_cli.formats import read_transform
 from semcal_cli.initialization import AlignmentConfig, InitializationConfig, initialize, margin, runner_up
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import load_observations
-from semcal_cli.pipeline import MIN_RUNNER_UP_MARGIN
+from semcal_cli.reasons import MIN_RUNNER_UP_MARGIN
 from semcal_cli.synthesis import synthesize
 from semcal_cli.synthesis_config import SynthConfig
 

@@ -1,0 +1,45 @@
+"""`semcal report`: a calibration as one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, drive_argument, quiet_option, threads_option
+
+
+@click.command(
+    help=f"Write a page about the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}. One HTML file with all "
+    "that is known of it, readable without a network."
+)
+@drive_argument
+@click.argument("calibration", type=PATH)
+@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="Where the page goes: .html.")
+@click.option(
+    "--against",
+    type=PATH,
+    metavar="FILE",
+    help="Show this transform beside it. If not given, what the calibration's first stage arrived at.",
+)
+@threads_option
+@quiet_option
+def report(
+    drive: Path, calibration: Path, output: Path, against: Path | None, threads: int | None, quiet: bool
+) -> None:
+    """Write a page about a transform."""
+    from semcal_cli.cli.session import check_outputs, check_page, make_console, progress_line
+    from semcal_cli.drive import drive_file, read_drive
+    from semcal_cli.pipeline import set_threads
+    from semcal_cli.report import read_subject, write_report
+
+    spec = read_drive(drive)
+    given = [drive_file(path) for path in (calibration, against) if path is not None]
+    check_page(output)
+    check_outputs([spec.path, *map(spec.resolve, spec.files()), *given], [output])
+    set_threads(threads)
+    console = make_console(quiet)
+    with progress_line(console) as progress:
+        progress("reading frames")
+        write_report(read_subject(spec, calibration, against), output, progress)
+    console.print(str(output), markup=False)

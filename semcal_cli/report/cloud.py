@@ -1,0 +1,117 @@
+"""A point cloud for the 3-D view: what the camera sees has its colours, the rest is grey."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.camera import core_camera
+from semcal_cli.classes import NO_CLASS
+from semcal_cli.overlay import Colors, class_colors, points_in_picture
+from semcal_cli.pictures import read_picture
+from semcal_cli.poses import camera_center, inverse
+from semcal_cli.report.subject import Subject
+from semcal_cli.selection import evenly_spaced
+
+MAX_SEEN, MAX_OTHERS = 16_000, 8_000
+"""So many points that the camera sees are kept, and so many others."""
+MAX_RANGE_M = 120.0
+"""Others, of no use to the view, are left out."""
+GREY = 92
+FRUSTUM_M = 1.0
+"""How far the edges of the camera's view are drawn."""
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points and the camera, in the LiDAR frame; arrays as base64 for the page's script."""
+
+    frame: str
+    positions_cm: str
+    """int16, little-endian, (N, 3)."""
+    colors: dict[str, str]
+    """uint8 red, green, blue, (N, 3), by what they say."""
+    camera_center: list[float]
+    optical_axis: list[float]
+    corners: list[list[float]]
+    """Ends of the edges of the camera's view; none where the lens does not reach into the picture's corners."""
+
+
+def frame_cloud(subject: Subject) -> Cloud:
+    """Colour the first frame's points by the label of the pixel they land on, by their own, and by the picture."""
+    observations, T = subject.observations, subject.T_camera_lidar
+    points = observations.points[0]
+    seen = points_in_picture(points, T, observations.camera)
+    visible = _thinned(~seen.is_hidden, MAX_SEEN)
+    is_other = np.linalg.norm(points, axis=1) < MAX_RANGE_M
+    is_other[seen.indices[~seen.is_hidden]] = False
+    others = _thinned(is_other, MAX_OTHERS)
+    pixels, indices = seen.pixels[visible], seen.indices[visible]
+    kept = np.concatenate([indices, others])
+    point_names, image_names = observations.point_class_names, observations.image_class_names
+    names = list(dict.fromkeys([*point_names, *image_names]))
+    palette = dict(zip(names, class_colors(names), strict=True))
+    pixel_classes = _at(observations.image_classes[0], pixels)
+    point_classes = observations.point_classes[0][indices]
+    by = {
+        "label of the pixel": _label_colors(pixel_classes, [palette[name] for name in image_names]),
+        "label of the point": _label_colors(point_classes, [palette[name] for name in point_names]),
+    }
+    name = subject.drive.frames[0].image
+    if name is not None:
+        by["picture"] = _at(read_picture(subject.drive.resolve(name)), pixels)[:, ::-1]
+    grey = np.full((len(others), 3), GREY, np.uint8)
+    positions = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
+    return Cloud(
+        frame=subject.drive.frames[0].points,
+        positions_cm=_text(positions),
+        colors={name: _text(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
+        camera_center=camera_center(T).tolist(),
+        optical_axis=T[2, :3].tolist(),
+        corners=_corners(subject),
+    )
+
+
+def _thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
+    """Indices of evenly spaced ones of those that a mask (N,) names."""
+    return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
+
+
+def _at(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+    """Values of the pixels (M, 2)."""
+    u, v = pixels.T
+    found: npt.NDArray[np.uint8] = image[
+        v.clip(0, image.shape[0] - 1),
+        u.clip(0, image.shape[1] - 1),
+    ]
+    return found
+
+
+def _label_colors(classes: npt.NDArray[np.uint8], colors: Sequence[Colors]) -> npt.NDArray[np.uint8]:
+    """Red, green, blue of classes, of which each has its colour (blue, green, red); grey without a class."""
+    table = np.full((NO_CLASS + 1, 3), GREY, np.uint8)
+    table[: len(colors)] = np.array(colors)[:, ::-1]
+    return table[classes]
+
+
+def _corners(subject: Subject) -> list[list[float]]:
+    """Ends of the edges of the camera's view, LiDAR frame."""
+    camera = subject.observations.camera
+    right, bottom = camera.width - 0.5, camera.height - 0.5
+    pixels = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+    rays = core_camera(camera).unproject(pixels)
+    if not np.isfinite(rays).all():
+        return []
+    T_lidar_camera = inverse(subject.T_camera_lidar)
+    corners: list[list[float]] = (
+        FRUSTUM_M * rays @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
+    ).tolist()
+    return corners
+
+
+def _text(array: npt.NDArray[np.generic]) -> str:
+    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

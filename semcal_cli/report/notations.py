@@ -1,0 +1,85 @@
+"""One transform in every notation that people ask for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from semcal_cli.errors import InputError
+from semcal_cli.formats import FORMATS
+from semcal_cli.formats.format import Asked, rpy, wxyz
+from semcal_cli.poses import (
+    OPTICAL_AXES,
+    Pose,
+    Vector,
+    camera_center,
+    inverse,
+    quaternion_xyzw,
+    rotation_difference,
+)
+
+DIGITS = 9
+"""After the point: nanometres."""
+
+
+@dataclass(frozen=True)
+class Notation:
+    """A transform as text to copy."""
+
+    name: str
+    meaning: str
+    text: str
+
+
+def notations(T_camera_lidar: Pose) -> list[Notation]:
+    """Write a transform as matrices, vectors and angles."""
+    T_lidar_camera = inverse(T_camera_lidar)
+    T_lidar_body = T_lidar_camera.copy()
+    T_lidar_body[:3, :3] = T_lidar_camera[:3, :3] @ OPTICAL_AXES.T
+    rotation_vector = rotation_difference(T_camera_lidar, np.eye(4))
+    return [
+        Notation("T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", _matrix(T_camera_lidar)),
+        Notation("T_lidar_camera", "its inverse, p_lidar = T_lidar_camera p_camera", _matrix(T_lidar_camera)),
+        Notation("camera centre x y z", "metres, in the LiDAR frame", _row(camera_center(T_camera_lidar))),
+        Notation(
+            "roll pitch yaw",
+            "degrees: how the camera is mounted, its body frame (x forward, y left, z up) in the LiDAR frame, "
+            "R = Rz(yaw) Ry(pitch) Rx(roll), as --init-rpy-xyz takes them",
+            _row(np.degrees(rpy(T_lidar_body))),
+        ),
+        Notation("translation x y z", "metres, of T_camera_lidar", _row(T_camera_lidar[:3, 3])),
+        Notation("quaternion x y z w", "of T_camera_lidar", _row(quaternion_xyzw(T_camera_lidar))),
+        Notation("quaternion w x y z", "of T_camera_lidar", _row(np.array(wxyz(T_camera_lidar)))),
+        Notation("rotation vector", "degrees, of T_camera_lidar", _row(np.degrees(rotation_vector))),
+        Notation("rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", _row(rotation_vector)),
+    ]
+
+
+def files(T_camera_lidar: Pose) -> list[Notation]:
+    """Write a transform in each text format that needs nothing else.
+
+    Matrices of formats that state no direction are T_camera_lidar.
+    """
+    asked = Asked(direction="lidar-to-camera")
+    found = []
+    for format in FORMATS:
+        try:
+            text = format.write(T_camera_lidar, asked).decode()
+        except (InputError, UnicodeDecodeError):
+            continue  # Poses beside others of a rig go into a file; NumPy's is no text.
+        meaning = format.equation.replace("of --direction", "with T_camera_lidar for T")
+        found.append(Notation(format.name, meaning, text.rstrip("\n")))
+    return found
+
+
+def _matrix(T: Pose) -> str:
+    return "\n".join(_aligned(row) for row in T)
+
+
+def _row(values: Vector) -> str:
+    return _aligned(values).strip()
+
+
+def _aligned(values: Vector) -> str:
+    return " ".join(f"{value: .{DIGITS}f}" for value in np.round(values, DIGITS) + 0.0)

@@ -1,0 +1,114 @@
+"""A calibration's verdict and uncertainty in sentences."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from semcal_cli.calibration import Calibration, UncertaintyRecord
+from semcal_cli.camera import core_camera
+from semcal_cli.drive import Camera
+from semcal_cli.report.subject import Subject
+
+DEPTHS_M = 10.0, 50.0
+"""How far away points are whose place in the picture is told."""
+
+TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What a reader learns first."""
+
+    status: str
+    title: str
+    sentence: str
+    reasons: tuple[str, ...] = ()
+
+
+def verdict(subject: Subject) -> Verdict:
+    """Say whether the transform may be used."""
+    record = subject.record
+    if record is None:
+        return Verdict(
+            "not_assessed",
+            TITLES["not_assessed"],
+            "The file holds a transform and nothing of how it was found. What follows was measured with it; "
+            "`semcal verify` tells whether it holds.",
+        )
+    sentence = {
+        "trusted": "Nothing was found that speaks against it.",
+        "not_trusted": "This speaks against it:",
+        "not_assessed": "It was not polished, so that nothing tells how sure it is.",
+    }[record.status]
+    return Verdict(record.status, TITLES[record.status], sentence, record.reasons)
+
+
+def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
+    """Say how sure a pose is, and what that means in the picture."""
+    found = record.uncertainty
+    if found is None:
+        polished = record.polish is not None and record.polish.accepted
+        why = "the labels do not determine the pose" if polished else "the pose was not polished"
+        return [f"Nothing is known of its error: {why}."]
+    x, y, z = (100.0 * half for half in found.half_width_95_camera_center_m)
+    pitch, yaw, roll = found.half_width_95_rotation_deg
+    sentences = [
+        f"The camera is within {_figure(x)} cm of the stated place to its right or left, {_figure(y)} cm up or down, "
+        f"and {_figure(z)} cm forward or back; its rotation is within {_figure(pitch)} degrees in pitch, "
+        f"{_figure(yaw)} in yaw and {_figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
+        _in_the_picture(found, camera),
+        *(f"Weak {direction}." for direction in found.weak_directions),
+    ]
+    if found.label_bleed is not None:
+        moved_cm = 100.0 * math.hypot(*found.label_bleed.camera_center_m)
+        turned_deg = math.hypot(*found.label_bleed.rotation_deg)
+        sentences.append(
+            f"If labels of all pictures bled by one pixel, the camera would come out {_figure(moved_cm)} cm and "
+            f"{_figure(turned_deg)} degrees elsewhere: more frames do not cure that, better labels do."
+        )
+    if record.repeatability is not None:
+        repeated = record.repeatability
+        far_cm, far_deg = 100.0 * repeated.farthest_camera_center_m, repeated.farthest_rotation_deg
+        failed = f"; {repeated.num_failed} gave no answer" if repeated.num_failed else ""
+        sentences.append(
+            f"{repeated.num_seeds} seeds lead to poses up to {_figure(far_cm)} cm and {_figure(far_deg)} degrees apart "
+            f"from it{failed}."
+        )
+    return sentences
+
+
+def runner_up_sentence(record: Calibration) -> str | None:
+    """Say how far behind the best other mounting is."""
+    margin = record.quality.runner_up_margin
+    if margin is None:
+        return None
+    return (
+        f"The best other mounting shares less information by {margin:.1f} standard errors; trusted from 2 on."
+    )
+
+
+def _in_the_picture(found: UncertaintyRecord, camera: Camera) -> str:
+    """Two standard errors of where a point straight ahead lands, first order in the twist."""
+    covariance = np.array(found.covariance)
+    pixels_per_radian = core_camera(camera).pixels_per_radian
+    parts = []
+    for depth_m in DEPTHS_M:
+        # A point (0, 0, z) moves by rho + phi x p: to (rho_x + z phi_y, rho_y - z phi_x).
+        motions = np.array([[1.0 / depth_m, 0, 0, 0, 1, 0], [0, 1.0 / depth_m, 0, -1, 0, 0]])
+        scatter = motions @ covariance @ motions.T
+        sigma_px = pixels_per_radian * math.sqrt(max(float(np.linalg.eigvalsh(scatter)[-1]), 0.0))
+        parts.append(f"{_figure(2.0 * sigma_px)} pixels at {depth_m:g} m")
+    return (
+        f"A point straight ahead thus lands within {' and '.join(parts)} of its place (two standard errors)."
+    )
+
+
+def _figure(value: float) -> str:
+    """Two digits that mean something, without exponents."""
+    if value == 0.0:
+        return "0"
+    digits = max(0, 1 - math.floor(math.log10(abs(value))))
+    return f"{value:.{min(digits, 6)}f}"

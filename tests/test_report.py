@@ -1,0 +1,373 @@
+"""The page about a calibration: its figures, and what a browser makes of it."""
+
+import base64
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import make_pose
+from scipy.spatial.transform import Rotation
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+
+from semcal_cli import _core
+from semcal_cli.calibration import read_calibration, write_calibration
+from semcal_cli.cli import semcal
+from semcal_cli.drive import read_drive
+from semcal_cli.formats import find_format, read_transform
+from semcal_cli.formats.format import Asked, Source
+from semcal_cli.overlay import class_colors
+from semcal_cli.poses import Pose, camera_center, inverse, pose_from_mounting
+from semcal_cli.report import Subject, read_subject, write_report
+from semcal_cli.report.classes import class_agreements
+from semcal_cli.report.cloud import frame_cloud
+from semcal_cli.report.curves import information_curves
+from semcal_cli.report.frames import MIN_COLUMNS, _data_uri
+from semcal_cli.report.notations import files, notations
+from semcal_cli.report.words import _figure, uncertainty_sentences
+
+T_ANY = make_pose((0.4, -1.1, 0.7), (0.3, -0.2, 1.4))
+MAX_BYTES = 5_000_000
+
+
+@pytest.fixture(scope="module")
+def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a calibration, its page and its pictures, all of one run."""
+    folder = tmp_path_factory.mktemp("made")
+    options = ["-o", str(folder / "c.yaml"), "--report", str(folder / "r.html")]
+    command = ["calibrate", str(street), *options, "--overlay", str(folder / "overlays")]
+    result = CliRunner().invoke(semcal, command)
+    assert result.exit_code in (0, 3), result.output
+    return folder
+
+
+@pytest.fixture(scope="module")
+def subject(made: Path, street: Path) -> Subject:
+    return read_subject(read_drive(street), made / "c.yaml")
+
+
+# What it says.
+
+
+def test_one_run_leaves_the_page_and_the_pictures(made: Path, street: Path, tmp_path: Path) -> None:
+    """And the page is that of `report`, to the byte, but for the names of files."""
+    assert sorted(path.name for path in (made / "overlays").iterdir()) == [f"00000{i}.png" for i in range(4)]
+    result = CliRunner().invoke(
+        semcal, ["report", str(street), str(made / "c.yaml"), "-o", str(tmp_path / "r.html"), "-q"]
+    )
+    assert result.exit_code == 0
+    assert (tmp_path / "r.html").read_bytes() == (made / "r.html").read_bytes()
+
+
+def test_the_page_needs_no_network(made: Path) -> None:
+    page = (made / "r.html").read_text()
+    assert "default-src 'none'" in page
+    assert not re.search(r"""(src|href)=["'](?!data:)""", page)
+    assert not re.search(r"url\((?!data:)", page)
+
+
+def test_the_verdict_and_its_reasons_come_first(made: Path, street: Path, tmp_path: Path) -> None:
+    record = read_calibration(made / "c.yaml")
+    damned = record.model_copy(update={"status": "not_trusted", "reasons": ("1 < 2 <script>",)})
+    write_calibration(damned, tmp_path / "c.yaml")
+    write_report(read_subject(read_drive(street), tmp_path / "c.yaml"), tmp_path / "r.html")
+    header = (tmp_path / "r.html").read_text().split("</header>")[0]
+    assert "<h1>Not trusted</h1>" in header
+    assert "<li>1 &lt; 2 &lt;script&gt;</li>" in header
+    assert f"<h1>{record.status.replace('_', ' ').capitalize()}</h1>" in (made / "r.html").read_text()
+
+
+def test_a_bare_transform_is_shown_without_a_verdict(street: Path, tmp_path: Path) -> None:
+    write_report(read_subject(read_drive(street), street), tmp_path / "r.html")
+    page = (tmp_path / "r.html").read_text()
+    assert "<h1>Not assessed</h1>" in page
+    assert "`semcal verify` tells whether it holds" in page
+    assert "From stage to stage" not in page
+
+
+def test_the_page_says_where_its_figures_are_not_those_of_the_calibration(
+    made: Path, street: Path, tmp_path: Path
+) -> None:
+    copy = tmp_path / "drive"
+    shutil.copytree(street, copy)
+    label = next((copy / "image_labels").iterdir())
+    label.write_bytes(label.read_bytes() + b"\0")
+    drive = read_drive(copy)
+    assert read_subject(drive, made / "c.yaml").notices == (
+        f"Since it was computed, files were changed: image_labels/{label.name}.",
+    )
+    fewer = drive.model_copy(update={"frames": drive.frames[:3]})
+    assert (
+        read_subject(fewer, made / "c.yaml")
+        .notices[0]
+        .startswith("Of the 4 frames it was computed from, 3 are in ")
+    )
+    points = [frame.model_copy(update={"image_labels": f"./{frame.image_labels}"}) for frame in drive.frames]
+    other = drive.model_copy(update={"frames": tuple(points)})
+    assert (
+        read_subject(other, made / "c.yaml")
+        .notices[0]
+        .startswith("The calibration was computed from other frames, of ")
+    )
+
+
+def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
+    for output, needed in ((made / "c.yaml", "needed .html"), (made / "none" / "r.html", "needed one to")):
+        result = CliRunner().invoke(semcal, ["report", str(street), str(made / "c.yaml"), "-o", str(output)])
+        assert result.exit_code == 1
+        assert needed in str(result.exception)
+
+
+# Its figures.
+
+
+def test_classes_add_up_to_all(subject: Subject) -> None:
+    agreement = _core.agreement(subject.observations.core, subject.T_camera_lidar)
+    found = class_agreements(subject.observations, agreement, agreement)
+    assert sum(each.share for each in found) == pytest.approx(1.0)
+    assert sum(each.nats for each in found) == pytest.approx(agreement.mutual_information)
+    assert sum(each.share * each.agreeing for each in found) == pytest.approx(agreement.label_agreement)
+    assert all(each.agreeing == each.agreeing_before for each in found)
+    assert {each.lands_on[0][0] for each in found if each.share > 0.05} == {
+        each.name for each in found if each.share > 0.05
+    }
+
+
+def test_curves_are_those_of_the_camera_moved_along_its_axes(subject: Subject) -> None:
+    T, record = subject.T_camera_lidar, subject.record
+    assert record is not None
+    curves = information_curves(subject.observations, T, record.uncertainty)
+    for axis, curve in enumerate(curves):
+        offset = curve.offsets[-3]
+        R, center = T[:3, :3], camera_center(T)
+        if axis < 3:
+            center = center + 0.01 * offset * R[axis]
+        else:
+            R = Rotation.from_rotvec(np.radians(offset) * np.eye(3)[axis - 3]).as_matrix() @ R
+        moved = np.eye(4)
+        moved[:3, :3], moved[:3, 3] = R, -R @ center
+        at = _core.agreement(subject.observations.core, moved).mutual_information
+        assert curve.nats[-3] == pytest.approx(at, abs=1e-9)
+        assert abs(curve.optimum) < 0.25 * curve.span
+        assert curve.offsets[len(curve.offsets) // 2] == 0.0
+
+
+def test_notations_are_one_transform() -> None:
+    found = {(each.name, each.meaning.split(",")[0]): each.text for each in notations(T_ANY)}
+    values = {key: np.array(text.split(), float) for key, text in found.items()}
+    R, t = Rotation.from_matrix(T_ANY[:3, :3]), T_ANY[:3, 3]
+    close = {"atol": 2e-9}
+    by_name = {name: value for (name, _), value in values.items()}
+    np.testing.assert_allclose(by_name["T_camera_lidar"].reshape(4, 4), T_ANY, **close)
+    np.testing.assert_allclose(by_name["T_lidar_camera"].reshape(4, 4), np.linalg.inv(T_ANY), **close)
+    np.testing.assert_allclose(by_name["translation x y z"], t, **close)
+    np.testing.assert_allclose(by_name["quaternion x y z w"], R.as_quat(canonical=True), **close)
+    np.testing.assert_allclose(
+        by_name["quaternion w x y z"][[1, 2, 3, 0]], R.as_quat(canonical=True), **close
+    )
+    np.testing.assert_allclose(values["rotation vector", "degrees"], np.degrees(R.as_rotvec()), atol=1e-7)
+    np.testing.assert_allclose(values["rotation vector", "radians"], R.as_rotvec(), **close)
+    mounting = pose_from_mounting(by_name["roll pitch yaw"].tolist(), by_name["camera centre x y z"].tolist())
+    np.testing.assert_allclose(mounting, T_ANY, atol=1e-8)
+
+
+@pytest.mark.parametrize("notation", files(T_ANY), ids=lambda notation: notation.name)
+def test_files_on_the_page_are_read_back(notation: object, tmp_path: Path) -> None:
+    name, text = notation.name, notation.text  # type: ignore[attr-defined]
+    path = tmp_path / "calib_cam_to_velo.txt"
+    path.write_text(text)
+    asked = Asked(direction="lidar-to-camera", frame="optical")
+    np.testing.assert_allclose(find_format(name).read(Source.read(path), asked), T_ANY, atol=1e-9)
+
+
+def test_points_have_the_colour_of_the_pixel_they_land_on(subject: Subject) -> None:
+    cloud, observations = frame_cloud(subject), subject.observations
+    positions = np.frombuffer(base64.b64decode(cloud.positions_cm), "<i2").reshape(-1, 3) / 100.0
+    by = {
+        name: np.frombuffer(base64.b64decode(text), np.uint8).reshape(-1, 3)
+        for name, text in cloud.colors.items()
+    }
+    assert set(by) == {"label of the pixel", "label of the point", "picture"}
+    assert all(len(colors) == len(positions) for colors in by.values())
+    T = subject.T_camera_lidar
+    points = np.asarray(positions, np.float32)
+    pixels, ranges, _ = _core.land(_core_camera(subject), points, T)
+    is_grey = (by["label of the pixel"] == by["label of the pixel"][-1]).all(axis=1)
+    colored = np.flatnonzero(~is_grey & np.isfinite(ranges))
+    u, v = np.rint(pixels[colored]).astype(int).T
+    names = list(dict.fromkeys([*observations.point_class_names, *observations.image_class_names]))
+    palette = dict(zip(names, class_colors(names)[:, ::-1].tolist(), strict=True))
+    expected = np.array(
+        [palette[observations.image_class_names[i]] for i in observations.image_classes[0][v, u]]
+    )
+    # Positions are rounded to centimetres: near a label's border that is a pixel.
+    assert (by["label of the pixel"][colored] == expected).all(axis=1).mean() > 0.97
+    assert len(colored) > 1000
+    np.testing.assert_allclose(cloud.camera_center, camera_center(T))
+
+
+def _core_camera(subject: Subject) -> _core.Camera:
+    from semcal_cli.camera import core_camera
+
+    return core_camera(subject.observations.camera)
+
+
+def test_pictures_of_any_content_fit() -> None:
+    noise = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), dtype=np.uint8)
+    assert len(_data_uri(noise, 60_000)) < 60_000 * 4 / 3 + 100
+    assert MIN_COLUMNS < 1280
+
+
+def test_words_state_the_uncertainty(subject: Subject) -> None:
+    record = subject.record
+    assert record is not None
+    assert record.uncertainty is not None
+    covariance = np.diag([0.01, 0.02, 0.03, 0.001, 0.002, 0.003]) ** 2
+    uncertainty = record.uncertainty.model_copy(
+        update={
+            "covariance": tuple(map(tuple, covariance.tolist())),
+            "half_width_95_camera_center_m": (0.02, 0.041, 0.06),
+            "half_width_95_rotation_deg": (0.1, 0.2, 0.3),
+            "weak_directions": ("in roll: +- 0.30 degrees; add frames",),
+            "label_bleed": None,
+        }
+    )
+    camera = subject.observations.camera
+    first, second, weak = uncertainty_sentences(
+        record.model_copy(update={"uncertainty": uncertainty}), camera
+    )
+    assert "2.0 cm" in first
+    assert "4.1 cm up or down" in first
+    assert "0.20 in yaw" in first
+    # Sideways, at 10 m: 1 mrad by the place, 2 mrad by yaw; up and down 2 and 1.
+    focal = camera.K[0][0]
+    assert f"{_figure(2.0 * focal * np.hypot(0.001, 0.002))} pixels at 10 m" in second
+    assert weak == "Weak in roll: +- 0.30 degrees; add frames."
+    (nothing,) = uncertainty_sentences(record.model_copy(update={"uncertainty": None}), camera)
+    assert nothing.startswith("Nothing is known of its error")
+
+
+# What a browser makes of it.
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[webdriver.Chrome]:
+    """Chromium without a display, as Debian's packages chromium and chromium-driver have it."""
+    driver, chromium = shutil.which("chromedriver"), shutil.which("chromium")
+    if driver is None or chromium is None:
+        if "CI" in os.environ:
+            pytest.fail("no chromium and chromedriver: install Debian's chromium-driver")
+        pytest.skip("no chromium and chromedriver on this machine")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    # Containers often run as root and without the kernel's sandbox; the page is ours.
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--enable-unsafe-swiftshader",
+        "--window-size=1280,900",
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield chrome
+    chrome.quit()
+
+
+@pytest.fixture
+def page(browser: webdriver.Chrome, made: Path) -> webdriver.Chrome:
+    browser.get((made / "r.html").as_uri())
+    return browser
+
+
+def test_it_loads_without_a_complaint(page: webdriver.Chrome) -> None:
+    assert page.title.endswith("c.yaml")
+    assert [entry for entry in page.get_log("browser") if entry["level"] == "SEVERE"] == []
+    images = page.find_elements(By.TAG_NAME, "img")
+    assert len(images) == 8
+    assert all(int(image.get_property("naturalWidth")) > 100 for image in images)
+
+
+def test_the_slider_moves_the_line(page: webdriver.Chrome) -> None:
+    slider = page.find_element(By.CSS_SELECTOR, ".slider input")
+    before = page.find_element(By.CSS_SELECTOR, ".slider .before")
+    assert "50%" in before.value_of_css_property("clip-path")
+    page.execute_script("arguments[0].scrollIntoView({block: 'center'})", slider)
+    width = slider.size["width"]
+    ActionChains(page).move_to_element(slider).click_and_hold().move_by_offset(
+        width // 4, 0
+    ).release().perform()
+    moved = float(re.search(r"([\d.]+)%", before.value_of_css_property("clip-path"))[1])  # type: ignore[index]
+    assert moved == pytest.approx(25.0, abs=3.0)
+
+
+def test_the_copy_button_copies(page: webdriver.Chrome, made: Path) -> None:
+    origin = {"permissions": ["clipboardReadWrite", "clipboardSanitizedWrite"]}
+    page.execute_cdp_cmd("Browser.grantPermissions", origin)
+    button = page.find_element(By.CSS_SELECTOR, "button.copy")
+    button.click()
+    WebDriverWait(page, 10).until(lambda _: button.text == "Copied")
+    copied = page.execute_async_script("navigator.clipboard.readText().then(arguments[0])")
+    T: Pose = np.array(copied.split(), float).reshape(4, 4)
+    np.testing.assert_allclose(T, read_transform(made / "c.yaml"), atol=1e-9)
+    assert not np.allclose(T, inverse(T))
+
+
+def test_the_cloud_is_drawn_and_turns(page: webdriver.Chrome) -> None:
+    def colors() -> list[int]:
+        """How often each channel of the drawing is bright, and a checksum."""
+        return page.execute_script("""
+            const view = document.getElementById("cloud-view"), flat = document.createElement("canvas");
+            [flat.width, flat.height] = [view.width, view.height];
+            const context = flat.getContext("2d");
+            context.drawImage(view, 0, 0);
+            const data = context.getImageData(0, 0, flat.width, flat.height).data;
+            let bright = 0, sum = 0;
+            for (let i = 0; i < data.length; i += 4) {
+                bright += Math.max(data[i], data[i + 1], data[i + 2]) > 80;
+                sum = (sum * 31 + data[i] + 7 * data[i + 1]) % 1000003;
+            }
+            return [bright, sum];
+        """)
+
+    bright, first = colors()
+    assert bright > 2000
+    canvas = page.find_element(By.ID, "cloud-view")
+    page.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
+    ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(150, 40).release().perform()
+    WebDriverWait(page, 10).until(lambda _: colors()[1] != first)
+    turned = colors()
+    page.find_element(By.CSS_SELECTOR, "#cloud-colors option:last-child").click()
+    WebDriverWait(page, 10).until(lambda _: colors()[1] != turned[1])
+
+
+def test_it_is_readable_on_a_phone_and_in_print(page: webdriver.Chrome) -> None:
+    metrics = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    assert page.execute_script("return document.documentElement.scrollWidth") <= 390
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    printed = base64.b64decode(page.print_page())
+    assert printed.startswith(b"%PDF")
+    assert len(printed) > 100_000
+
+
+def test_a_page_without_pictures_and_before_has_no_complaint(
+    browser: webdriver.Chrome, street: Path, tmp_path: Path
+) -> None:
+    drive = read_drive(street)
+    frames = tuple(frame.model_copy(update={"image": None}) for frame in drive.frames)
+    bare = read_subject(drive.model_copy(update={"frames": frames}), street)
+    hostile = '</script><script>throw Error("run")</script>'
+    write_report(replace(bare, name=hostile), tmp_path / "r.html")
+    browser.get((tmp_path / "r.html").as_uri())
+    assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
+    assert hostile in browser.find_element(By.CLASS_NAME, "files").text
+    assert not browser.find_elements(By.CSS_SELECTOR, ".slider")
