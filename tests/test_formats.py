@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from conftest import DRIVE, TEST_DATA, documents, make_pose, poses
+from conftest import DRIVE, documents, make_pose, poses
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -260,6 +260,13 @@ FILES: dict[str, tuple[str, str, Asked]] = {
     ),
     "nuscenes": ("calibrated_sensor.json", json.dumps(SENSORS), Asked(camera="a", lidar="b")),
     "kalibr": ("chain.yaml", yaml.dump({"cam0": {"T_cam_lidar": T_ANY.tolist(), "rostopic": "/a"}}), Asked()),
+    "lidar2cam": (
+        "calib.json",
+        json.dumps(
+            {"CAM_FRONT": {"lidar2cam": T_ANY.tolist()}, "CAM_BACK": {"lidar2cam": np.eye(4).tolist()}}
+        ),
+        Asked(camera="CAM_FRONT"),
+    ),
     "opencv": ("e.yml", OPENCV.format(", ".join(words(T_LIDAR_CAMERA).split())), C2L),
     "direct-visual-lidar": (
         "calib.json",
@@ -483,13 +490,3 @@ def test_compare_reads_every_format(tmp_path: Path) -> None:
     found = CliRunner().invoke(semcal, ["compare", str(tmp_path / "a.txt"), str(tmp_path / "b.json")])
     assert found.exit_code == 0, found.output
     assert found.stdout.splitlines()[-1] == "same"
-
-
-def test_opencalib_is_what_the_import_makes_of_it() -> None:
-    file = TEST_DATA / "opencalib_road" / "1" / "calib.txt"
-    if not file.exists():
-        pytest.skip(f"no real frames: {file} does not exist; set SEMCAL_TEST_DATA")
-    T = read_transform(file)
-    # Road frames: the camera looks along the LiDAR's x axis, from above and a little behind its centre.
-    assert T[2, 0] > 0.99
-    np.testing.assert_allclose(T[:3, 3], [-0.0323222, -0.396685, -0.0869361])

@@ -9,10 +9,10 @@ from semcal_cli.drive import drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.formats import (
     autoware,
+    camera_entries,
     colmap,
     direct_visual_lidar,
     fast_livo2,
-    kalibr,
     kitti,
     kitti_360,
     matrix,
@@ -42,7 +42,8 @@ FORMATS: tuple[Format, ...] = (
     kitti_360.FORMAT,
     rellis3d.FORMAT,
     nuscenes.FORMAT,
-    kalibr.FORMAT,
+    camera_entries.KALIBR,
+    camera_entries.LIDAR2CAM,
     opencv.FORMAT,
     direct_visual_lidar.FORMAT,
     opencalib.FORMAT,

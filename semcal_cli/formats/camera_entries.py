@@ -1,0 +1,51 @@
+"""Files with an entry for each camera, which holds p_camera = T p_lidar.
+
+A Kalibr camchain with `T_cam_lidar`, as Kalibr has `T_cam_imu`, and `lidar2cam` as MMDetection3D's infos and the like
+name it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from semcal_cli.documents import listed
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_rows
+from semcal_cli.formats.values import matrix_at
+from semcal_cli.poses import Pose
+
+
+def _format(name: str, equation: str, key: str, first_camera: str, *, as_json: bool = False) -> Format:
+    def cameras(document: Any) -> list[Any]:
+        return [camera for camera, entry in document.items() if isinstance(entry, dict) and key in entry]
+
+    def read(source: Source, asked: Asked) -> Pose:
+        where, found = str(source.path), cameras(source.mapping)
+        camera = asked.camera or (found[0] if len(found) == 1 else None)
+        if camera not in found:
+            raise InputError(f"{where}: found {key} of {listed(found)}, needed --camera to name one of them")
+        rows = matrix_at(f"{where}: {camera}", source.mapping[camera], key)
+        return from_rows(f"{where}: {camera}.{key}", rows, asked)
+
+    def put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+        # A chain has its cameras before their poses.
+        found = cameras(document) or [camera for camera in document if str(camera).startswith("cam")]
+        if asked.camera is None and len(found) > 1:
+            raise InputError(f"--into: found cameras {listed(found)}, needed --to-camera to name one of them")
+        camera = asked.camera or (found[0] if found else first_camera)
+        document.setdefault(camera, {})[key] = T_camera_lidar.tolist()
+
+    return Format(
+        name,
+        f"p_camera = T p_lidar: {equation}",
+        lambda source: bool(cameras(source.mapping)),
+        read,
+        document_writer(put, as_json=as_json),
+        put,
+    )
+
+
+KALIBR = _format("kalibr", "T_cam_lidar of a camchain's camera", "T_cam_lidar", "cam0")
+LIDAR2CAM = _format(
+    "lidar2cam", "lidar2cam of a camera's entry, JSON", "lidar2cam", "CAM_FRONT", as_json=True
+)
