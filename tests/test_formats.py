@@ -18,7 +18,7 @@ from semcal_cli.calibration import read_calibration
 from semcal_cli.cli import semcal
 from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.formats import FORMATS, find_format, put_transform, read_transform
+from semcal_cli.formats import FORMATS, find_format, put_transform, read_transform, write_transform
 from semcal_cli.formats.format import Asked, CameraFrame, Source
 from semcal_cli.poses import check_rigid, inverse
 
@@ -209,6 +209,16 @@ OPENCV = (
 )
 L2C, C2L = Asked(direction="lidar-to-camera"), Asked(direction="camera-to-lidar")
 
+# A robot whose camera and LiDAR stand on its base, and a part that hangs in the air.
+ROBOT = (
+    "<robot><joint name='up' type='fixed'><origin xyz='0 0 1.5' rpy='0 0 0.3'/><parent link='base_link'/>"
+    "<child link='velodyne'/></joint><joint name='out' type='fixed'><origin xyz='0.7 0.1 0.4' rpy='0 0.2 0'/>"
+    "<parent link='base_link'/><child link='camera_link'/></joint><joint name='in' type='fixed'>"
+    "<origin rpy='-1.5707963267948966 0 -1.5707963267948966'/><parent link='camera_link'/>"
+    "<child link='camera_optical_frame'/></joint><joint name='loose' type='fixed'><parent link='head'/>"
+    "<child link='nose'/></joint></robot>"
+)
+
 FILES: dict[str, tuple[str, str, Asked]] = {
     "ros2-static-transform": (
         "a.sh",
@@ -226,7 +236,7 @@ FILES: dict[str, tuple[str, str, Asked]] = {
         "<launch><node pkg='tf2_ros' exec='static_transform_publisher' args='0 0 0 0 0 0 base imu'/>"
         f"<node pkg='tf2_ros' exec='static_transform_publisher' args='{ARGUMENTS} --frame-id l --child-frame-id "
         "cam0_optical'/></launch>",
-        Asked(),
+        Asked(lidar="l"),
     ),
     "tf2": ("a.yaml", yaml.dump(STAMPED), Asked()),
     "apollo": ("a.yaml", yaml.dump(STAMPED | {"child_frame_id": "front_6mm"}), Asked()),
@@ -320,6 +330,55 @@ def test_each_format_is_read_the_right_way_round(kind: str, tmp_path: Path) -> N
     np.testing.assert_allclose(read_transform(file, format, asked), T_ANY, atol=1e-12)
     if format != "apollo":  # of tf2's layout: only its name tells
         np.testing.assert_allclose(read_transform(file, None, asked), T_ANY, atol=1e-12)
+
+
+def test_joints_of_a_robot_are_chained(tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text(ROBOT)
+    places = (([0, 0, 1.5], [0, 0, 0.3]), ([0.7, 0.1, 0.4], [0, 0.2, 0]))
+    T_base_lidar, T_base_body = (np.eye(4) for _ in places)
+    for T, (place, angles) in zip((T_base_lidar, T_base_body), places, strict=True):
+        T[:3, :3], T[:3, 3] = Rotation.from_euler("xyz", angles).as_matrix(), place
+    T_optical_base = np.linalg.inv(
+        T_base_body @ np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    )
+    for asked in (Asked(), Asked(camera="camera_link", frame="body")):
+        T = read_transform(tmp_path / "robot.urdf", None, asked)
+        np.testing.assert_allclose(T, T_optical_base @ T_base_lidar, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["semcal", "tf2", "kalibr", "rellis-3d", "fast-livo2"])
+def test_documents_are_json_where_the_files_suffix_says_so(name: str, tmp_path: Path) -> None:
+    for suffix in (".json", ".yaml"):
+        write_transform(T_ANY, tmp_path / f"T{suffix}", name)
+        np.testing.assert_allclose(read_transform(tmp_path / f"T{suffix}"), T_ANY, atol=1e-9)
+    json.loads((tmp_path / "T.json").read_text())
+
+
+def test_sensors_are_named_by_channel_in_a_table_of_the_users(tmp_path: Path) -> None:
+    table = tmp_path / "calibrated_sensor.json"
+    table.write_text(json.dumps([dict(row, sensor_token=row["token"] * 2) for row in SENSORS]))
+    channels = [{"token": "aa", "channel": "CAM_FRONT"}, {"token": "bb", "channel": "LIDAR_TOP"}]
+    (tmp_path / "sensor.json").write_text(json.dumps(channels))
+    asked, T = Asked(camera="CAM_FRONT", lidar="LIDAR_TOP"), make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
+    put_transform(T, table, asked)
+    np.testing.assert_allclose(read_transform(table, None, asked), T, atol=1e-9)
+
+
+def test_lines_that_say_nothing_of_it_stay_as_they_are(tmp_path: Path) -> None:
+    """With the indentation of the file, and rows of a matrix on a line each."""
+    text = (
+        "# the rig\ncam0:\n    camera_model: pinhole   # of the left\n    intrinsics: [1.0, 2.0, 3.0, 4.0]\n"
+        "    topics:\n      - /a\n      - '/b'\n    T_cam_lidar:\n"
+        + "".join(f"      - [{', '.join(map(repr, row))}]\n" for row in np.eye(4).tolist())
+        + "    resolution: [640, 480]\n"
+    )
+    file = tmp_path / "chain.yaml"
+    file.write_text(text)
+    put_transform(T_ANY, file, None)
+    before, after = text.splitlines(), file.read_text().splitlines()
+    assert len(after) == len(before)
+    changed = [number for number, lines in enumerate(zip(before, after, strict=True)) if lines[0] != lines[1]]
+    assert changed == [8, 9, 10]  # Of the matrix, whose last row is what it was.
 
 
 def test_arrays_are_read_either_way_round(tmp_path: Path) -> None:
@@ -445,7 +504,7 @@ def test_a_file_of_the_users_keeps_all_else(
             [],
             "results: T_lidar_camera: found a list of 2, needed 7 numbers",
         ),
-        ("a.urdf", "<robot><joint/></robot>", [], "found joints none, needed --camera and --lidar"),
+        ("a.urdf", "<robot><joint/></robot>", [], "found links none, needed --camera to name one"),
         ("a.urdf", "<!DOCTYPE a><joint/>", [], "found <!DOCTYPE, needed XML without declarations"),
         (
             "a.sh",
@@ -455,6 +514,20 @@ def test_a_file_of_the_users_keeps_all_else(
         ),
         ("a.sh", "static_transform_publisher --x 1 --wx 2", [], "found argument 'wx', needed some of: "),
         ("T.npy", "nothing", ["--from", "npy"], "needed a NumPy array"),
+        (
+            "a.yaml",
+            yaml.dump(STAMPED | {"header": {"frame_id": "base_link"}}),
+            [],
+            "found frame 'base_link', needed --lidar base_link if it is the LiDAR's own",
+        ),
+        ("a.urdf", ROBOT.replace("fixed", "revolute"), [], "joint 'in': found type 'revolute' between them"),
+        ("a.urdf", ROBOT, ["--camera", "nose"], "found no joints from 'velodyne' to 'nose'"),
+        (
+            "calib.txt",
+            f"T: {words(T_ANY[:3])}",
+            ["--direction", "camera-to-lidar"],
+            "--direction: found 'camera-to-lidar', needed nothing: opencalib files leave that not open",
+        ),
     ],
 )
 def test_what_a_file_leaves_open_or_has_wrong_is_said(

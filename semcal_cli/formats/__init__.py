@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from semcal_cli.documents import describe, listed, write_bytes, write_text
@@ -69,9 +70,10 @@ def read_transform(path: Path, name: str | None = None, asked: Asked | None = No
     Raises:
         InputError: the content is of no known format, of several, or wrong, or leaves something open.
     """
-    source = Source.read(drive_file(path))
+    source, asked = Source.read(drive_file(path)), asked or Asked()
     format = _recognised(source) if name is None else find_format(name)
-    return format.read(source, asked or Asked())
+    _check_asked(format, asked, "--")
+    return format.read(source, asked)
 
 
 def find_format(name: str) -> Format:
@@ -109,7 +111,9 @@ def write_transform(T_camera_lidar: Pose, path: Path | None, name: str, asked: A
     Raises:
         InputError: the format needs something that is not asked, or the file cannot be written.
     """
-    content = find_format(name).write(T_camera_lidar, asked or Asked())
+    format, asked = find_format(name), asked or Asked()
+    _check_asked(format, asked, "--to-")
+    content = format.write(T_camera_lidar, replace(asked, file=path))
     if path is not None:
         write_bytes(content, path)
     return content
@@ -127,4 +131,17 @@ def put_transform(T_camera_lidar: Pose, path: Path, asked: Asked | None = None) 
     if put is None:
         able = ", ".join(each.name for each in FORMATS if each.put is not None)
         raise InputError(f"{path}: found {format.name}, which is not edited in place, needed one of: {able}")
-    write_text(edited(source, lambda document: put(document, T_camera_lidar, asked or Asked())), path)
+    asked = asked or Asked()
+    _check_asked(format, asked, "--to-")
+    of_file = replace(asked, file=path)
+    write_text(edited(source, lambda document: put(document, T_camera_lidar, of_file)), path)
+
+
+def _check_asked(format: Format, asked: Asked, prefix: str) -> None:
+    """Refuse what would be said in vain."""
+    said = vars(asked)
+    for name in ("direction", "frame", "camera", "lidar"):
+        if said[name] is not None and name not in format.asks:
+            raise InputError(
+                f"{prefix}{name}: found {said[name]!r}, needed nothing: {format.name} files leave that not open"
+            )

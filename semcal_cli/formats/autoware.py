@@ -1,7 +1,9 @@
 """Autoware's sensor_kit_calibration.yaml: p_base = T p_sensor, as x y z (metres) roll pitch yaw (radians).
 
 Poses are relative to the kit, so the LiDAR's own entry is needed. `camera0/camera_link` is a camera's body frame,
-`camera0/camera_optical_link` its optical one (Autoware documentation, "Creating a sensor model").
+`camera0/camera_optical_link` its optical one (Autoware documentation, "Creating a sensor model"). Of a LiDAR the kit
+has the base link; where a description puts the frame of its clouds elsewhere (a VLP-16's lies 3.77 cm above it), that
+is another joint, which no kit holds.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import (
     CAMERA_NAME,
+    FRAMES,
+    LIDAR_NAME,
     T_BODY_OPTICAL,
     Asked,
     Format,
@@ -26,7 +30,6 @@ from semcal_cli.formats.values import mapping_at, numbers_at
 from semcal_cli.poses import Pose, inverse
 
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-LIDAR_NAME = re.compile("lidar|velodyne|livox|pandar|ouster|hesai|robosense|rslidar", re.IGNORECASE)
 
 
 def _entries(where: str, document: Any) -> dict[str, Any]:
@@ -104,9 +107,10 @@ def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
 
 FORMAT = Format(
     "autoware",
-    "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each sensor",
+    "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each base link",
     lambda source: len([kit for kit in source.mapping.values() if _is_kit(kit)]) == 1,
     _read,
     _write,
     _put,
+    FRAMES,
 )

@@ -42,6 +42,7 @@ def _format(name: str, equation: str, key: str, first_camera: str, *, as_json: b
         read,
         document_writer(put, as_json=as_json),
         put,
+        ("camera",),
     )
 
 

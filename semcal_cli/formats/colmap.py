@@ -59,4 +59,5 @@ FORMAT = Format(
     _read,
     _write,
     _put,
+    ("camera",),
 )

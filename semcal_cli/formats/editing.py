@@ -1,4 +1,8 @@
-"""Documents of the user's that are changed in place: comments, order and layout stay."""
+"""Documents of the user's that are changed in place: keys, order and comments stay.
+
+Layout does as far as ruamel.yaml keeps it, which takes the indentation of the first lists and mappings for that of all.
+JSON is laid out anew, with the indentation that it had.
+"""
 
 from __future__ import annotations
 
@@ -23,20 +27,38 @@ def edited(source: Source, change: Callable[[Any], object]) -> str:
         return json.dumps(document, indent=_indent(source.text), allow_nan=False, ensure_ascii=False) + "\n"
     from ruamel.yaml import YAML
     from ruamel.yaml.error import YAMLError
+    from ruamel.yaml.util import load_yaml_guess_indent
 
     yaml = YAML()
     yaml.preserve_quotes = True
     yaml.width = 2**31 - 1
     yaml.version = (1, 2)
     try:
-        document = yaml.load(source.text)
+        document, indent, offset = load_yaml_guess_indent(source.text, yaml=yaml)
     except YAMLError as error:
         raise InputError(f"{source.path}: {str(error).splitlines()[0]}, needed YAML") from None
+    yaml.indent(mapping=indent, sequence=indent, offset=offset)
     change(document)
+    _set_in_rows(document)
     out = io.StringIO()
     yaml.version = None
     yaml.dump(document, out)
     return out.getvalue()
+
+
+def _set_in_rows(document: Any) -> Any:
+    """Let new lists of numbers stand on one line."""
+    from ruamel.yaml.comments import CommentedSeq
+
+    if isinstance(document, dict):
+        for key, value in document.items():
+            document[key] = _set_in_rows(value)
+    if type(document) is not list:
+        return document
+    rows = CommentedSeq(map(_set_in_rows, document))
+    if all(isinstance(item, int | float) for item in document):
+        rows.fa.set_flow_style()
+    return rows
 
 
 def _indent(text: str) -> int | None:

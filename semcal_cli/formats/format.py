@@ -26,6 +26,10 @@ LIDAR, CAMERA, CAMERA_BODY = "lidar", "camera_optical_frame", "camera_link"
 """What frames are called where nobody says."""
 CAMERA_NAME = re.compile("cam|optical", re.IGNORECASE)
 OPTICAL_NAME = re.compile("optical", re.IGNORECASE)
+LIDAR_NAME = re.compile(
+    "lidar|laser|scan|velodyne|vlp|hdl|ouster|os_|os[0-2]|hesai|pandar|livox|robosense|rslidar", re.IGNORECASE
+)
+"""A frame of another name, such as `base_link`, is taken for the LiDAR's only if the user says so."""
 
 T_BODY_OPTICAL = np.eye(4)
 T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
@@ -42,6 +46,8 @@ class Asked:
     """The name in the file of the camera's frame, entry or token."""
     lidar: str | None = None
     """Likewise of the LiDAR's."""
+    file: Path | None = None
+    """What is written or edited, if it is a file."""
     on_repair: Callable[[str], None] | None = None
     """Told of each rotation that was none and was replaced by the nearest; None: such files are refused."""
 
@@ -108,6 +114,8 @@ class Source:
 
 MAX_BYTES = 50_000_000
 
+FRAMES = ("frame", "camera", "lidar")
+"""What files with named frames leave open."""
 Put: TypeAlias = Callable[[Any, Pose, Asked], None]
 
 
@@ -125,15 +133,18 @@ class Format:
     """Makes a new file of T_camera_lidar; raises `InputError` where something is left open."""
     put: Put | None = None
     """Sets the transform in a document of this format and leaves the rest, if it is one."""
+    asks: tuple[str, ...] = ()
+    """What of `direction`, `frame`, `camera` and `lidar` its files leave open."""
 
 
 def document_writer(put: Put, *, as_json: bool = False) -> Callable[[Pose, Asked], bytes]:
-    """Write a new file by putting a transform into an empty document."""
+    """Write a new file by putting a transform into an empty document, as JSON also where the file's suffix says so."""
 
     def write(T_camera_lidar: Pose, asked: Asked) -> bytes:
         document: dict[str, Any] = {}
         put(document, T_camera_lidar, asked)
-        return document_text(document, "json" if as_json else "yaml").encode()
+        is_json = as_json or (asked.file is not None and asked.file.suffix.lower() == ".json")
+        return document_text(document, "json" if is_json else "yaml").encode()
 
     return write
 
@@ -258,6 +269,8 @@ def between(where: str, T_parent_child: Pose, parent: str, child: str, asked: As
         raise InputError(
             f"{where}: found frames {parent!r} and {child!r}, needed {asked.lidar!r} as --lidar says"
         )
+    if asked.lidar is None and not LIDAR_NAME.search(lidar):
+        raise InputError(f"{where}: found frame {lidar!r}, needed --lidar {lidar} if it is the LiDAR's own")
     T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
     return inverse(T_lidar_camera @ optical_axes(where, camera, asked))
 

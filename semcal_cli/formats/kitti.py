@@ -49,11 +49,20 @@ def row(T: Pose) -> str:
     return " ".join(map(repr, T[:3].ravel().tolist()))
 
 
+def _check_camera(asked: Asked) -> None:
+    if asked.camera is not None:
+        raise InputError(
+            f"--to-camera: found {asked.camera!r}, needed nothing: a new file has camera 0 alone"
+        )
+
+
 def _write_odometry(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    _check_camera(asked)
     return f"{ODOMETRY_KEY}: {row(T_camera_lidar)}\n".encode()
 
 
 def _write_object(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    _check_camera(asked)
     identity = " ".join(map(repr, np.eye(3).ravel().tolist()))
     return f"R0_rect: {identity}\n{OBJECT_KEY}: {row(T_camera_lidar)}\n".encode()
 
@@ -70,6 +79,7 @@ ODOMETRY = Format(
     lambda source: _has(source, ODOMETRY_KEY),
     _read_odometry,
     _write_odometry,
+    asks=("camera",),
 )
 OBJECT = Format(
     "kitti-object",
@@ -77,4 +87,5 @@ OBJECT = Format(
     lambda source: _has(source, OBJECT_KEY),
     _read_object,
     _write_object,
+    asks=("camera",),
 )

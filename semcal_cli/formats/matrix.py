@@ -82,6 +82,7 @@ ARRAY = Format(
     lambda source: source.content.startswith(NPY),
     _read_array,
     _write_array,
+    asks=("direction",),
 )
 TEXT = Format(
     "text",
@@ -89,6 +90,7 @@ TEXT = Format(
     lambda source: source.path.name != "calib_cam_to_velo.txt" and sum(_counts(source)) in (12, 16),
     _read_text,
     _write_text,
+    asks=("direction",),
 )
 TUM = Format(
     "tum",
@@ -96,4 +98,5 @@ TUM = Format(
     lambda source: _counts(source) == [8],
     _read_tum,
     _write_tum,
+    asks=("direction",),
 )

@@ -5,6 +5,7 @@ Sensors are named by their token or, where sensor.json lies beside the table and
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from semcal_cli.documents import listed, read_list
@@ -16,10 +17,10 @@ from semcal_cli.poses import Pose, inverse
 KEYS = {"token", "sensor_token", "translation", "rotation"}
 
 
-def _channels(source: Source) -> dict[Any, Any]:
-    """Names of sensors by their token, as far as there is a table of them."""
-    path = source.path.with_name("sensor.json")
-    if not path.is_file():
+def _channels(table: Path | None) -> dict[Any, Any]:
+    """Names of sensors by their token, as far as there is a table of them beside that of their poses."""
+    path = table and table.with_name("sensor.json")
+    if path is None or not path.is_file():
         return {}
     return {record.get("token"): record.get("channel") for record in read_list(path)}
 
@@ -47,15 +48,15 @@ def _pose(where: str, record: dict[Any, Any], asked: Asked) -> Pose:
 
 def _read(source: Source, asked: Asked) -> Pose:
     where = str(source.path)
-    records, channels = source.records, _channels(source)
+    records, channels = source.records, _channels(source.path)
     camera = _pose(where, _record(where, records, channels, asked.camera, "--camera"), asked)
     return inverse(camera) @ _pose(where, _record(where, records, channels, asked.lidar, "--lidar"), asked)
 
 
 def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    where = "--into"
-    camera = _record(where, document, {}, asked.camera, "--to-camera")
-    lidar = _record(where, document, {}, asked.lidar, "--to-lidar")
+    where, channels = str(asked.file), _channels(asked.file)
+    camera = _record(where, document, channels, asked.camera, "--to-camera")
+    lidar = _record(where, document, channels, asked.lidar, "--to-lidar")
     T = _pose(where, lidar, asked) @ inverse(T_camera_lidar)
     camera["translation"], camera["rotation"] = xyz(T), wxyz(T)
 
@@ -74,4 +75,5 @@ FORMAT = Format(
     _read,
     _write,
     _put,
+    ("camera", "lidar"),
 )

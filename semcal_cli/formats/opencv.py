@@ -32,4 +32,11 @@ def _recognises(source: Source) -> bool:
     return False
 
 
-FORMAT = Format("opencv", f"p = T p of --direction: {KEY} of a FileStorage", _recognises, _read, _write)
+FORMAT = Format(
+    "opencv",
+    f"p = T p of --direction: {KEY} of a FileStorage",
+    _recognises,
+    _read,
+    _write,
+    asks=("direction",),
+)

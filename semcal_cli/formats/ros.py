@@ -14,6 +14,7 @@ from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import (
     CAMERA_NAME,
+    FRAMES,
     Asked,
     Format,
     Source,
@@ -158,6 +159,7 @@ COMMAND = Format(
     _is_command,
     _read_command,
     _write_command,
+    asks=FRAMES,
 )
 LAUNCH = Format(
     "ros2-launch",
@@ -165,4 +167,5 @@ LAUNCH = Format(
     _is_launch,
     _read_launch,
     _write_launch,
+    asks=FRAMES,
 )

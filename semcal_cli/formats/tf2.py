@@ -10,6 +10,7 @@ from typing import Any
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import (
+    FRAMES,
     Asked,
     Format,
     Source,
@@ -69,6 +70,7 @@ TF2 = Format(
     _read,
     document_writer(_put),
     _put,
+    FRAMES,
 )
 APOLLO = Format(
     "apollo",
@@ -77,4 +79,5 @@ APOLLO = Format(
     _read_apollo,
     document_writer(_put),
     _put,
+    FRAMES,
 )

@@ -1,16 +1,31 @@
-"""URDF's `<joint>` between the LiDAR's link and the camera's: p_parent = T p_child, `<origin xyz rpy>`."""
+"""URDF: fixed joints between the LiDAR's link and the camera's, p_parent = T p_child of each, `<origin xyz rpy>`."""
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from contextlib import suppress
 
+import numpy as np
+
 from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import CAMERA_NAME, Asked, Format, Source, between, from_rpy, named, rpy, xyz
+from semcal_cli.formats.format import (
+    CAMERA_NAME,
+    FRAMES,
+    LIDAR_NAME,
+    OPTICAL_NAME,
+    Asked,
+    Format,
+    Source,
+    from_rpy,
+    named,
+    optical_axes,
+    rpy,
+    xyz,
+)
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.formats.xml import parse_xml
-from semcal_cli.poses import Pose
+from semcal_cli.poses import Pose, inverse
 
 
 def _links(joint: ET.Element) -> tuple[str, str]:
@@ -20,29 +35,62 @@ def _links(joint: ET.Element) -> tuple[str, str]:
 
 
 def _read(source: Source, asked: Asked) -> Pose:
-    root = parse_xml(source.text, source.path)
+    where, root = str(source.path), parse_xml(source.text, source.path)
     joints = [joint for joint in root.iter("joint") if all(_links(joint))]
-    wanted = {name for name in (asked.camera, asked.lidar) if name is not None}
-    chosen = [joint for joint in joints if wanted <= set(_links(joint))]
-    if not wanted and len(chosen) > 1:
-        chosen = [
-            joint for joint in chosen if sum(bool(CAMERA_NAME.search(link)) for link in _links(joint)) == 1
-        ]
-    if len(chosen) != 1:
-        found = listed(" to ".join(_links(joint)) for joint in joints)
-        raise InputError(
-            f"{source.path}: found joints {found}, needed --camera and --lidar to name the two links of one of them"
-        )
-    (joint,) = chosen
-    origin = joint.find("origin")
+    links = list(dict.fromkeys(link for joint in joints for link in _links(joint)))
+    cameras = [link for link in links if CAMERA_NAME.search(link)]
+    optical = [link for link in cameras if OPTICAL_NAME.search(link)]
+    camera = _link(where, links, optical if len(optical) == 1 else cameras, asked.camera, "--camera")
+    lidars = [link for link in links if LIDAR_NAME.search(link)]
+    lidar = _link(where, links, lidars, asked.lidar, "--lidar")
+    T_lidar_camera = np.eye(4)
+    for joint, link in _path(where, joints, lidar, camera):
+        T = _origin(source, joint)
+        T_lidar_camera = T_lidar_camera @ (T if link == _links(joint)[1] else inverse(T))
+    return inverse(T_lidar_camera @ optical_axes(where, camera, asked))
+
+
+def _link(where: str, links: list[str], found: list[str], wanted: str | None, option: str) -> str:
+    if wanted is not None and wanted in links:
+        return wanted
+    if wanted is not None or len(found) != 1:
+        raise InputError(f"{where}: found links {listed(links)}, needed {option} to name one of them")
+    return found[0]
+
+
+def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tuple[ET.Element, str]]:
+    """The joints from a link to another, each with the link behind it."""
+    came: dict[str, tuple[str, ET.Element] | None] = {start: None}
+    waiting = [start]
+    for link in waiting:
+        for joint in joints:
+            for here, there in (_links(joint), _links(joint)[::-1]):
+                if here == link and there not in came:
+                    came[there] = (link, joint)
+                    waiting.append(there)
+    if end not in came or start == end:
+        raise InputError(f"{where}: found no joints from {start!r} to {end!r}, needed some")
+    path: list[tuple[ET.Element, str]] = []
+    link = end
+    while (step := came[link]) is not None:
+        before, joint = step
+        if joint.get("type", "fixed") != "fixed":
+            name, kind = joint.get("name", ""), joint.get("type")
+            raise InputError(f"{where}: joint {name!r}: found type {kind!r} between them, needed 'fixed'")
+        path.insert(0, (joint, link))
+        link = before
+    return path
+
+
+def _origin(source: Source, joint: ET.Element) -> Pose:
+    """T_parent_child."""
+    origin, name = joint.find("origin"), joint.get("name", "")
     attributes = {} if origin is None else origin.attrib
-    where = f"{source.path}: joint {joint.get('name', '')!r}"
     place, angles = (
-        parse_numbers(source.path, f"joint {joint.get('name', '')!r}: {key}", attributes.get(key, "0 0 0"), 3)
+        parse_numbers(source.path, f"joint {name!r}: {key}", attributes.get(key, "0 0 0"), 3)
         for key in ("xyz", "rpy")
     )
-    parent, child = _links(joint)
-    return between(where, from_rpy(where, angles.tolist(), place.tolist()), parent, child, asked)
+    return from_rpy(f"{source.path}: joint {name!r}", angles.tolist(), place.tolist())
 
 
 def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
@@ -61,4 +109,11 @@ def _recognises(source: Source) -> bool:
     return False
 
 
-FORMAT = Format("urdf", "p_parent = T p_child: <origin xyz rpy> of a <joint>", _recognises, _read, _write)
+FORMAT = Format(
+    "urdf",
+    "p_parent = T p_child: <origin xyz rpy> of a <joint>; of several, those between the two links",
+    _recognises,
+    _read,
+    _write,
+    asks=FRAMES,
+)
