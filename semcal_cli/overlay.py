@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import colorsys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +19,7 @@ from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Camera, Drive
 from semcal_cli.errors import InputError
 from semcal_cli.observations import Observations
-from semcal_cli.pictures import make_picture_folder, read_picture, write_picture
+from semcal_cli.pictures import read_picture, write_picture
 from semcal_cli.poses import Pose
 
 Picture: TypeAlias = npt.NDArray[np.uint8]
@@ -79,6 +80,9 @@ QUALITATIVE_COLORS = (
     (150, 100, 60),
 )
 
+GOLDEN_RATIO = 0.618034
+SATURATION = 0.65
+
 # Red, green, blue, of Okabe and Ito's.
 AGREEMENT_COLORS = {
     "agree": (0, 158, 115),
@@ -104,11 +108,37 @@ FONT_HEIGHT = 22
 
 
 def class_colors(names: Sequence[str]) -> Colors:
-    """Choose the colour of each class: CARLA's for its names, else the next of a fixed list."""
+    """Choose the colour of each class: CARLA's for its names, else the next of a fixed list, then of the hues."""
     unknown = [name for name in names if name not in CARLA_COLORS]
-    colors = {name: QUALITATIVE_COLORS[i % len(QUALITATIVE_COLORS)] for i, name in enumerate(unknown)}
+    colors = {name: _color(number) for number, name in enumerate(unknown)}
     rgb = [(CARLA_COLORS | colors)[name] for name in names]
     return np.array(rgb, dtype=np.uint8).reshape(-1, 3)[:, ::-1]
+
+
+def _color(number: int) -> tuple[int, int, int]:
+    if number < len(QUALITATIVE_COLORS):
+        return QUALITATIVE_COLORS[number]
+    hue = number * GOLDEN_RATIO % 1.0
+    red, green, blue = colorsys.hsv_to_rgb(hue, SATURATION, 1.0 - 0.3 * (number % 2))
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
+def palettes(observations: Observations) -> tuple[Colors, Colors]:
+    """Choose the colours of the classes of points and of pixels; classes of one name have one colour."""
+    points, image = observations.point_class_names, observations.image_class_names
+    names = list(dict.fromkeys([*points, *image]))
+    colors = class_colors(names)
+    return colors[[names.index(name) for name in points]], colors[[names.index(name) for name in image]]
+
+
+def hex_color(blue_green_red: tuple[int, ...]) -> str:
+    """Write a colour as #rrggbb."""
+    return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
+
+
+def picture_paths(folder: Path, count: int) -> list[Path]:
+    """Name the pictures of frames in a folder."""
+    return [folder / f"{frame:06d}.png" for frame in range(count)]
 
 
 class Seen(NamedTuple):
@@ -128,28 +158,6 @@ def points_in_picture(points: npt.NDArray[np.float32], T_camera_lidar: Pose, cam
     seen = np.flatnonzero(np.isfinite(ranges))
     seen = seen[np.argsort(-ranges[seen], kind="stable")]
     return Seen(seen, np.rint(pixels[seen]).astype(np.intp), ranges[seen], hidden[seen])
-
-
-def draw_overlay(
-    image_bgr: Picture,
-    points: npt.NDArray[np.float32],
-    classes: npt.NDArray[np.uint8],
-    T_camera_lidar: Pose,
-    camera: Camera,
-    palette: Colors,
-) -> Picture:
-    """Draw points on a dimmed picture as dots in the colours of their classes; hidden points are left out.
-
-    Args:
-        image_bgr: (H, W, 3), of the camera's size.
-        points: (N, 3), metres, LiDAR frame.
-        classes: (N,), rows of `palette`, or `NO_CLASS`: not drawn.
-        T_camera_lidar: (4, 4).
-        camera: The camera that took the picture.
-        palette: (C, 3) blue, green, red.
-    """
-    pixels, shown = _by_class(points_in_picture(points, T_camera_lidar, camera), classes)
-    return _draw_dots(_dim(image_bgr), pixels, palette[shown])
 
 
 def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Picture:
@@ -205,14 +213,12 @@ class Overlays:
     together, that is, are found together more often than by chance at the last pose."""
 
     def write_all(self, folder: Path) -> Iterator[Path]:
-        """Write the PNG of every frame into a folder, 000000.png and so on, and give each path when it is written.
+        """Write the PNG of every frame into a folder, and give each path when it is written.
 
         Raises:
-            InputError: the folder cannot be made, or as `write`.
+            InputError: as `write`.
         """
-        make_picture_folder(folder)
-        for frame in range(self.observations.num_frames):
-            path = folder / f"{frame:06d}.png"
+        for frame, path in enumerate(picture_paths(folder, self.observations.num_frames)):
             self.write(frame, path)
             yield path
 
@@ -265,7 +271,7 @@ class Overlays:
                 dict(zip(AGREEMENT_COLORS, map(tuple, colors.tolist()), strict=True)),
             )
         names = self.observations.point_class_names
-        palette = class_colors(names)
+        palette, _ = palettes(self.observations)
         pixels, classes = _by_class(seen, self.observations.point_classes[frame])
         present = {names[index]: tuple(palette[index].tolist()) for index in np.unique(classes).tolist()}
         return pixels, palette[classes], present
@@ -295,9 +301,13 @@ def by_agreement(
 
 def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
     """Which classes of points (rows) and of pixels are found together more often than by chance, over all frames."""
-    joint = _core.agreement(observations.core, T_camera_lidar).joint
+    return over_chance(_core.agreement(observations.core, T_camera_lidar).joint) > 1.0
+
+
+def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Tell how many times as often as by chance pairs are seen: p(x, y) / (p(x) p(y)); 0 where never."""
     by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
-    return np.asarray(joint > by_chance)
+    return np.asarray(joint / np.where(by_chance > 0.0, by_chance, 1.0))
 
 
 def _pairs(
@@ -341,7 +351,7 @@ def _background(drive: Drive, observations: Observations, frame: int) -> Picture
         key = drive.frames[frame].key("image")
         raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
     if name is None:
-        colors = class_colors(observations.image_class_names)
+        _, colors = palettes(observations)
         table = np.zeros((256, 3), dtype=np.uint8)
         table[: len(colors)] = (LABEL_STRENGTH * colors).astype(np.uint8)
         return table[observations.image_classes[frame]]

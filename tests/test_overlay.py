@@ -20,7 +20,6 @@ from semcal_cli.overlay import (
     by_agreement,
     class_colors,
     draw_legend,
-    draw_overlay,
     goes_together,
     points_in_picture,
 )
@@ -41,14 +40,20 @@ def point(u: int, v: int, depth: float) -> list[float]:
 
 
 def draw(points: list[list[float]], classes: list[int]) -> np.ndarray:
-    return draw_overlay(
-        BLACK,
-        np.array(points, dtype=np.float32),
-        np.array(classes, dtype=np.uint8),
-        T_CAMERA_LIDAR,
-        CAMERA,
-        class_colors(NAMES),
+    """What the dots change of a picture without any."""
+    observations = Observations(
+        camera=CAMERA,
+        lidar=None,
+        points=[np.array(points, np.float32)],
+        point_classes=[np.array(classes, np.uint8)],
+        image_classes=[np.full((360, 640), NO_CLASS, np.uint8)],
+        point_class_names=NAMES,
+        image_class_names=NAMES,
     )
+    frame = Frame(points="p.bin", point_labels="p.label", image_labels="p.png")
+    drive = Drive(semcal_drive=1, camera=CAMERA, frames=(frame,))
+    pictures, _ = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}).draw(0)
+    return pictures["it"]
 
 
 @pytest.mark.parametrize("index", [0, 1])
@@ -175,3 +180,20 @@ def test_a_drive_without_labels_is_shown_by_depth(street: Path, tmp_path: Path) 
         found = CliRunner().invoke(semcal, arguments)
         assert (found.exit_code == 0) == is_enough
         assert (tmp_path / by).exists() == is_enough
+
+
+@pytest.mark.parametrize("command", ["overlay", "calibrate"])
+def test_pictures_replace_nothing_that_is_read(command: str, street: Path, tmp_path: Path) -> None:
+    drive = tmp_path / "drive"
+    shutil.copytree(street, drive)
+    labels = drive / "image_labels"
+    before = (labels / "000000.png").read_bytes()
+    options = {"overlay": [str(drive), "-o", str(labels)], "calibrate": ["--overlay", str(labels)]}
+    found = CliRunner().invoke(semcal, [command, str(drive), *options[command]])
+    assert isinstance(found.exception, InputError)
+    assert "000000.png: found a file that this run reads, needed another folder" in str(found.exception)
+    assert (labels / "000000.png").read_bytes() == before
+
+
+def test_many_classes_have_colours_of_their_own() -> None:
+    assert len({tuple(color) for color in class_colors([str(i) for i in range(60)]).tolist()}) == 60

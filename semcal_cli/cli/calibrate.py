@@ -49,7 +49,6 @@ def calibrate(
     an answer was written but is not trusted.
     """
     from semcal_cli.cli.session import Session
-    from semcal_cli.pictures import make_picture_folder
 
     config, given = make_search(options)
     asked = make_asked(options, "to_")
@@ -58,9 +57,8 @@ def calibrate(
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
     refinement = make_refinement(options, config.alignment.max_baseline_m, given)
-    with Session(drive, given=given, to=None if to is None else (to, asked), page=page, **options) as session:
-        if pictures is not None:
-            make_picture_folder(pictures)
+    options |= {"to": None if to is None else (to, asked), "page": page, "pictures": pictures}
+    with Session(drive, given=given, **options) as session:
         calibration = session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
         code = session.finish(calibration)
     session.illustrate(calibration, page, pictures)

@@ -17,7 +17,7 @@ COLORINGS = ("class", "depth", "agreement")
 
 @click.command(
     help=f"Draw the points of DRIVE on its pictures, as CALIBRATION puts them: {KNOWN_TRANSFORMS}. Points that the "
-    "camera cannot see are left out."
+    "camera cannot see are left out, or grey with --by agreement."
 )
 @click.argument("drive", type=PATH)
 @click.argument("calibration", type=PATH)
@@ -57,18 +57,21 @@ def overlay(
     quiet: bool,
 ) -> None:
     """Draw points on pictures."""
-    from semcal_cli.cli.session import make_console
-    from semcal_cli.drive import read_drive
+    from semcal_cli.cli.session import make_console, prepare_pictures
+    from semcal_cli.drive import drive_file, read_drive
     from semcal_cli.formats import read_transform
     from semcal_cli.observations import load_points, read_observations
     from semcal_cli.overlay import Overlays
     from semcal_cli.selection import evenly_spaced
 
-    poses = {str(path): read_transform(path) for path in (against, calibration) if path is not None}
+    given = [path for path in (against, calibration) if path is not None]
+    poses = {str(path): read_transform(path) for path in given}
+    paths = map(drive_file, given)
     spec = read_drive(drive)
     frames = evenly_spaced(spec.frames, max_frames)
     spec = spec.model_copy(update={"frames": tuple(frames)})
     observations = load_points(spec) if by == "depth" else read_observations(spec)
+    prepare_pictures(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
     console = make_console(quiet)
     for path in Overlays(spec, observations, poses, by).write_all(output):
         console.print(str(path), markup=False)

@@ -30,12 +30,15 @@ from semcal_cli.pipeline import Run, StageReport, set_threads
 from semcal_cli.poses import camera_center
 
 if TYPE_CHECKING:
+    from semcal_cli.drive import Drive
     from semcal_cli.formats.format import Asked
     from semcal_cli.initialization import Hypothesis
     from semcal_cli.metrics import PoseError
     from semcal_cli.pipeline import Given
 
 EXIT_NOT_TRUSTED = 3
+MAX_PICTURES = 20
+"""Of so many frames, evenly spaced, pictures are made."""
 
 
 class Session:
@@ -54,11 +57,12 @@ class Session:
         given: Given | None = None,
         to: tuple[str, Asked] | None = None,
         page: Path | None = None,
+        pictures: Path | None = None,
     ) -> None:
         """Check everything that can be wrong before the work begins.
 
         `given` is a transform that the command reads, too; `to` a format to write the transform in, instead of all that
-        is known; `page` where a report goes.
+        is known; `page` and `pictures` where a report and pictures go.
 
         Raises:
             InputError: the drive is invalid, or the result or the log cannot go where they shall.
@@ -71,6 +75,10 @@ class Session:
         ]
         if page is not None:
             check_page(page)
+        if page is not None or pictures is not None:
+            _check_images(spec)
+        if pictures is not None:
+            prepare_pictures(pictures, MAX_PICTURES, read)
         check_outputs(read, [path for path in (output, log, page) if path is not None])
         if to is not None:
             write_transform(np.eye(4), None, *to)
@@ -134,7 +142,7 @@ class Session:
                 self.console.print(f"{'report':<17}{page}", markup=False)
             if pictures is not None:
                 progress("drawing points on pictures")
-                for path in subject.overlays().write_all(pictures):
+                for path in subject.overlays(MAX_PICTURES).write_all(pictures):
                     self.console.print(f"{'picture':<17}{path}", markup=False)
 
     def show(self, hypotheses: Sequence[Hypothesis]) -> None:
@@ -220,6 +228,13 @@ def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
     return {f"{found.num_seeds} seeds": lines}
 
 
+def _check_images(spec: Drive) -> None:
+    """Check that there are the pictures that points will be drawn on."""
+    for frame in spec.frames:
+        if frame.image is not None and not spec.resolve(frame.image).is_file():
+            raise InputError(f"{spec.resolve(frame.image)}: no such file or folder")
+
+
 def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
     """Check that results have a folder to go to, and overwrite neither an input nor one another."""
     taken = {path.resolve() for path in read}
@@ -231,6 +246,22 @@ def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
         if path.resolve() in taken:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
         taken.add(path.resolve())
+
+
+def prepare_pictures(folder: Path, count: int, read: Sequence[Path]) -> None:
+    """Make the folder of pictures, unless these would replace files that are read.
+
+    Raises:
+        InputError: they would, or it cannot be made.
+    """
+    from semcal_cli.overlay import picture_paths
+    from semcal_cli.pictures import make_picture_folder
+
+    taken = {path.resolve() for path in read}
+    for path in picture_paths(folder, count):
+        if path.resolve() in taken:
+            raise InputError(f"{path}: found a file that this run reads, needed another folder")
+    make_picture_folder(folder)
 
 
 def check_page(path: Path) -> None:

@@ -21,7 +21,7 @@ def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
 
 FORMAT = Format(
     "kitti-360",
-    "p_velo = T p_camera0: calib_cam_to_velo.txt, known by its name",
+    "p_velo = T p_camera0: calib_cam_to_velo.txt, known by its name; camera 0 before rectification",
     lambda source: source.path.name == FILE,
     _read,
     _write,

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.observations import Observations
+from semcal_cli.overlay import over_chance
 
 NUM_PIXEL_CLASSES = 3
 """So many classes of pixels are named for each class of points."""
@@ -35,11 +36,12 @@ def class_agreements(
     observations: Observations, agreement: _core.Agreement, before: _core.Agreement | None
 ) -> list[ClassAgreement]:
     """Tell of each class of points that the camera sees, the most frequent first."""
-    joint, pmi = agreement.joint, _pointwise(agreement.joint)
-    shares = joint.sum(axis=1) / max(joint.sum(), 1.0)
-    agreeing = _agreeing(joint, pmi)
-    agreeing_before = None if before is None else _agreeing(before.joint, _pointwise(before.joint))
-    nats = (joint * np.where(joint > 0.0, pmi, 0.0)).sum(axis=1) / max(joint.sum(), 1.0)
+    joint = agreement.joint
+    total = max(joint.sum(), 1.0)
+    shares, agreeing = joint.sum(axis=1) / total, _agreeing(joint)
+    agreeing_before = None if before is None else _agreeing(before.joint)
+    # A pair that was never seen adds nothing.
+    nats = (joint * np.log(np.where(joint > 0.0, over_chance(joint), 1.0))).sum(axis=1) / total
     found = []
     for index in np.argsort(-shares, kind="stable").tolist():
         if shares[index] == 0.0:
@@ -61,13 +63,7 @@ def class_agreements(
     return found
 
 
-def _pointwise(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Logarithm of p(x, y) / (p(x) p(y)), nats; minus infinity where a pair was never seen."""
-    by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(joint > 0.0, np.log(joint / by_chance), -np.inf)
-
-
-def _agreeing(joint: npt.NDArray[np.float64], pmi: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+def _agreeing(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     totals = joint.sum(axis=1)
-    return np.asarray(np.where(pmi > 0.0, joint, 0.0).sum(axis=1) / np.where(totals > 0.0, totals, 1.0))
+    above = np.where(over_chance(joint) > 1.0, joint, 0.0).sum(axis=1)
+    return np.asarray(above / np.where(totals > 0.0, totals, 1.0))

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from semcal_cli.camera import core_camera
 from semcal_cli.classes import NO_CLASS
-from semcal_cli.overlay import Colors, class_colors, points_in_picture
+from semcal_cli.overlay import Colors, hex_color, palettes, points_in_picture
 from semcal_cli.pictures import read_picture
 from semcal_cli.poses import camera_center, inverse
 from semcal_cli.report.subject import Subject
@@ -35,6 +35,8 @@ class Cloud:
     """int16, little-endian, (N, 3)."""
     colors: dict[str, str]
     """uint8 red, green, blue, (N, 3), by what they say."""
+    legends: dict[str, dict[str, str]]
+    """The colour of each class that is seen, as #rrggbb, by what colours say."""
     camera_center: list[float]
     optical_axis: list[float]
     corners: list[list[float]]
@@ -42,9 +44,14 @@ class Cloud:
 
 
 def frame_cloud(subject: Subject) -> Cloud:
-    """Colour the first frame's points by the label of the pixel they land on, by their own, and by the picture."""
+    """Colour a frame's points by the label of the pixel they land on, by their own, and by the picture.
+
+    It is the first frame with a picture, or the first of all.
+    """
     observations, T = subject.observations, subject.T_camera_lidar
-    points = observations.points[0]
+    names = [frame.image for frame in subject.drive.frames]
+    number = next((i for i, name in enumerate(names) if name is not None), 0)
+    points = observations.points[number]
     seen = points_in_picture(points, T, observations.camera)
     visible = _thinned(~seen.is_hidden, MAX_SEEN)
     is_other = np.linalg.norm(points, axis=1) < MAX_RANGE_M
@@ -52,24 +59,27 @@ def frame_cloud(subject: Subject) -> Cloud:
     others = _thinned(is_other, MAX_OTHERS)
     pixels, indices = seen.pixels[visible], seen.indices[visible]
     kept = np.concatenate([indices, others])
-    point_names, image_names = observations.point_class_names, observations.image_class_names
-    names = list(dict.fromkeys([*point_names, *image_names]))
-    palette = dict(zip(names, class_colors(names), strict=True))
-    pixel_classes = _at(observations.image_classes[0], pixels)
-    point_classes = observations.point_classes[0][indices]
+    of_points, of_pixels = palettes(observations)
+    pixel_classes = _at(observations.image_classes[number], pixels)
+    point_classes = observations.point_classes[number][indices]
     by = {
-        "label of the pixel": _label_colors(pixel_classes, [palette[name] for name in image_names]),
-        "label of the point": _label_colors(point_classes, [palette[name] for name in point_names]),
+        "label of the pixel": _label_colors(pixel_classes, of_pixels),
+        "label of the point": _label_colors(point_classes, of_points),
     }
-    name = subject.drive.frames[0].image
+    legends = {
+        "label of the pixel": _legend(pixel_classes, observations.image_class_names, of_pixels),
+        "label of the point": _legend(point_classes, observations.point_class_names, of_points),
+    }
+    name = names[number]
     if name is not None:
         by["picture"] = _at(read_picture(subject.drive.resolve(name)), pixels)[:, ::-1]
     grey = np.full((len(others), 3), GREY, np.uint8)
     positions = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
     return Cloud(
-        frame=subject.drive.frames[0].points,
+        frame=subject.drive.frames[number].points,
         positions_cm=_text(positions),
         colors={name: _text(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
+        legends=legends,
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
         corners=_corners(subject),
@@ -91,11 +101,16 @@ def _at(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArr
     return found
 
 
-def _label_colors(classes: npt.NDArray[np.uint8], colors: Sequence[Colors]) -> npt.NDArray[np.uint8]:
-    """Red, green, blue of classes, of which each has its colour (blue, green, red); grey without a class."""
+def _label_colors(classes: npt.NDArray[np.uint8], palette: Colors) -> npt.NDArray[np.uint8]:
+    """Red, green, blue of classes; grey without one."""
     table = np.full((NO_CLASS + 1, 3), GREY, np.uint8)
-    table[: len(colors)] = np.array(colors)[:, ::-1]
+    table[: len(palette)] = palette[:, ::-1]
     return table[classes]
+
+
+def _legend(classes: npt.NDArray[np.uint8], names: Sequence[str], palette: Colors) -> dict[str, str]:
+    present = [index for index in np.unique(classes).tolist() if index != NO_CLASS]
+    return {names[index]: hex_color(tuple(palette[index].tolist())) for index in present}
 
 
 def _corners(subject: Subject) -> list[list[float]]:

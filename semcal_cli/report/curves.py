@@ -17,9 +17,10 @@ SPAN_M, SPAN_DEG = 0.1, 0.5
 """Curves reach so far to either side ..."""
 SPAN_SIGMAS = 4.0
 """... or so many standard errors, if that is farther."""
-NUM_SAMPLES = 21
-CROWDING = 1.7
-"""Samples lie at powers of evenly spaced numbers, densest where the curve is sharpest."""
+NUM_SAMPLES = 17
+"""Over all of that ..."""
+NUM_NEAR, NEAR_SIGMAS = 9, 2.0
+"""... and between so many standard errors to either side."""
 NAMES = (
     "camera centre x, to the right",
     "camera centre y, down",
@@ -64,15 +65,16 @@ def information_curves(
         T_camera_lidar: (4, 4).
         uncertainty: Of the pose, if it is known.
     """
-    steps = np.linspace(-1.0, 1.0, NUM_SAMPLES)
-    steps = np.sign(steps) * np.abs(steps) ** CROWDING
     sigmas: list[float | None] = [None] * 6
     if uncertainty is not None:
         sigmas = [*uncertainty.sigma_camera_center_m, *uncertainty.sigma_rotation_deg]
     curves = []
     for axis, (name, sigma) in enumerate(zip(NAMES, sigmas, strict=True)):
         span = max(SPAN_M if axis < 3 else SPAN_DEG, SPAN_SIGMAS * (sigma or 0.0))
-        offsets = span * steps
+        near = NEAR_SIGMAS * (sigma or 0.02 * span)
+        wide = np.linspace(-span, span, NUM_SAMPLES)
+        offsets = np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)])
+        offsets.sort()
         nats = [
             _core.agreement(observations.core, _moved(T_camera_lidar, axis, offset)).mutual_information
             for offset in offsets.tolist()

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import cv2
 
-from semcal_cli.overlay import Legend, Picture
+from semcal_cli.overlay import Legend, Picture, hex_color
 from semcal_cli.report.subject import Subject
 
+MAX_FRAMES = 20
 MAX_TOTAL_BYTES = 3_000_000
 """Of all pictures together; as text they are a third longer."""
 MAX_BYTES = 250_000
@@ -44,7 +45,7 @@ def frame_pictures(subject: Subject) -> tuple[list[FramePictures], dict[str, str
     Raises:
         InputError: a picture is missing or wrong.
     """
-    overlays = subject.overlays()
+    overlays = subject.overlays(MAX_FRAMES)
     numbers = range(overlays.observations.num_frames)
     max_bytes = min(MAX_BYTES, MAX_TOTAL_BYTES // (len(numbers) * len(overlays.poses)))
 
@@ -59,11 +60,6 @@ def frame_pictures(subject: Subject) -> tuple[list[FramePictures], dict[str, str
         found, legends = zip(*pool.map(draw, numbers), strict=True)
     named = {name: hex_color(color) for legend in legends for name, color in legend.items()}
     return list(found), named
-
-
-def hex_color(blue_green_red: tuple[int, ...]) -> str:
-    """Write a colour as #rrggbb."""
-    return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
 
 
 def _data_uri(picture: Picture, max_bytes: int) -> str:

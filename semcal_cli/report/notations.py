@@ -68,8 +68,8 @@ def files(T_camera_lidar: Pose) -> list[Notation]:
             text = format.write(T_camera_lidar, asked).decode()
         except (InputError, UnicodeDecodeError):
             continue  # Poses beside others of a rig go into a file; NumPy's is no text.
-        meaning = format.equation.replace("of --direction", "with T_camera_lidar for T")
-        found.append(Notation(format.name, meaning, text.rstrip("\n")))
+        direction = "; here lidar-to-camera" if "direction" in format.asks else ""
+        found.append(Notation(format.name, format.equation + direction, text.rstrip("\n")))
     return found
 
 

@@ -33,8 +33,10 @@ for (const input of document.querySelectorAll(".slider input")) {
   const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
   if (!gl) {
     canvas.replaceWith("This browser shows no 3-D pictures: WebGL is not available.");
+    document.getElementById("cloud-colors").disabled = true;
     return;
   }
+  canvas.addEventListener("webglcontextlost", () => canvas.replaceWith("The 3-D picture was lost: reload the page."));
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
   const centimetres = new Int16Array(bytes(data.positions_cm).buffer);
   const positions = Float32Array.from(centimetres, (x) => x / 100);
@@ -172,8 +174,10 @@ for (const input of document.querySelectorAll(".slider input")) {
   });
   for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
   canvas.addEventListener("wheel", (event) => {
+    // The wheel alone scrolls the page.
+    if (!event.ctrlKey && !event.metaKey) return;
     event.preventDefault();
-    zoom(Math.exp(event.deltaY * 0.001));
+    zoom(Math.exp(event.deltaY * 0.002));
   }, { passive: false });
   canvas.addEventListener("dblclick", () => {
     Object.assign(eye, start);
@@ -189,7 +193,26 @@ for (const input of document.querySelectorAll(".slider input")) {
       moves[event.key]();
     }
   });
-  choice.addEventListener("change", redraw);
+  const choose = () => {
+    for (const legend of document.querySelectorAll("[data-choice]")) legend.hidden = legend.dataset.choice !== choice.value;
+    redraw();
+  };
+  choice.addEventListener("change", choose);
   addEventListener("resize", redraw);
+  choose();
   draw();
 })();
+
+// Printed, what is folded is opened.
+addEventListener("beforeprint", () => {
+  for (const details of document.querySelectorAll("details:not([open])")) {
+    details.open = true;
+    details.dataset.opened = "";
+  }
+});
+addEventListener("afterprint", () => {
+  for (const details of document.querySelectorAll("details[data-opened]")) {
+    details.open = false;
+    delete details.dataset.opened;
+  }
+});

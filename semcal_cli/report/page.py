@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -23,7 +21,7 @@ from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.frames import frame_pictures
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.plots import HEIGHT, WIDTH, plots
+from semcal_cli.report.plots import BOX, plots
 from semcal_cli.report.subject import Subject
 from semcal_cli.report.words import runner_up_sentence, uncertainty_sentences, verdict
 
@@ -39,9 +37,10 @@ ENVIRONMENT = Environment(
 
 @dataclass(frozen=True)
 class StageRow:
-    """A stage, and how far its pose was from the last."""
+    """A stage, and how far its pose is from the result."""
 
     name: str
+    note: str
     nats: float
     rotation_deg: float
     camera_center_cm: float
@@ -101,7 +100,7 @@ def report_html(subject: Subject, progress: Callable[[str], None]) -> str:
         legend=legend,
         classes=class_agreements(observations, agreement, before),
         plots=plots(curves),
-        plot_size=(WIDTH, HEIGHT),
+        box=BOX,
         uncertainty=uncertainty_sentences(record, observations.camera) if record else [],
         runner_up=runner_up_sentence(record) if record else None,
         stages=_stage_rows(record) if record else [],
@@ -109,7 +108,7 @@ def report_html(subject: Subject, progress: Callable[[str], None]) -> str:
         cloud=asdict(frame_cloud(subject)),
         options=document_text(record.settings.options, "yaml") if record else "",
         versions=record.settings.versions if record else versions(),
-        hashes=record.input.sha256 if record else subject.input.sha256,
+        hashes=record.input.sha256 if record else subject.sha256,
     )
 
 
@@ -122,27 +121,27 @@ def _stage_rows(record: Calibration) -> list[StageRow]:
     rows = []
     for name, stage in record.stages.items():
         error = compare_poses(np.array(stage.T_camera_lidar), record.pose)
-        rows.append(StageRow(name, stage.mutual_information_nats, error.rotation_deg, error.camera_center_cm))
+        is_rejected = name == "polished" and record.polish is not None and not record.polish.accepted
+        note, nats = "rejected" if is_rejected else "", stage.mutual_information_nats
+        rows.append(StageRow(name, note, nats, error.rotation_deg, error.camera_center_cm))
     return rows
 
 
 def _hypothesis_rows(record: Calibration) -> list[HypothesisRow]:
-    found: list[dict[str, Any]] = []
-    for each in record.hypotheses:
-        nats, sigma = each.mutual_information_nats - each.bias_nats, each.sigma_nats or 0.0
-        found.append({"each": each, "low": nats - sigma, "high": nats + sigma, "nats": nats})
-    low = min((row["low"] for row in found), default=0.0)
-    high = max((row["high"] for row in found), default=1.0)
-    span = high - low if math.isfinite(high - low) and high > low else 1.0
+    nats = [each.mutual_information_nats - each.bias_nats for each in record.hypotheses]
+    sigmas = [each.sigma_nats or 0.0 for each in record.hypotheses]
+    ends = [(middle - sigma, middle + sigma) for middle, sigma in zip(nats, sigmas, strict=True)]
+    low, high = min((end for end, _ in ends), default=0.0), max((end for _, end in ends), default=1.0)
+    scale = 100.0 / (high - low) if high > low else 0.0
     return [
         HypothesisRow(
-            nats=row["nats"],
-            sigma_nats=row["each"].sigma_nats,
-            looks_along=row["each"].T_camera_lidar[2][:3],
-            rotation_from_best_deg=row["each"].rotation_from_best_deg,
-            overlap=row["each"].overlap,
-            left=100.0 * (row["low"] - low) / span,
-            width=100.0 * (row["high"] - row["low"]) / span,
+            nats=middle,
+            sigma_nats=each.sigma_nats,
+            looks_along=each.T_camera_lidar[2][:3],
+            rotation_from_best_deg=each.rotation_from_best_deg,
+            overlap=each.overlap,
+            left=scale * (begin - low),
+            width=scale * (end - begin),
         )
-        for row in found
+        for each, middle, (begin, end) in zip(record.hypotheses, nats, ends, strict=True)
     ]

@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from semcal_cli.report.curves import Curve
 
-WIDTH, HEIGHT = 320, 200
-LEFT, RIGHT, TOP, BOTTOM = 46.0, 308.0, 12.0, 164.0
-"""Of the lines, within the drawing."""
+
+class Box(NamedTuple):
+    """A drawing's size, and where its lines go."""
+
+    width: float = 320.0
+    height: float = 200.0
+    left: float = 46.0
+    right: float = 308.0
+    top: float = 12.0
+    bottom: float = 164.0
+
+
+BOX = Box()
 HEADROOM = 0.08
 MIN_BAND = 1.5
 """A narrower interval could not be seen."""
@@ -17,13 +31,15 @@ MIN_BAND = 1.5
 
 @dataclass(frozen=True)
 class Plot:
-    """A curve in a drawing of `WIDTH` x `HEIGHT`."""
+    """A curve in a drawing of the size of `BOX`."""
 
     curve: Curve
     line: str
     """x,y x,y ..."""
     zero: float
     optimum: float
+    optimum_text: str
+    """Where it is, no finer than the samples."""
     band: tuple[float, float] | None
     """Left border and width of two standard errors to either side of the pose."""
     x_ticks: tuple[tuple[float, str], ...]
@@ -40,16 +56,19 @@ def plots(curves: Sequence[Curve]) -> list[Plot]:
 
 def _plot(curve: Curve, low: float, high: float) -> Plot:
     def x(offset: float) -> float:
-        return round(LEFT + (RIGHT - LEFT) * (offset + curve.span) / (2.0 * curve.span), 2)
+        return round(BOX.left + (BOX.right - BOX.left) * (offset + curve.span) / (2.0 * curve.span), 2)
 
     def y(nats: float) -> float:
-        return round(BOTTOM - (BOTTOM - TOP) * (nats - low) / (high - low), 2)
+        return round(BOX.bottom - (BOX.bottom - BOX.top) * (nats - low) / (high - low), 2)
 
     band = None
     if curve.sigma is not None:
         width = max(x(2.0 * curve.sigma) - x(-2.0 * curve.sigma), MIN_BAND)
         band = round(x(0.0) - width / 2.0, 2), round(width, 2)
     points = zip(curve.offsets.tolist(), curve.nats.tolist(), strict=True)
+    # As many digits as the distance between samples near the pose has.
+    digits = max(0, -math.floor(math.log10(float(np.diff(curve.offsets).min()))))
+    decimals = max(2, 1 - math.floor(math.log10(high - low)))
     steps = (-1.0, -0.5, 0.0, 0.5, 1.0)
     levels = (low + share * (high - low) for share in (0.1, 0.5, 0.9))
     return Plot(
@@ -57,7 +76,8 @@ def _plot(curve: Curve, low: float, high: float) -> Plot:
         line=" ".join(f"{x(offset)},{y(nats)}" for offset, nats in points),
         zero=x(0.0),
         optimum=x(curve.optimum),
+        optimum_text=f"{curve.optimum:+.{digits}f}",
         band=band,
-        x_ticks=tuple((x(step * curve.span), f"{step * curve.span:g}") for step in steps),
-        y_ticks=tuple((y(level), f"{level:.2f}") for level in levels),
+        x_ticks=tuple((x(step * curve.span), f"{step * curve.span:.3g}") for step in steps),
+        y_ticks=tuple((y(level), f"{level:.{decimals}f}") for level in levels),
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.calibration import Calibration, Input, InputFrame
+from semcal_cli.calibration import Calibration, InputFrame
 from semcal_cli.documents import listed
 from semcal_cli.drive import Drive, Frame
 from semcal_cli.formats import read_transform
@@ -17,9 +17,6 @@ from semcal_cli.overlay import Overlays
 from semcal_cli.poses import Pose
 from semcal_cli.provenance import describe_input
 from semcal_cli.selection import MAX_FRAMES, evenly_spaced, select_frames
-
-MAX_PICTURES = 20
-"""Of so many frames, evenly spaced, pictures are shown."""
 
 
 @dataclass(frozen=True)
@@ -35,14 +32,14 @@ class Subject:
     """Another transform to show beside it, under its caption."""
     drive: Drive
     observations: Observations
-    input: Input
-    """The frames, and the hashes of their files as they are now."""
+    sha256: dict[str, str]
+    """Of the files of the frames as they are now."""
     notices: tuple[str, ...]
     """What a reader has to know of where figures are from."""
 
-    def overlays(self) -> Overlays:
+    def overlays(self, max_frames: int) -> Overlays:
         """Pictures of evenly spaced frames, before, if there is a transform to compare with, and after."""
-        indices = evenly_spaced(range(len(self.drive.frames)), MAX_PICTURES)
+        indices = evenly_spaced(range(len(self.drive.frames)), max_frames)
         frames = tuple(self.drive.frames[index] for index in indices)
         before = {} if self.before is None else {self.before[0]: self.before[1]}
         return Overlays(
@@ -92,9 +89,7 @@ def make_subject(
     """
     if before is None and record is not None:
         before = _first_stage(record)
-    frames = [] if record is None else _frames_of(drive, record)
-    used = drive.model_copy(update={"frames": tuple(frames)}) if frames else select_frames(drive, MAX_FRAMES)
-    found = describe_input(used, None, Path())
+    used, notices = (select_frames(drive, MAX_FRAMES), []) if record is None else _used(drive, record)
     return Subject(
         name=name,
         T_camera_lidar=T_camera_lidar,
@@ -102,8 +97,8 @@ def make_subject(
         before=before,
         drive=used,
         observations=load_observations(used),
-        input=found,
-        notices=tuple(_notices(drive, used, record, found)),
+        sha256=describe_input(used, None, Path()).sha256,
+        notices=tuple(notices),
     )
 
 
@@ -111,34 +106,29 @@ def _first_stage(record: Calibration) -> tuple[str, Pose] | None:
     name, stage = next(iter(record.stages.items()), (None, None))
     if name is None or stage is None or stage.T_camera_lidar == record.T_camera_lidar:
         return None
-    return f"{name}: as the first stage left it", np.array(stage.T_camera_lidar)
+    return f"what the first stage, {name}, arrived at", np.array(stage.T_camera_lidar)
 
 
-def _frames_of(drive: Drive, record: Calibration) -> list[Frame]:
-    """Those frames of a drive that a calibration was computed from."""
+def _used(drive: Drive, record: Calibration) -> tuple[Drive, list[str]]:
+    """Take the frames that a calibration was computed from, if the drive has any, and say what is not as it was."""
     names = {_key(frame) for frame in record.input.frames}
-    return [frame for frame in drive.frames if _key(frame) in names]
+    named = tuple(frame for frame in drive.frames if _key(frame) in names)
+    used = drive.model_copy(update={"frames": named})
+    known, found = record.input.sha256, describe_input(used, None, Path()).sha256
+    changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
+    if all(changed & set(filter(None, _key(frame))) for frame in named):
+        notice = (
+            f"The calibration was computed from other frames, of {record.input.drive}; figures and pictures are of "
+            f"{drive.path}."
+        )
+        return select_frames(drive, MAX_FRAMES), [notice]
+    notices = []
+    if len(named) != len(names):
+        notices.append(f"Of the {len(names)} frames it was computed from, {len(named)} are in {drive.path}.")
+    if changed:
+        notices.append(f"Since it was computed, files were changed: {listed(sorted(changed))}.")
+    return used, notices
 
 
 def _key(frame: Frame | InputFrame) -> tuple[str | None, ...]:
     return frame.points, frame.point_labels, frame.image_labels
-
-
-def _notices(drive: Drive, used: Drive, record: Calibration | None, found: Input) -> list[str]:
-    """Say where the drive is not what the calibration was computed from."""
-    if record is None:
-        return []
-    known = record.input.sha256
-    num_used, num_known = len(used.frames), len(record.input.frames)
-    if not _frames_of(drive, record):
-        return [
-            f"The calibration was computed from other frames, of {record.input.drive}; figures and pictures are of "
-            f"{drive.path}."
-        ]
-    notices = []
-    if num_used != num_known:
-        notices.append(f"Of the {num_known} frames it was computed from, {num_used} are in {drive.path}.")
-    changed = [name for name, digest in found.sha256.items() if known.get(name, digest) != digest]
-    if changed:
-        notices.append(f"Since it was computed, files were changed: {listed(changed)}.")
-    return notices

@@ -6,14 +6,22 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from semcal_cli.calibration import Calibration, UncertaintyRecord
 from semcal_cli.camera import core_camera
 from semcal_cli.drive import Camera
+from semcal_cli.reasons import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.subject import Subject
 
 DEPTHS_M = 10.0, 50.0
 """How far away points are whose place in the picture is told."""
+
+STEP = 1e-4
+NORMAL_95 = 1.959964
+"""Standard errors to either side of a normal distribution's 95 % ..."""
+ELLIPSE_95 = 2.447747
+"""... and of that in two dimensions: the root of chi-square's quantile."""
 
 TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
 
@@ -36,7 +44,7 @@ def verdict(subject: Subject) -> Verdict:
             "not_assessed",
             TITLES["not_assessed"],
             "The file holds a transform and nothing of how it was found. What follows was measured with it; "
-            "`semcal verify` tells whether it holds.",
+            "semcal verify tells whether it holds.",
         )
     sentence = {
         "trusted": "Nothing was found that speaks against it.",
@@ -50,9 +58,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
     """Say how sure a pose is, and what that means in the picture."""
     found = record.uncertainty
     if found is None:
-        polished = record.polish is not None and record.polish.accepted
-        why = "the labels do not determine the pose" if polished else "the pose was not polished"
-        return [f"Nothing is known of its error: {why}."]
+        return [f"Nothing is known of its error: {_why_unknown(record)}."]
     x, y, z = (100.0 * half for half in found.half_width_95_camera_center_m)
     pitch, yaw, roll = found.half_width_95_rotation_deg
     sentences = [
@@ -86,24 +92,51 @@ def runner_up_sentence(record: Calibration) -> str | None:
     if margin is None:
         return None
     return (
-        f"The best other mounting shares less information by {margin:.1f} standard errors; trusted from 2 on."
+        f"The best other mounting shares less information by {margin:.1f} standard errors; needed to be trusted are "
+        f"{MIN_RUNNER_UP_MARGIN:g}."
     )
+
+
+def _why_unknown(record: Calibration) -> str:
+    polished = record.polish
+    if polished is None:
+        return "the pose was not polished"
+    if "fused" in record.stages or polished.accepted:
+        return "the labels do not determine the pose"
+    sigma = polished.held_out_sigma_nats
+    by = "" if sigma is None else f", by {-polished.held_out_gain_nats:.4f} +- {sigma:.4f} nats"
+    return f"held-out data agree less after the polish{by}, so that the pose before it was kept"
 
 
 def _in_the_picture(found: UncertaintyRecord, camera: Camera) -> str:
-    """Two standard errors of where a point straight ahead lands, first order in the twist."""
+    """Where points straight ahead land: the longest half axis of the 95 % ellipse, first order in the twist."""
     covariance = np.array(found.covariance)
-    pixels_per_radian = core_camera(camera).pixels_per_radian
+    half_widths = np.array(
+        [*found.half_width_95_camera_center_m, *np.radians(found.half_width_95_rotation_deg)]
+    )
+    sigmas = np.sqrt(np.diag(covariance))
+    # What Student's t makes wider than a normal distribution, at the axis where it is most.
+    wider = max(1.0, float((half_widths[sigmas > 0.0] / (NORMAL_95 * sigmas[sigmas > 0.0])).max(initial=1.0)))
     parts = []
     for depth_m in DEPTHS_M:
-        # A point (0, 0, z) moves by rho + phi x p: to (rho_x + z phi_y, rho_y - z phi_x).
-        motions = np.array([[1.0 / depth_m, 0, 0, 0, 1, 0], [0, 1.0 / depth_m, 0, -1, 0, 0]])
+        motions = _motions(camera, depth_m)
         scatter = motions @ covariance @ motions.T
-        sigma_px = pixels_per_radian * math.sqrt(max(float(np.linalg.eigvalsh(scatter)[-1]), 0.0))
-        parts.append(f"{_figure(2.0 * sigma_px)} pixels at {depth_m:g} m")
+        radius_px = ELLIPSE_95 * wider * math.sqrt(max(float(np.linalg.eigvalsh(scatter)[-1]), 0.0))
+        parts.append(f"{_figure(radius_px)} pixels at {depth_m:g} m")
     return (
-        f"A point straight ahead thus lands within {' and '.join(parts)} of its place (two standard errors)."
+        f"Points straight ahead land within {' and '.join(parts)} of their place, with the same confidence."
     )
+
+
+def _motions(camera: Camera, depth_m: float) -> npt.NDArray[np.float64]:
+    """(2, 6) pixels by which a twist, metres and radians, moves a point on the optical axis."""
+    ahead = np.array([0.0, 0.0, depth_m])
+    steps = STEP * depth_m * np.eye(3)
+    ends = core_camera(camera).project(np.concatenate([ahead + steps, ahead - steps]))
+    jacobian = (ends[:3] - ends[3:]).T / (2.0 * STEP * depth_m)
+    # p moves by rho + phi x p.
+    cross = np.array([[0.0, -depth_m, 0.0], [depth_m, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    return np.asarray(np.hstack([jacobian, -jacobian @ cross]))
 
 
 def _figure(value: float) -> str:
