@@ -375,6 +375,7 @@ def test_the_cloud_is_drawn_and_turns(page: webdriver.Chrome) -> None:
 
     bright, first = colors()
     assert bright > 2000
+    assert [each.is_displayed() for each in page.find_elements(By.CSS_SELECTOR, "[data-choice]")] == [True, False]
     canvas = page.find_element(By.ID, "cloud-view")
     page.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
     ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(150, 40).release().perform()
