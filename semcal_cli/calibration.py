@@ -80,9 +80,9 @@ class PolishRecord(StrictModel):
 class LabelBleed(StrictModel):
     """How far the pose would move if the labels of all pictures bled by a pixel: more frames do not cure that."""
 
-    camera_center_m: Vector3
+    camera_center_m: Widths
     """The camera's place, along its axes."""
-    rotation_deg: Vector3
+    rotation_deg: Widths
     """Rotation about the camera's axes."""
 
 
@@ -91,7 +91,7 @@ class UncertaintyRecord(StrictModel):
 
     covariance: Annotated[tuple[Vector6, ...], length(6, 6)]
     """Of xi, metres and radians."""
-    degrees_of_freedom: Vector6
+    degrees_of_freedom: Annotated[tuple[Width, ...], length(6, 6)]
     """Of Student's t, for each of xi: how many independent parts of the pictures tell of it."""
     sigma_camera_center_m: Widths
     """Standard errors of the camera's place, along its axes."""
@@ -116,13 +116,13 @@ class Repeatability(StrictModel):
     """Including this calibration's; they follow one another."""
     num_failed: Count
     """Seeds with which there was no answer."""
-    spread_camera_center_m: Vector3 | None
+    spread_camera_center_m: Widths | None
     """Standard deviation of the camera's place, along its axes; null if all others failed."""
-    spread_rotation_deg: Vector3 | None
+    spread_rotation_deg: Widths | None
     """Likewise of the rotation, about them."""
-    farthest_camera_center_m: Annotated[float, Field(ge=0.0)]
+    farthest_camera_center_m: Width
     """Largest distance from this calibration."""
-    farthest_rotation_deg: Annotated[float, Field(ge=0.0)]
+    farthest_rotation_deg: Width
     """Largest angle."""
 
 
@@ -135,7 +135,7 @@ class HypothesisRecord(StrictModel):
     """Mutual information there, in full resolution."""
     bias_nats: float
     """How far it is too high, by Miller and Madow's estimate; hypotheses are ranked by what is left."""
-    sigma_nats: Annotated[float, Field(ge=0.0)] | None
+    sigma_nats: Width | None
     """Its standard error, over parts of the pictures; null if all points lie in one part."""
     overlap: Share
     """Share of the picture's area that visible points cover."""

@@ -168,19 +168,37 @@ def write_text(text: str, path: Path) -> None:
     write_bytes(text.encode("utf-8"), path)
 
 
+def is_same_file(a: Path, b: Path) -> bool:
+    """Tell whether two names are of one file, by links or otherwise."""
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
 def write_bytes(content: bytes, path: Path) -> None:
     """Write a file as a whole or not at all: to a temporary file beside it, which is then renamed.
+
+    Devices and pipes are written to, not replaced. A file that is replaced keeps its permissions.
 
     Raises:
         InputError: the file cannot be written. An existing one is untouched then.
     """
     target = Path(os.path.realpath(path))
+    try:
+        mode = target.stat().st_mode
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            target.write_bytes(content)
+            return
+    except FileNotFoundError:
+        mode = None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {_os_reason(error)}") from None
     temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
         with temporary.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
+        if mode is not None:
+            temporary.chmod(stat.S_IMODE(mode))
         temporary.replace(target)
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {_os_reason(error)}") from None

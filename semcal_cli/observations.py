@@ -14,9 +14,10 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
 from semcal_cli.classes import NO_CLASS, ClassTable, class_table
-from semcal_cli.drive import Camera, Drive, Lidar
+from semcal_cli.drive import Camera, Drive, Frame, Lidar
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.motion import compensated, motion_error_px
+from semcal_cli.pictures import read_picture
 from semcal_cli.point_clouds import read_point_clouds
 
 Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
@@ -169,6 +170,22 @@ def read_pictures(drive: Drive) -> list[Labels]:
     shares: Iterator[Labels] = iter(_core.read_class_shares(soft, (camera.height, camera.width)))
     ids: Iterator[Labels] = iter(_core.read_label_images(hard, camera.width, camera.height, colors(drive)))
     return [next(shares if path in soft else ids) for path in paths]
+
+
+def read_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None:
+    """Read the picture (H, W, 3) of a frame, blue, green, red, if it has one.
+
+    Raises:
+        InputError: it is damaged, or of another size than the camera's.
+    """
+    if frame.image is None:
+        return None
+    path, camera = drive.resolve(frame.image), drive.camera
+    picture = read_picture(path)
+    found, needed = picture.shape[1::-1], (camera.width, camera.height)
+    if found != needed:
+        raise InputError(f"{path}: found {found[0]} x {found[1]} pixels, needed {needed[0]} x {needed[1]}")
+    return picture
 
 
 def _ids(labels: Labels) -> npt.NDArray[np.uint16]:

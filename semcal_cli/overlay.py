@@ -18,8 +18,8 @@ from semcal_cli.camera import core_camera
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Camera, Drive
 from semcal_cli.errors import InputError
-from semcal_cli.observations import Observations
-from semcal_cli.pictures import read_picture, write_picture
+from semcal_cli.observations import Observations, read_image
+from semcal_cli.pictures import make_picture_folder, write_picture
 from semcal_cli.poses import Pose
 
 Picture: TypeAlias = npt.NDArray[np.uint8]
@@ -213,11 +213,12 @@ class Overlays:
     together, that is, are found together more often than by chance at the last pose."""
 
     def write_all(self, folder: Path) -> Iterator[Path]:
-        """Write the PNG of every frame into a folder, and give each path when it is written.
+        """Write the PNG of every frame into a folder, which is made, and give each path when it is written.
 
         Raises:
-            InputError: as `write`.
+            InputError: the folder cannot be made, or as `write`.
         """
+        make_picture_folder(folder)
         for frame, path in enumerate(picture_paths(folder, self.observations.num_frames)):
             self.write(frame, path)
             yield path
@@ -322,6 +323,8 @@ def _pairs(
 
 def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
     """(N, 3) red near by, blue far away."""
+    if len(ranges_m) == 0:
+        return np.zeros((0, 3), np.uint8)
     near, far = np.log(DEPTHS_M)
     share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
     levels = np.rint(255.0 * (1.0 - share)).astype(np.uint8).reshape(-1, 1)
@@ -355,12 +358,8 @@ def _background(drive: Drive, observations: Observations, frame: int) -> Picture
         table = np.zeros((256, 3), dtype=np.uint8)
         table[: len(colors)] = (LABEL_STRENGTH * colors).astype(np.uint8)
         return table[observations.image_classes[frame]]
-    picture = read_picture(drive.resolve(name))
-    found, needed = picture.shape[1::-1], (drive.camera.width, drive.camera.height)
-    if found != needed:
-        raise InputError(
-            f"{drive.resolve(name)}: found {found[0]} x {found[1]} pixels, needed {needed[0]} x {needed[1]}"
-        )
+    picture = read_image(drive, drive.frames[frame])
+    assert picture is not None
     return _dim(picture)
 
 

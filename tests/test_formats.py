@@ -1,8 +1,11 @@
 import copy
 import io
 import json
+import os
+import shutil
 from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 from typing import Any
 
 import numpy as np
@@ -90,7 +93,8 @@ def test_unknown_content(path: Path) -> None:
         read_transform(path)
     names = ", ".join(format.name for format in FORMATS)
     assert str(error.value) == (
-        f"{path}: found top-level keys 'cam0', 'cam1', needed a transform, of --from one of: {names}"
+        f"{path}: found top-level keys 'cam0', 'cam1', needed a transform, of --from one of: {names}; "
+        "`semcal convert` takes it"
     )
 
 
@@ -513,7 +517,7 @@ def test_a_file_of_the_users_keeps_all_else(
             "found 3 numbers, needed 6 or 7, then parent and child",
         ),
         ("a.sh", "static_transform_publisher --x 1 --wx 2", [], "found argument 'wx', needed some of: "),
-        ("T.npy", "nothing", ["--from", "npy"], "needed a NumPy array"),
+        ("T.npy", "nothing", ["--from", "npy"], "found no NumPy array"),
         (
             "a.yaml",
             yaml.dump(STAMPED | {"header": {"frame_id": "base_link"}}),
@@ -522,6 +526,36 @@ def test_a_file_of_the_users_keeps_all_else(
         ),
         ("a.urdf", ROBOT.replace("fixed", "revolute"), [], "joint 'in': found type 'revolute' between them"),
         ("a.urdf", ROBOT, ["--camera", "nose"], "found no joints from 'velodyne' to 'nose'"),
+        ("calib.txt", f"T: {words(T_ANY[:3])}\n" * 2, [], "T: found it twice, needed it once"),
+        (
+            "a.txt",
+            f"Tr: {words(T_ANY[:3])}",
+            ["--camera", "Tr"],
+            "--camera: found 'Tr', needed one of: P0, P1",
+        ),
+        (
+            "a.txt",
+            f"Tr: {words(T_ANY[:3])}\nP2: 1e-300 0 0 1e300 0 1e-300 0 0 0 0 1e-300 0",
+            ["--camera", "P2"],
+            "P2: found",
+        ),
+        (
+            "a.sh",
+            "static_transform_publisher 1 2 3 0 0 0 velodyne cam0_optical\n"
+            "static_transform_publisher 1 2 4 0 0 0 velodyne cam1_optical\n",
+            [],
+            "found transforms velodyne to cam0_optical, velodyne to cam1_optical, needed --camera and --lidar",
+        ),
+        ("a.yaml", "results: 'a", [], "while scanning a quoted scalar"),
+        ("a.json", "[" * 900 + "]" * 900, [], "needed a transform"),
+        ("a.npy", "\x93NUMPY", [], "a damaged NumPy array"),
+        (
+            "a.txt",
+            "Tr: 1 2 3 0 4 5 6 0 7 8 9 0",
+            ["--repair"],
+            "needed a rotation",
+        ),
+        ("a.json", json.dumps(SENSORS), ["--camera", "a", "--lidar", "a"], "found 'a' for both"),
         (
             "calib.txt",
             f"T: {words(T_ANY[:3])}",
@@ -533,10 +567,69 @@ def test_a_file_of_the_users_keeps_all_else(
 def test_what_a_file_leaves_open_or_has_wrong_is_said(
     name: str, text: str, options: list[str], complaint: str, tmp_path: Path
 ) -> None:
-    (tmp_path / name).write_text(text)
+    (tmp_path / name).write_text(text, encoding="latin-1")
     found = CliRunner().invoke(semcal, ["convert", str(tmp_path / name), "--to", "semcal", *options])
     assert isinstance(found.exception, InputError), found.output
     assert complaint in str(found.exception)
+
+
+@pytest.mark.parametrize(
+    ("parent", "child", "asked"),
+    [
+        ("velodyne", "camera_optical_frame", Asked()),
+        ("camera_optical_frame", "velodyne", Asked()),
+        ("velodyne", "camera_link", Asked(frame="body")),
+        ("base", "nose", Asked(frame="optical", camera="nose", lidar="base")),
+    ],
+)
+def test_a_file_in_place_keeps_its_frames(parent: str, child: str, asked: Asked, tmp_path: Path) -> None:
+    document = {"header": {"frame_id": parent}, "child_frame_id": child, "transform": STAMPED["transform"]}
+    file, T = tmp_path / "a.yaml", make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
+    file.write_text(yaml.dump(document))
+    put_transform(T, file, asked)
+    np.testing.assert_allclose(read_transform(file, None, asked), T, atol=1e-9)
+    after = yaml.safe_load(file.read_text())
+    assert (after["header"]["frame_id"], after["child_frame_id"]) == (parent, child)
+    if asked != Asked():
+        with pytest.raises(InputError, match=r"needed --to-(camera|frame|lidar) "):
+            put_transform(T, file, Asked())
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.yaml", yaml.dump(STAMPED | {"transform": None})),
+        ("a.yaml", yaml.dump(STAMPED | {"transform": {"translation": [1, 2, 3]}})),
+        ("a.yaml", yaml.dump(STAMPED | {"header": "lidar"})),
+        ("a.yaml", f"{RELLIS3D_KEY}: 5"),
+        ("a.json", json.dumps({"cam0": {"T_cam_lidar": 1}}).replace("1}}", '1}, "x": 1e400}')),
+        ("a.yaml", yaml.dump(STAMPED) + "date: 2020-02-30\n"),
+    ],
+)
+def test_files_that_cannot_be_edited_are_left_alone(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=rf"{name}: "):
+        put_transform(T_ANY, tmp_path / name)
+    assert (tmp_path / name).read_text() == text
+
+
+def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) -> None:
+    drive = tmp_path / "drive"
+    drive.mkdir()
+    shutil.copy(street / "drive.yaml", drive)
+    before = (drive / "drive.yaml").read_bytes()
+    for source in (drive, drive / "drive.yaml"):
+        arguments = ["convert", str(source), "--to", "opencalib", "-o", str(drive / "drive.yaml")]
+        assert isinstance(CliRunner().invoke(semcal, arguments).exception, InputError)
+    assert (drive / "drive.yaml").read_bytes() == before
+    os.mkfifo(tmp_path / "pipe")
+    reader = Thread(target=lambda: seen.append((tmp_path / "pipe").read_text()))
+    seen: list[str] = []
+    reader.start()
+    write_transform(T_ANY, tmp_path / "pipe", "opencalib")
+    reader.join()
+    assert seen[0].startswith("T: ")
+    assert (tmp_path / "pipe").is_fifo()
 
 
 def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:

@@ -33,7 +33,7 @@ from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.words import uncertainty_sentences
+from semcal_cli.report.words import uncertainty_sentences, verdict
 from semcal_cli.synthesis import synthesize
 from semcal_cli.synthesis_config import Lens, SynthConfig
 
@@ -123,6 +123,18 @@ def test_the_page_says_where_its_figures_are_not_those_of_the_calibration(
         .notices[0]
         .startswith("The calibration was computed from other frames, of ")
     )
+
+
+def test_a_verdict_is_not_carried_to_other_data(made: Path, street: Path) -> None:
+    record = read_calibration(made / "c.yaml")
+    assert record.status == "trusted"
+    drive = read_drive(street)
+    camera = drive.camera.model_copy(
+        update={"K": ((300.0, 0.0, 319.5), (0.0, 300.0, 179.5), (0.0, 0.0, 1.0))}
+    )
+    subject = read_subject(drive.model_copy(update={"camera": camera}), made / "c.yaml")
+    assert verdict(subject).title == "Not assessed here"
+    assert subject.notices == ("The camera is not the one that the calibration was computed with.",)
 
 
 def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
@@ -375,7 +387,10 @@ def test_the_cloud_is_drawn_and_turns(page: webdriver.Chrome) -> None:
 
     bright, first = colors()
     assert bright > 2000
-    assert [each.is_displayed() for each in page.find_elements(By.CSS_SELECTOR, "[data-choice]")] == [True, False]
+    assert [each.is_displayed() for each in page.find_elements(By.CSS_SELECTOR, "[data-choice]")] == [
+        True,
+        False,
+    ]
     canvas = page.find_element(By.ID, "cloud-view")
     page.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
     ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(150, 40).release().perform()

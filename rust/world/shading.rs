@@ -11,6 +11,9 @@ use super::surface::{Surface, Texture};
 const GRAIN: f32 = 45.0;
 const GRAIN_CONTRAST: f32 = 0.06;
 const PATCH_CONTRAST: f32 = 0.22;
+/// Metres across of stains and wear that one of the sensors sees and the other does not, and their contrast.
+const STAIN_SIZE: f32 = 0.7;
+const STAIN_CONTRAST: f32 = 0.2;
 const COURSE_HEIGHT: f32 = 0.3;
 const COURSE_LENGTH: f32 = 0.6;
 const GLASS: Vec3 = Vec3::new(0.1, 0.13, 0.17);
@@ -93,20 +96,25 @@ impl Spot<'_> {
         (self.textured().1 * facing * (-self.range / ATTENUATION_RANGE).exp()).clamp(0.0, 1.0)
     }
 
-    /// Albedo and reflectance: the surface's own, under its texture and grain.
+    /// Albedo and reflectance: the surface's own, under the texture that both have, and stains and grain of each alone.
     fn textured(&self) -> (Vec3, f32) {
         let &Self { surface, point, normal, .. } = self;
-        let grain = 1.0 + GRAIN_CONTRAST * noise::blocky(point * GRAIN, u32::from(surface.instance));
+        let own = |sensor: u32| {
+            let seed = 2 * u32::from(surface.instance) + sensor;
+            let stains = STAIN_CONTRAST * noise::smooth(on_face(point, normal) / STAIN_SIZE, seed);
+            (1.0 + GRAIN_CONTRAST * noise::blocky(point * GRAIN, seed)) * (1.0 + stains)
+        };
+        let (seen, reflected) = (own(0), own(1));
         let pattern = match surface.texture {
             Texture::Plain => 1.0,
             Texture::Patches { size } => 1.0 + PATCH_CONTRAST * noise::smooth(point.truncate() / size, 0),
             Texture::Courses => courses(point, normal),
             Texture::Facade { pitch, floor } if is_window(point, normal, pitch, floor) => {
-                return (GLASS * grain, GLASS_REFLECTANCE * surface.reflectance);
+                return (GLASS * seen, GLASS_REFLECTANCE * surface.reflectance * reflected);
             }
             Texture::Facade { .. } => 1.0,
         };
-        (surface.albedo * grain * pattern, surface.reflectance * grain * pattern)
+        (surface.albedo * seen * pattern, surface.reflectance * reflected * pattern)
     }
 }
 

@@ -25,7 +25,7 @@ from semcal_cli.cli.refine import refine
 from semcal_cli.cli.report import report
 from semcal_cli.cli.synth import synth
 from semcal_cli.cli.verify import verify
-from semcal_cli.errors import SemcalError
+from semcal_cli.errors import InputError, SemcalError
 
 EXIT_FAILURE = 1
 MAX_PICTURE_PIXELS = 2**27
@@ -53,8 +53,23 @@ def main() -> None:
     # NumPy's, of numbers beyond all measure: what comes of them is checked.
     warnings.simplefilter("ignore", RuntimeWarning)
     try:
+        for argument in sys.argv[1:]:
+            _check_text(argument)
         semcal()
     except SemcalError as error:
         # One line, also where a file's name holds a line break.
         click.echo(f"semcal: error: {' '.join(str(error).splitlines())}", err=True)
         sys.exit(EXIT_FAILURE)
+    except OSError as error:
+        where = error.filename or "standard output"
+        click.echo(f"semcal: error: {where}: {(error.strerror or str(error)).lower()}", err=True)
+        sys.exit(EXIT_FAILURE)
+
+
+def _check_text(argument: str) -> None:
+    """Refuse names that no YAML, JSON or HTML can hold."""
+    try:
+        argument.encode()
+    except UnicodeEncodeError:
+        found = argument.encode(errors="backslashreplace").decode()
+        raise InputError(f"{found}: found bytes that are not UTF-8, needed text") from None

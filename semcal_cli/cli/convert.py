@@ -114,6 +114,8 @@ def convert(
     """Convert the transform of IN into another format."""
     from dataclasses import replace
 
+    from semcal_cli.documents import is_same_file
+    from semcal_cli.drive import drive_file
     from semcal_cli.errors import InputError
     from semcal_cli.formats import put_transform, read_transform, write_transform
 
@@ -128,7 +130,8 @@ def convert(
         put_transform(T_camera_lidar, into, written)
         return
     assert to is not None
-    if output is not None and output.resolve() == source.resolve():
+    read_files = [drive_file(source), source.with_name("sensor.json")]
+    if output is not None and any(is_same_file(output, path) for path in read_files):
         raise InputError(f"{output}: found the file that is read, needed another name")
     content = write_transform(T_camera_lidar, output, to, written)
     if output is None:

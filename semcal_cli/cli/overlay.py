@@ -57,7 +57,7 @@ def overlay(
     quiet: bool,
 ) -> None:
     """Draw points on pictures."""
-    from semcal_cli.cli.session import make_console, prepare_pictures
+    from semcal_cli.cli.session import check_pictures, make_console
     from semcal_cli.drive import drive_file, read_drive
     from semcal_cli.formats import read_transform
     from semcal_cli.observations import load_points, read_observations
@@ -69,9 +69,9 @@ def overlay(
     paths = map(drive_file, given)
     spec = read_drive(drive)
     frames = evenly_spaced(spec.frames, max_frames)
+    check_pictures(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
     spec = spec.model_copy(update={"frames": tuple(frames)})
     observations = load_points(spec) if by == "depth" else read_observations(spec)
-    prepare_pictures(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
     console = make_console(quiet)
     for path in Overlays(spec, observations, poses, by).write_all(output):
         console.print(str(path), markup=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -28,6 +29,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.pipeline import Run, StageReport, set_threads
 from semcal_cli.poses import camera_center
+from semcal_cli.selection import evenly_spaced
 
 if TYPE_CHECKING:
     from semcal_cli.drive import Drive
@@ -78,7 +80,7 @@ class Session:
         if page is not None or pictures is not None:
             _check_images(spec)
         if pictures is not None:
-            prepare_pictures(pictures, MAX_PICTURES, read)
+            check_pictures(pictures, MAX_PICTURES, read)
         check_outputs(read, [path for path in (output, log, page) if path is not None])
         if to is not None:
             write_transform(np.eye(4), None, *to)
@@ -229,39 +231,38 @@ def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
 
 
 def _check_images(spec: Drive) -> None:
-    """Check that there are the pictures that points will be drawn on."""
-    for frame in spec.frames:
-        if frame.image is not None and not spec.resolve(frame.image).is_file():
-            raise InputError(f"{spec.resolve(frame.image)}: no such file or folder")
+    """Check the pictures that points will be drawn on, if the drive is no longer than what is shown of it."""
+    from semcal_cli.observations import read_image
+
+    for index in evenly_spaced(range(len(spec.frames)), MAX_PICTURES):
+        read_image(spec, spec.frames[index])
 
 
 def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
     """Check that results have a folder to go to, and overwrite neither an input nor one another."""
-    taken = {path.resolve() for path in read}
+    taken = set(map(os.path.realpath, read))
     for path in outputs:
         if not is_folder(path.absolute().parent):
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
         if is_folder(path):
             raise InputError(f"{path}: is a folder, needed a file to write to")
-        if path.resolve() in taken:
+        if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
-        taken.add(path.resolve())
+        taken.add(os.path.realpath(path))
 
 
-def prepare_pictures(folder: Path, count: int, read: Sequence[Path]) -> None:
-    """Make the folder of pictures, unless these would replace files that are read.
+def check_pictures(folder: Path, count: int, read: Sequence[Path]) -> None:
+    """Check that pictures would not replace files that are read.
 
     Raises:
-        InputError: they would, or it cannot be made.
+        InputError: they would.
     """
     from semcal_cli.overlay import picture_paths
-    from semcal_cli.pictures import make_picture_folder
 
-    taken = {path.resolve() for path in read}
+    taken = set(map(os.path.realpath, read))
     for path in picture_paths(folder, count):
-        if path.resolve() in taken:
+        if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads, needed another folder")
-    make_picture_folder(folder)
 
 
 def check_page(path: Path) -> None:

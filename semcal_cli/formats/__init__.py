@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -56,6 +57,10 @@ FORMATS: tuple[Format, ...] = (
 )
 
 
+DOCUMENTS = (".yaml", ".yml", ".json")
+OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
+
+
 def read_transform(path: Path, name: str | None = None, asked: Asked | None = None) -> Pose:
     """Read the transform of a file of any known format, or of a drive's folder.
 
@@ -70,10 +75,20 @@ def read_transform(path: Path, name: str | None = None, asked: Asked | None = No
     Raises:
         InputError: the content is of no known format, of several, or wrong, or leaves something open.
     """
-    source, asked = Source.read(drive_file(path)), asked or Asked()
-    format = _recognised(source) if name is None else find_format(name)
-    _check_asked(format, asked, "--")
-    return format.read(source, asked)
+    source = Source.read(drive_file(path))
+    try:
+        format = _recognised(source) if name is None else find_format(name)
+        if not format.recognises(source):
+            _check_form(source)
+        _check_asked(format, asked or Asked(), "--")
+        return format.read(source, asked or Asked())
+    except RecursionError:
+        raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
+    except InputError as error:
+        if asked is None and OPTION.search(str(error)):
+            # Commands that read transforms by the way have no such options.
+            raise InputError(f"{error}; `semcal convert` takes it") from None
+        raise
 
 
 def find_format(name: str) -> Format:
@@ -85,6 +100,8 @@ def _recognised(source: Source) -> Format:
     found = [format for format in FORMATS if format.recognises(source)]
     if len(found) == 1:
         return found[0]
+    if not found:
+        _check_form(source)
     known = ", ".join(format.name for format in found or FORMATS)
     if found:
         raise InputError(
@@ -93,6 +110,12 @@ def _recognised(source: Source) -> Format:
     raise InputError(
         f"{source.path}: found {_content(source)}, needed a transform, of --from one of: {known}"
     )
+
+
+def _check_form(source: Source) -> None:
+    """Complain of a document that is none, by its suffix, where that may be why nothing is found in it."""
+    if source.path.suffix.lower() in DOCUMENTS:
+        _ = source.document
 
 
 def _content(source: Source) -> str:
@@ -134,12 +157,24 @@ def put_transform(T_camera_lidar: Pose, path: Path, asked: Asked | None = None) 
     asked = asked or Asked()
     _check_asked(format, asked, "--to-")
     of_file = replace(asked, file=path)
-    write_text(edited(source, lambda document: put(document, T_camera_lidar, of_file)), path)
+    try:
+        text = edited(source, lambda document: put(document, T_camera_lidar, of_file))
+    except (AttributeError, KeyError, TypeError, ValueError):
+        raise InputError(
+            f"{path}: found something else where {format.name} files have a transform, or a value that would not "
+            f"stay as it is, needed a file that `semcal convert` reads"
+        ) from None
+    write_text(text, path)
 
 
 def _check_asked(format: Format, asked: Asked, prefix: str) -> None:
     """Refuse what would be said in vain."""
     said = vars(asked)
+    for name in ("camera", "lidar"):
+        if said[name] == "":
+            raise InputError(f"{prefix}{name}: found nothing, needed a name")
+    if asked.camera is not None and asked.camera == asked.lidar:
+        raise InputError(f"{prefix}camera, {prefix}lidar: found {asked.camera!r} for both, needed two names")
     for name in ("direction", "frame", "camera", "lidar"):
         if said[name] is not None and name not in format.asks:
             raise InputError(

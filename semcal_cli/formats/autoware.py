@@ -43,7 +43,9 @@ def _entries(where: str, document: Any) -> dict[str, Any]:
 
 
 def _is_kit(value: object) -> bool:
-    return isinstance(value, dict) and bool(value) and all(_is_sensor(entry) for entry in value.values())
+    if not isinstance(value, dict) or not value:
+        return False
+    return all(isinstance(name, str) and _is_sensor(entry) for name, entry in value.items())
 
 
 def _is_sensor(entry: object) -> bool:
@@ -61,8 +63,7 @@ def _name(
     return found[0]
 
 
-def _names(where: str, entries: dict[str, Any], asked: Asked) -> tuple[str, str]:
-    prefix = "--to-" if where == "--into" else "--"
+def _names(where: str, entries: dict[str, Any], asked: Asked, prefix: str) -> tuple[str, str]:
     return (
         _name(where, entries, asked.camera, CAMERA_NAME, f"{prefix}camera"),
         _name(where, entries, asked.lidar, LIDAR_NAME, f"{prefix}lidar"),
@@ -74,27 +75,27 @@ def _pose(where: str, entries: dict[str, Any], name: str) -> Pose:
     return from_rpy(f"{where}: {name}", values[3:], values[:3])
 
 
-def _axes(where: str, camera: str, asked: Asked) -> Pose:
+def _axes(where: str, camera: str, asked: Asked, prefix: str) -> Pose:
     """T_frame_optical of the camera's frame; `camera_link` is a body frame here."""
     if asked.frame is None and camera.endswith("camera_link"):
         return T_BODY_OPTICAL
-    return optical_axes(where, camera, asked)
+    return optical_axes(where, camera, asked, prefix)
 
 
 def _read(source: Source, asked: Asked) -> Pose:
     where = str(source.path)
     entries = _entries(where, source.document)
-    camera, lidar = _names(where, entries, asked)
-    T_base_optical = _pose(where, entries, camera) @ _axes(where, camera, asked)
+    camera, lidar = _names(where, entries, asked, "--")
+    T_base_optical = _pose(where, entries, camera) @ _axes(where, camera, asked, "--")
     return inverse(T_base_optical) @ _pose(where, entries, lidar)
 
 
 def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    where = "--into"
+    where = str(asked.file)
     entries = _entries(where, document)
-    camera, lidar = _names(where, entries, asked)
+    camera, lidar = _names(where, entries, asked, "--to-")
     T_base_optical = _pose(where, entries, lidar) @ inverse(T_camera_lidar)
-    T = T_base_optical @ inverse(_axes(where, camera, asked))
+    T = T_base_optical @ inverse(_axes(where, camera, asked, "--to-"))
     entries[camera].update(zip(KEYS, [*xyz(T), *rpy(T)], strict=True))
 
 

@@ -30,8 +30,10 @@ def _format(name: str, equation: str, key: str, first_camera: str, *, as_json: b
     def put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
         # A chain has its cameras before their poses.
         found = cameras(document) or [camera for camera in document if str(camera).startswith("cam")]
-        if asked.camera is None and len(found) > 1:
-            raise InputError(f"--into: found cameras {listed(found)}, needed --to-camera to name one of them")
+        if len(found) > 1 if asked.camera is None else bool(found) and asked.camera not in found:
+            raise InputError(
+                f"{asked.file}: found cameras {listed(found)}, needed --to-camera to name one of them"
+            )
         camera = asked.camera or (found[0] if found else first_camera)
         document.setdefault(camera, {})[key] = T_camera_lidar.tolist()
 

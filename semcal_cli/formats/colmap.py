@@ -24,18 +24,20 @@ def _cameras(document: Any) -> list[dict[Any, Any]]:
     return [camera for camera in listed_ if ROTATION in camera]
 
 
-def _camera(where: str, document: Any, asked: Asked) -> dict[Any, Any]:
+def _camera(where: str, document: Any, asked: Asked, prefix: str) -> dict[Any, Any]:
     cameras = _cameras(document)
     found = [camera for camera in cameras if asked.camera in (None, camera.get(NAME))]
     if len(found) != 1:
         known = listed(camera.get(NAME) for camera in cameras)
-        raise InputError(f"{where}: found cameras {known}, needed --camera with the {NAME} of one of them")
+        raise InputError(
+            f"{where}: found cameras {known}, needed {prefix}camera with the {NAME} of one of them"
+        )
     return found[0]
 
 
 def _read(source: Source, asked: Asked) -> Pose:
     where = str(source.path)
-    camera = _camera(where, source.document, asked)
+    camera = _camera(where, source.document, asked, "--")
     w, x, y, z = numbers_in(where, camera, ROTATION, 4)
     return from_quaternion(
         f"{where}: {ROTATION}", [x, y, z, w], numbers_in(where, camera, TRANSLATION, 3), asked
@@ -43,7 +45,7 @@ def _read(source: Source, asked: Asked) -> Pose:
 
 
 def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    camera = _camera("--into", document, asked)
+    camera = _camera(str(asked.file), document, asked, "--to-")
     camera[ROTATION], camera[TRANSLATION] = wxyz(T_camera_lidar), xyz(T_camera_lidar)
 
 

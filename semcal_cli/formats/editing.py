@@ -35,7 +35,7 @@ def edited(source: Source, change: Callable[[Any], object]) -> str:
     yaml.version = (1, 2)
     try:
         document, indent, offset = load_yaml_guess_indent(source.text, yaml=yaml)
-    except YAMLError as error:
+    except (YAMLError, ValueError) as error:
         raise InputError(f"{source.path}: {str(error).splitlines()[0]}, needed YAML") from None
     yaml.indent(mapping=indent, sequence=indent, offset=offset)
     change(document)

@@ -14,19 +14,23 @@ from semcal_cli.poses import Pose
 BLOCK, KEYS = "extrin_calib", {"Rcl", "Pcl"}
 
 
-def _block(document: Any) -> dict[Any, Any] | None:
-    """The block with the two keys, wherever it is nested."""
+def _blocks(document: Any) -> list[dict[Any, Any]]:
+    """The blocks with the two keys, wherever they are nested."""
     if not isinstance(document, dict):
-        return None
-    if document.keys() >= KEYS:
-        return document
-    return next(filter(None, (_block(value) for value in document.values())), None)
+        return []
+    inner = [block for value in document.values() for block in _blocks(value)]
+    return [document, *inner] if document.keys() >= KEYS else inner
+
+
+def _one(where: str, document: Any) -> dict[Any, Any]:
+    blocks = _blocks(document)
+    if len(blocks) != 1:
+        raise InputError(f"{where}: found {len(blocks)} blocks with Rcl and Pcl, needed one")
+    return blocks[0]
 
 
 def _read(source: Source, asked: Asked) -> Pose:
-    block = _block(source.document)
-    if block is None:
-        raise InputError(f"{source.path}: found no {BLOCK} with Rcl and Pcl, needed it")
+    block = _one(str(source.path), source.document)
     where, T = f"{source.path}: {BLOCK}", np.eye(4)
     T[:3, :3] = np.array(numbers_in(where, block, "Rcl", 9)).reshape(3, 3)
     T[:3, 3] = numbers_in(where, block, "Pcl", 3)
@@ -34,16 +38,14 @@ def _read(source: Source, asked: Asked) -> Pose:
 
 
 def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    block = _block(document)
-    if block is None:
-        block = document.setdefault(BLOCK, {})
+    block = _one(str(asked.file), document) if document else document.setdefault(BLOCK, {})
     block["Rcl"], block["Pcl"] = T_camera_lidar[:3, :3].ravel().tolist(), T_camera_lidar[:3, 3].tolist()
 
 
 FORMAT = Format(
     "fast-livo2",
     "p_camera = Rcl p_lidar + Pcl: extrin_calib",
-    lambda source: _block(source.mapping) is not None,
+    lambda source: bool(_blocks(source.mapping)),
     _read,
     document_writer(_put),
     _put,

@@ -88,8 +88,12 @@ class Source:
         """What it holds as JSON, by its suffix, or as YAML.
 
         Raises:
-            InputError: it is neither.
+            InputError: it is neither, or too large.
         """
+        if self.path.suffix.lower() != ".json" and len(self.content) > MAX_YAML_BYTES:
+            raise InputError(
+                f"{self.path}: found {len(self.content):,} bytes of YAML, needed at most {MAX_YAML_BYTES:,}"
+            )
         return parse_any(self.text, self.path)
 
     @cached_property
@@ -112,7 +116,8 @@ class Source:
             return None
 
 
-MAX_BYTES = 50_000_000
+MAX_BYTES, MAX_YAML_BYTES = 50_000_000, 1_000_000
+"""Of a table with a transform, and of YAML, which takes its reader ten seconds for so much."""
 
 FRAMES = ("frame", "camera", "lidar")
 """What files with named frames leave open."""
@@ -164,7 +169,8 @@ def checked(where: str, T: Pose, asked: Asked) -> Pose:
     U, scales, Vt = np.linalg.svd(T[:3, :3])
     nearest = T.copy()
     nearest[:3, :3] = U @ Vt
-    if np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > 0.0 and np.abs(scales - 1.0).max() > ROUNDING:
+    is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
+    if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
         asked.on_repair(
             f"{where}: found no rotation (determinant {np.prod(scales):.4g}, rows stretched by {scales[-1]:.4g} to "
             f"{scales[0]:.4g}), took the nearest"
@@ -174,6 +180,8 @@ def checked(where: str, T: Pose, asked: Asked) -> Pose:
 
 
 ROUNDING = 1e-6
+LEAST_SCALE = 1e-3
+"""Rows that are stretched so differently come from no rotation, and none is near."""
 
 
 def from_rows(where: str, values: npt.ArrayLike, asked: Asked) -> Pose:
@@ -258,24 +266,33 @@ def between(where: str, T_parent_child: Pose, parent: str, child: str, asked: As
         InputError: names do not tell which frame is the camera's, or whether it is an optical one, and the user does
             not say it.
     """
-    cameras = [name for name in (parent, child) if CAMERA_NAME.search(name)]
-    camera = asked.camera or (cameras[0] if len(cameras) == 1 else None)
-    if camera not in (parent, child) or parent == child:
-        raise InputError(
-            f"{where}: found frames {parent!r} and {child!r}, needed --camera to name the camera's"
-        )
-    lidar = parent if camera == child else child
-    if asked.lidar not in (None, lidar):
-        raise InputError(
-            f"{where}: found frames {parent!r} and {child!r}, needed {asked.lidar!r} as --lidar says"
-        )
-    if asked.lidar is None and not LIDAR_NAME.search(lidar):
-        raise InputError(f"{where}: found frame {lidar!r}, needed --lidar {lidar} if it is the LiDAR's own")
+    camera = camera_frame(where, parent, child, asked)
     T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
     return inverse(T_lidar_camera @ optical_axes(where, camera, asked))
 
 
-def optical_axes(where: str, camera: str, asked: Asked) -> Pose:
+def camera_frame(where: str, parent: str, child: str, asked: Asked, prefix: str = "--") -> str:
+    """Tell which of two frames is the camera's, the other being the LiDAR's; options begin with `prefix`.
+
+    Raises:
+        InputError: names do not tell, and the user does not say it.
+    """
+    found = f"{where}: found frames {parent!r} and {child!r}"
+    cameras = [name for name in (parent, child) if CAMERA_NAME.search(name)]
+    camera = asked.camera or (cameras[0] if len(cameras) == 1 else None)
+    if camera not in (parent, child) or parent == child:
+        raise InputError(f"{found}, needed {prefix}camera to name the camera's")
+    lidar = parent if camera == child else child
+    if asked.lidar not in (None, lidar):
+        raise InputError(f"{found}, needed {asked.lidar!r} as {prefix}lidar says")
+    if asked.lidar is None and not LIDAR_NAME.search(lidar):
+        raise InputError(
+            f"{where}: found frame {lidar!r}, needed {prefix}lidar {lidar} if it is the LiDAR's own"
+        )
+    return camera
+
+
+def optical_axes(where: str, camera: str, asked: Asked, prefix: str = "--") -> Pose:
     """T_frame_optical of a camera's frame, by its name or by what the user says.
 
     Raises:
@@ -283,13 +300,18 @@ def optical_axes(where: str, camera: str, asked: Asked) -> Pose:
     """
     frame = asked.frame or ("optical" if OPTICAL_NAME.search(camera) else None)
     if frame is None:
-        needed = "needed --frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        needed = (
+            f"needed {prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        )
         raise InputError(f"{where}: found the camera's frame {camera!r}, {needed}")
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 
 
 def named(T_camera_lidar: Pose, asked: Asked) -> tuple[Pose, str, str]:
     """T_lidar_frame of the camera's frame that is to be written, and the names of both."""
+    for name in filter(None, (asked.lidar, asked.camera)):
+        if not name.isprintable():
+            raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a name that can be printed")
     is_body = asked.frame == "body"
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
     return T, asked.lidar or LIDAR, asked.camera or (CAMERA_BODY if is_body else CAMERA)

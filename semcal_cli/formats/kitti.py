@@ -12,9 +12,10 @@ import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, checked, from_rows
-from semcal_cli.formats.values import keyed_lines, numbers
+from semcal_cli.formats.values import keyed_lines, numbers, rigid
 from semcal_cli.poses import Pose
 
+CAMERAS = ("P0", "P1", "P2", "P3")
 OBJECT_KEY, ODOMETRY_KEY = "Tr_velo_to_cam", "Tr"
 
 
@@ -22,12 +23,14 @@ def _shift(source: Source, keyed: dict[str, str], asked: Asked) -> Pose:
     """T_camera_camera0 of the camera `P0` to `P3` that is asked for; the identity if none is."""
     T = np.eye(4)
     if asked.camera is not None:
+        if asked.camera not in CAMERAS:
+            raise InputError(f"--camera: found {asked.camera!r}, needed one of: {', '.join(CAMERAS)}")
         P = numbers(source.path, keyed, asked.camera, 12).reshape(3, 4)
         try:
             T[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
         except np.linalg.LinAlgError:
             raise InputError(f"{source.path}: {asked.camera}: found no K to invert, needed one") from None
-    return T
+    return rigid(f"{source.path}: {asked.camera}", T)
 
 
 def _read_odometry(source: Source, asked: Asked) -> Pose:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import re
+import warnings
 from contextlib import suppress
 
 import numpy as np
@@ -19,10 +20,16 @@ SEPARATORS = re.compile(r"[,;\[\]()]")
 
 
 def _read_array(source: Source, asked: Asked) -> Pose:
+    if not source.content.startswith(NPY):
+        raise InputError(f"{source.path}: found no NumPy array, needed one")
     try:
-        array = np.load(io.BytesIO(source.content), allow_pickle=False)
-    except (ValueError, EOFError, OSError, MemoryError) as error:
-        raise InputError(f"{source.path}: {str(error).splitlines()[0]}, needed a NumPy array") from None
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            array = np.load(io.BytesIO(source.content), allow_pickle=False)
+    except Exception:  # Its header is Python, and fails in as many ways.
+        raise InputError(
+            f"{source.path}: found a damaged NumPy array, needed a whole one of numbers"
+        ) from None
     if not isinstance(array, np.ndarray) or array.shape not in SHAPES or array.dtype.kind not in "fiu":
         found = f"{array.dtype} {array.shape}" if isinstance(array, np.ndarray) else "several arrays"
         raise InputError(f"{source.path}: found {found}, needed numbers of shape (4, 4) or (3, 4)")

@@ -22,14 +22,15 @@ def _channels(table: Path | None) -> dict[Any, Any]:
     path = table and table.with_name("sensor.json")
     if path is None or not path.is_file():
         return {}
-    return {record.get("token"): record.get("channel") for record in read_list(path)}
+    records = [record for record in read_list(path) if isinstance(record.get("token"), str)]
+    return {record["token"]: record.get("channel") for record in records}
 
 
 def _record(
     where: str, records: list[dict[Any, Any]], channels: dict[Any, Any], wanted: str | None, option: str
 ) -> dict[Any, Any]:
     def names(record: dict[Any, Any]) -> tuple[Any, Any]:
-        return record.get("token"), channels.get(record.get("sensor_token"))
+        return record.get("token"), channels.get(str(record.get("sensor_token")))
 
     found = [record for record in records if wanted is not None and wanted in names(record)]
     if len(found) != 1:

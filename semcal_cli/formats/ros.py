@@ -34,28 +34,33 @@ NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
 def _read_command(source: Source, asked: Asked) -> Pose:
-    words = _words(str(source.path), " ".join(source.text.replace("\\\n", " ").split()))
-    if PUBLISHER not in words:
-        raise InputError(f"{source.path}: found no {PUBLISHER}, needed its command line")
-    return _transform(str(source.path), words[words.index(PUBLISHER) + 1 :], asked)
+    where = str(source.path)
+    lines = source.text.replace("\\\n", " ").splitlines()
+    commands = [words for words in (_words(where, line) for line in lines) if PUBLISHER in words]
+    return _one_of(where, [words[words.index(PUBLISHER) + 1 :] for words in commands], asked)
 
 
 def _read_launch(source: Source, asked: Asked) -> Pose:
     nodes = [node for node in parse_xml(source.text, source.path).iter("node") if _is_publisher(node.attrib)]
-    if not nodes:
-        raise InputError(f"{source.path}: found no node of {PUBLISHER}, needed one")
     where = f"{source.path}: {PUBLISHER}"
-    candidates = [_words(where, node.get("args", "")) for node in nodes]
-    if len(candidates) > 1:
-        wanted = asked.camera
-        candidates = [
-            words
-            for words in candidates
-            if any(word == wanted if wanted else CAMERA_NAME.search(word) for word in _frames(words))
-        ]
+    return _one_of(where, [_words(where, node.get("args", "")) for node in nodes], asked)
+
+
+def _one_of(where: str, publishers: list[list[str]], asked: Asked) -> Pose:
+    """The transform of the only publisher, or of the only one between the frames that are asked for."""
+    if not publishers:
+        raise InputError(f"{where}: found no {PUBLISHER}, needed one")
+    wanted = {name for name in (asked.camera, asked.lidar) if name is not None}
+    candidates = [words for words in publishers if wanted <= set(_frames(words))]
+    if not wanted and len(publishers) > 1:
+        candidates = [words for words in publishers if any(map(CAMERA_NAME.search, _frames(words)))]
+    if len(publishers) == 1:
+        candidates = publishers
     if len(candidates) != 1:
-        found = listed(" to ".join(_frames(_words(where, node.get("args", "")))) for node in nodes)
-        raise InputError(f"{where}: found transforms {found}, needed --camera to name the camera's frame")
+        found = listed(" to ".join(_frames(words)) for words in publishers)
+        raise InputError(
+            f"{where}: found transforms {found}, needed --camera and --lidar to name the two frames of one of them"
+        )
     return _transform(where, candidates[0], asked)
 
 
@@ -91,6 +96,8 @@ def _transform(where: str, words: list[str], asked: Asked) -> Pose:
         for name, value in zip(words[::2], words[1::2], strict=False):
             if name == "--ros-args":
                 break
+            if name.removeprefix("--") in options:
+                raise InputError(f"{where}: {name}: found it twice, needed it once")
             options[name.removeprefix("--")] = value
         known = {*PLACES, *QUATERNION, *ANGLES, "frame-id", "child-frame-id"}
         if unknown := [name for name in options if name not in known]:

@@ -8,20 +8,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from semcal_cli.errors import InputError
 from semcal_cli.formats.format import (
     FRAMES,
     Asked,
     Format,
     Source,
     between,
+    camera_frame,
     document_writer,
     from_quaternion,
     named,
+    optical_axes,
     xyz,
 )
 from semcal_cli.formats.values import at, mapping_at, numbers_at, text_at
-from semcal_cli.poses import Pose, quaternion_xyzw
+from semcal_cli.poses import Pose, inverse, quaternion_xyzw
 
 
 def _read(source: Source, asked: Asked) -> Pose:
@@ -41,22 +42,21 @@ def _read_apollo(source: Source, asked: Asked) -> Pose:
 
 
 def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    T, lidar, camera = named(T_camera_lidar, asked)
-    x, y, z, w = quaternion_xyzw(T).tolist()
-    header = document.setdefault("header", {"frame_id": lidar})
     if "child_frame_id" in document:
-        # A file that names its frames keeps them.
-        parent, child = header.get("frame_id"), document["child_frame_id"]
-        if (asked.lidar or parent, asked.camera or child) != (parent, child):
-            raise InputError(
-                f"--into: found frames {parent!r} and {child!r}, needed {asked.lidar or parent!r} and "
-                f"{asked.camera or child!r}"
-            )
-    document.setdefault("child_frame_id", camera)
+        # A file that names its frames keeps them, and which of them is the camera's.
+        where = str(asked.file)
+        parent = text_at(where, at(where, document, "header"), "frame_id")
+        child = text_at(where, document, "child_frame_id")
+        camera = camera_frame(where, parent, child, asked, "--to-")
+        T_lidar_frame = inverse(T_camera_lidar) @ inverse(optical_axes(where, camera, asked, "--to-"))
+        T = T_lidar_frame if camera == child else inverse(T_lidar_frame)
+    else:
+        T, lidar, camera = named(T_camera_lidar, asked)
+        document["header"], document["child_frame_id"] = {"frame_id": lidar}, camera
+    x, y, z, w = quaternion_xyzw(T).tolist()
     transform = document.setdefault("transform", {})
     for name, keys, values in (("translation", "xyz", xyz(T)), ("rotation", "xyzw", [x, y, z, w])):
-        part = transform.setdefault(name, {})
-        part.update(zip(keys, values, strict=True))
+        transform.setdefault(name, {}).update(zip(keys, values, strict=True))
 
 
 def _recognises(source: Source) -> bool:

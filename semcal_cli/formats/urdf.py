@@ -60,6 +60,10 @@ def _link(where: str, links: list[str], found: list[str], wanted: str | None, op
 
 def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tuple[ET.Element, str]]:
     """The joints from a link to another, each with the link behind it."""
+    ends = [frozenset(_links(joint)) for joint in joints]
+    if len(set(ends)) < len(ends):
+        twice = next(pair for pair in ends if ends.count(pair) > 1)
+        raise InputError(f"{where}: found several joints between {listed(sorted(twice))}, needed one")
     came: dict[str, tuple[str, ET.Element] | None] = {start: None}
     waiting = [start]
     for link in waiting:

@@ -121,10 +121,17 @@ def read_keyed(path: Path) -> dict[str, str]:
     return keyed_lines(read_text(path))
 
 
+GIVEN_TWICE = "\0"
+"""The value of a key that several lines give: nobody can tell which is meant."""
+
+
 def keyed_lines(text: str) -> dict[str, str]:
     """Give the values of `key: values` lines by their keys."""
-    lines = (line.partition(":") for line in text.splitlines())
-    return {key.strip(): values.strip() for key, colon, values in lines if colon}
+    keyed: dict[str, str] = {}
+    for key, colon, values in (line.partition(":") for line in text.splitlines()):
+        if colon:
+            keyed[key.strip()] = GIVEN_TWICE if key.strip() in keyed else values.strip()
+    return keyed
 
 
 def numbers(path: Path, keyed: dict[str, str], key: str, *counts: int) -> Vector:
@@ -135,6 +142,8 @@ def numbers(path: Path, keyed: dict[str, str], key: str, *counts: int) -> Vector
     """
     if key not in keyed:
         raise InputError(f"{path}: found no key {key!r}, needed {one_of(key, list(keyed))}")
+    if keyed[key] == GIVEN_TWICE:
+        raise InputError(f"{path}: {key}: found it twice, needed it once")
     return parse_numbers(path, key, keyed[key], *counts)
 
 

@@ -34,6 +34,8 @@ class Subject:
     observations: Observations
     sha256: dict[str, str]
     """Of the files of the frames as they are now."""
+    is_of_record: bool
+    """Whether the frames, and the camera, are those that the calibration was computed from."""
     notices: tuple[str, ...]
     """What a reader has to know of where figures are from."""
 
@@ -89,7 +91,11 @@ def make_subject(
     """
     if before is None and record is not None:
         before = _first_stage(record)
-    used, notices = (select_frames(drive, MAX_FRAMES), []) if record is None else _used(drive, record)
+    used, notices = (None, []) if record is None else _used(drive, record)
+    is_of_record = used is not None and record is not None and record.input.camera == drive.camera
+    if used is not None and not is_of_record:
+        notices.append("The camera is not the one that the calibration was computed with.")
+    used = used or select_frames(drive, MAX_FRAMES)
     return Subject(
         name=name,
         T_camera_lidar=T_camera_lidar,
@@ -98,6 +104,7 @@ def make_subject(
         drive=used,
         observations=load_observations(used),
         sha256=describe_input(used, None, Path()).sha256,
+        is_of_record=is_of_record,
         notices=tuple(notices),
     )
 
@@ -109,8 +116,8 @@ def _first_stage(record: Calibration) -> tuple[str, Pose] | None:
     return f"what the first stage, {name}, arrived at", np.array(stage.T_camera_lidar)
 
 
-def _used(drive: Drive, record: Calibration) -> tuple[Drive, list[str]]:
-    """Take the frames that a calibration was computed from, if the drive has any, and say what is not as it was."""
+def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
+    """Take the frames that a calibration was computed from, if the drive has them, and say what is not as it was."""
     names = {_key(frame) for frame in record.input.frames}
     named = tuple(frame for frame in drive.frames if _key(frame) in names)
     used = drive.model_copy(update={"frames": named})
@@ -121,7 +128,7 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive, list[str]]:
             f"The calibration was computed from other frames, of {record.input.drive}; figures and pictures are of "
             f"{drive.path}."
         )
-        return select_frames(drive, MAX_FRAMES), [notice]
+        return None, [notice]
     notices = []
     if len(named) != len(names):
         notices.append(f"Of the {len(names)} frames it was computed from, {len(named)} are in {drive.path}.")

@@ -46,6 +46,14 @@ def verdict(subject: Subject) -> Verdict:
             "The file holds a transform and nothing of how it was found. What follows was measured with it; "
             "semcal verify tells whether it holds.",
         )
+    if not subject.is_of_record:
+        return Verdict(
+            "not_assessed",
+            "Not assessed here",
+            f"Where it was computed it was found {record.status.replace('_', ' ')}. What follows was measured on other "
+            "data; semcal verify tells whether it holds there.",
+            record.reasons,
+        )
     sentence = {
         "trusted": "Nothing was found that speaks against it.",
         "not_trusted": "This speaks against it:",
