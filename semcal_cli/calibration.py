@@ -156,6 +156,8 @@ class InputFrame(StrictModel):
     """Ids or class probabilities of the points."""
     image_labels: FileName | None = None
     """Ids or class probabilities of the pixels."""
+    image: FileName | None = None
+    """The picture, where it was used."""
 
 
 class Input(StrictModel):

@@ -24,6 +24,7 @@ from semcal_cli.calibration import (
     Status,
     UncertaintyRecord,
 )
+from semcal_cli.cues import LABELS, Cue, describe_cues, load_cues
 from semcal_cli.drive import Drive, Motion
 from semcal_cli.errors import CalibrationError
 from semcal_cli.initialization import (
@@ -34,7 +35,7 @@ from semcal_cli.initialization import (
     runner_up,
 )
 from semcal_cli.metrics import PoseError, compare_poses
-from semcal_cli.observations import Observations, load_observations
+from semcal_cli.observations import Observations
 from semcal_cli.polish import Polish, PolishConfig, polish
 from semcal_cli.poses import Pose, rotation_error_deg
 from semcal_cli.prior import Fused, Prior, fuse, hold
@@ -108,6 +109,8 @@ class Run:
     seed: int
     max_frames: int = MAX_FRAMES
     """Of a longer drive, so many frames are used."""
+    cues: tuple[Cue, ...] = LABELS
+    """What points and pixels are compared by."""
     report: Callable[[StageReport], None] = lambda report: None
     progress: Callable[[str], None] = lambda doing: None
     stages: dict[str, Stage] = field(default_factory=dict)
@@ -198,14 +201,19 @@ class Run:
         self.drive = select_frames(self.drive, self.max_frames)
         self.options["max_frames"] = self.max_frames
         self.progress(f"reading {len(self.drive.frames)} frames")
-        observations = load_observations(self.drive)
-        num_points = sum(map(len, observations.points))
-        chosen = f" of {num_frames:,}" if observations.num_frames < num_frames else ""
+        observations = load_cues(self.drive, self.cues)
+        num_used = len(self.drive.frames)
+        # With several cues frames are there several times.
+        num_points = sum(map(len, observations.points[:num_used]))
+        chosen = f" of {num_frames:,}" if num_used < num_frames else ""
         note = (
-            f"{observations.num_frames}{chosen} frames, {num_points:,} points, "
+            f"{num_used}{chosen} frames, {num_points:,} points, "
             f"{len(observations.point_class_names)} point classes, "
             f"{len(observations.image_class_names)} image classes"
         )
+        if self.cues != LABELS:
+            self.options["cues"] = describe_cues(self.cues)
+            note += f", by {' and '.join(self.cues)}"
         if observations.speckle > 0.0:
             note += f", {observations.speckle:.2%} isolated pixels mended"
         if self.drive.motion is not None:
@@ -374,7 +382,9 @@ class Run:
             settings = PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
             gain = None if fused is None else fused.label_gain
             bleed = (
-                label_bleed(observations, T_camera_lidar, settings, gain) if config.with_label_bleed else None
+                label_bleed(observations, T_camera_lidar, settings, gain)
+                if config.with_label_bleed and self.cues == LABELS
+                else None
             )
             self.uncertainty = _uncertainty_record(found, bleed)
         self.reasons += against
@@ -402,7 +412,7 @@ class Run:
                 label_agreement=agreement.label_agreement,
                 overlap=agreement.overlap,
                 num_points=agreement.num_inside - agreement.num_hidden,
-                num_frames=observations.num_frames,
+                num_frames=len(self.drive.frames),
                 runner_up_margin=self.runner_up_margin,
             ),
             stages=self.stages,
@@ -410,7 +420,12 @@ class Run:
             repeatability=self.repeatability,
             polish=self.polish_record,
             hypotheses=self.hypotheses,
-            input=describe_input(self.drive, self.given.source if self.given else None, folder),
+            input=describe_input(
+                self.drive,
+                self.given.source if self.given else None,
+                folder,
+                with_images="intensity" in self.cues,
+            ),
             settings=Settings.model_validate(
                 {"options": _plain(self.options), "seed": self.seed, "versions": versions()}
             ),

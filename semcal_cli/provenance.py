@@ -15,20 +15,27 @@ LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
 """Whose versions may change the answer."""
 
 
-def describe_input(drive: Drive, init: Path | None, relative_to: Path) -> Input:
+def describe_input(drive: Drive, init: Path | None, relative_to: Path, *, with_images: bool = False) -> Input:
     """List the drive, its camera and frames, and the SHA-256 of each file that was read.
 
     Args:
         drive: The drive.
         init: The file (or drive) of the transform that was started at.
         relative_to: The folder that paths are given relative to, but for files of the drive: where the result goes.
+        with_images: Whether pictures were read, too.
     """
     frames = [
-        InputFrame(points=f.points, point_labels=f.point_labels, image_labels=f.image_labels)
+        InputFrame(
+            points=f.points,
+            point_labels=f.point_labels,
+            image_labels=f.image_labels,
+            image=f.image if with_images else None,
+        )
         for f in drive.frames
     ]
     hashes = {drive.path.name: _sha256(drive.path)}
-    hashes |= {name: _sha256(drive.resolve(name)) for name in drive.input_files()}
+    images = [frame.image for frame in frames if frame.image is not None]
+    hashes |= {name: _sha256(drive.resolve(name)) for name in (*drive.input_files(), *images)}
     if init is not None:
         file = drive_file(init)
         hashes[os.path.relpath(file, relative_to)] = _sha256(file)

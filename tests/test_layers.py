@@ -14,7 +14,8 @@ LAYERS = [
     {"calibration", "camera", "point_clouds"},
     {"formats", "motion", "projection", "provenance", "schemas"},
     {"observations"},
-    {"label_noise", "selection", "objective"},
+    {"label_noise", "selection", "objective", "intensity"},
+    {"cues"},
     {"datasets"},
     {"pnp", "overlay", "synthesis"},
     {"initialization", "refinement"},
@@ -28,7 +29,7 @@ LAYERS = [
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 WITH_TORCH = {"mine", "se3", "projection", "objective"}
-WITH_OPENCV = {"pnp", "pictures", "overlay", "report"}
+WITH_OPENCV = {"pnp", "pictures", "overlay", "report", "intensity"}
 
 
 def imports(path: Path, *, anywhere: bool) -> set[str]:

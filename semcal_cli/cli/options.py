@@ -99,8 +99,48 @@ max_baseline_option = click.option(
 )
 
 
+class CueList(click.ParamType[tuple[str, ...]]):
+    """Cues by name, several with commas between them."""
+
+    name = "cues"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Give the names."""
+        if isinstance(value, tuple):
+            return value
+        names = tuple(str(value).split(","))
+        if len(set(names)) < len(names) or not set(names) <= set(CUES):
+            self.fail(
+                f"found {value!r}, needed {' or '.join(CUES)}, or both with a comma between.", param, ctx
+            )
+        return tuple(name for name in CUES if name in names)
+
+
+CUES = ("labels", "intensity")
+
+cue_option = click.option(
+    "--cue",
+    "cues",
+    type=CueList(),
+    default=("labels",),
+    metavar="CUE[,CUE]",
+    help="What points and pixels are compared by: labels; intensity (the LiDAR's against the picture's grey values, "
+    "without labels, from a start that is known to a few degrees); or labels,intensity.  [default: labels]",
+)
+
+
 def result_options(command: Command) -> Command:
     """Add what every command takes that computes a calibration."""
-    for option in (max_frames_option, log_option, quiet_option, threads_option, seed_option, output_option):
+    for option in (
+        cue_option,
+        max_frames_option,
+        log_option,
+        quiet_option,
+        threads_option,
+        seed_option,
+        output_option,
+    ):
         command = option(command)
     return command

@@ -32,6 +32,7 @@ from semcal_cli.poses import camera_center
 from semcal_cli.selection import evenly_spaced
 
 if TYPE_CHECKING:
+    from semcal_cli.cues import Cue
     from semcal_cli.drive import Drive
     from semcal_cli.formats.format import Asked
     from semcal_cli.initialization import Hypothesis
@@ -56,6 +57,7 @@ class Session:
         threads: int | None = None,
         quiet: bool = False,
         max_frames: int | None = None,
+        cues: tuple[Cue, ...] = ("labels",),
         given: Given | None = None,
         to: tuple[str, Asked] | None = None,
         page: Path | None = None,
@@ -91,7 +93,7 @@ class Session:
         self.reports: list[StageReport] = []
         self._line = ExitStack()
         self._progress: Callable[[str], None] = lambda doing: None
-        self.run = Run(spec, seed, report=self._report, progress=self.progress)
+        self.run = Run(spec, seed, report=self._report, progress=self.progress, cues=cues)
         if max_frames is not None:
             self.run.max_frames = max_frames
         set_threads(threads)

@@ -12,6 +12,7 @@ import click
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
+    cue_option,
     drive_argument,
     limit_options,
     max_frames_option,
@@ -21,6 +22,7 @@ from semcal_cli.cli.options import (
 )
 
 if TYPE_CHECKING:
+    from semcal_cli.cues import Cue
     from semcal_cli.verification import Check, Verification
 
 EXIT_CODES = {"pass": 0, "fail": 3, "inconclusive": 4}
@@ -42,6 +44,7 @@ EXIT_CODES = {"pass": 0, "fail": 3, "inconclusive": 4}
 @seed_option
 @threads_option
 @max_frames_option
+@cue_option
 @quiet_option
 def verify(
     drive: Path,
@@ -53,6 +56,7 @@ def verify(
     seed: int,
     threads: int | None,
     max_frames: int | None,
+    cues: tuple[Cue, ...],
     quiet: bool,
 ) -> None:
     """Verify a transform on a drive."""
@@ -65,7 +69,14 @@ def verify(
     given = Given(read_transform(calibration), name=str(calibration), source=calibration)
     # Where the JUnit file goes is checked as a log's place is: it replaces nothing that is read.
     session = Session(
-        drive, log=junit, seed=seed, threads=threads, quiet=quiet, max_frames=max_frames, given=given
+        drive,
+        log=junit,
+        seed=seed,
+        threads=threads,
+        quiet=quiet,
+        max_frames=max_frames,
+        cues=cues,
+        given=given,
     )
     with session:
         found = check(session.run, given, Limits(max_rotation_deg, max_translation_m))

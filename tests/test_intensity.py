@@ -1,0 +1,158 @@
+"""Intensity as a cue: levels that light and distance do not change, and what they find."""
+
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from conftest import make_pose
+
+from semcal_cli import _core
+from semcal_cli.classes import NO_CLASS
+from semcal_cli.cli import semcal
+from semcal_cli.cues import INTENSITY, load_cues, summed
+from semcal_cli.drive import Drive, read_drive
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.intensity import lens_mask, observe_intensity
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations
+from semcal_cli.poses import Pose
+from semcal_cli.synthesis import make_camera
+from semcal_cli.synthesis_config import SynthConfig
+
+UNMOVED = 0.9
+"""Share of the levels that a slow change leaves within one of where they were."""
+
+
+@pytest.fixture(scope="module")
+def seen(street: Path) -> Observations:
+    return observe_intensity(read_drive(street), INTENSITY)
+
+
+def changed(
+    street: Path, folder: Path, *, picture: Callable | None = None, cloud: Callable | None = None
+) -> Drive:
+    """A copy of the drive, with one frame's picture or cloud changed."""
+    shutil.copytree(street, folder)
+    drive = read_drive(folder)
+    frame = drive.frames[0]
+    if picture is not None:
+        path = str(drive.resolve(str(frame.image)))
+        cv2.imwrite(path, picture(cv2.imread(path).astype(float)).clip(0, 255).astype(np.uint8))
+    if cloud is not None:
+        file = drive.resolve(frame.points)
+        cloud(np.fromfile(file, np.float32).reshape(-1, 4)).astype(np.float32).tofile(file)
+    return drive.model_copy(update={"frames": (frame,)})
+
+
+def near(before: np.ndarray, after: np.ndarray) -> float:
+    return float(np.mean(np.abs(before.astype(int) - after.astype(int)) <= 1))
+
+
+def test_levels_are_equally_frequent(seen: Observations) -> None:
+    for ids in (np.concatenate(seen.point_classes), seen.image_classes[0].ravel()):
+        shares = np.bincount(ids, minlength=INTENSITY.num_levels) / len(ids)
+        assert len(shares) == INTENSITY.num_levels
+        np.testing.assert_allclose(shares, 1.0 / INTENSITY.num_levels, atol=0.015)
+
+
+def test_light_and_exposure_change_no_level(street: Path, seen: Observations, tmp_path: Path) -> None:
+    def dusk(picture: np.ndarray) -> np.ndarray:
+        """Darker, and towards the right more so."""
+        return picture * np.linspace(0.9, 0.6, picture.shape[1])[:, None] + 5.0
+
+    dark = observe_intensity(changed(street, tmp_path / "dusk", picture=dusk), INTENSITY)
+    assert near(seen.image_classes[0], dark.image_classes[0]) > UNMOVED
+    negative = observe_intensity(
+        changed(street, tmp_path / "negative", picture=lambda p: 255.0 - p), INTENSITY
+    )
+    assert near(seen.image_classes[0], INTENSITY.num_levels - 1 - negative.image_classes[0]) > UNMOVED
+
+
+def test_range_and_gain_change_no_level(street: Path, seen: Observations, tmp_path: Path) -> None:
+    """Of points that have others near by at about the same range; falling off across an edge is no slow change."""
+
+    def weaker(cloud: np.ndarray) -> np.ndarray:
+        azimuth = np.arctan2(cloud[:, 1], cloud[:, 0])
+        return np.column_stack([cloud[:, :3], cloud[:, 3] * 200.0 * (1.0 + 0.5 * np.sin(azimuth))])
+
+    one = observe_intensity(
+        read_drive(street).model_copy(update={"frames": read_drive(street).frames[:1]}), INTENSITY
+    )
+    found = observe_intensity(changed(street, tmp_path / "weaker", cloud=weaker), INTENSITY)
+    assert near(one.point_classes[0], found.point_classes[0]) > UNMOVED
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_start_that_is_off_is_mended_without_labels(
+    seed: int, street: Path, street_truth: Pose, tmp_path: Path
+) -> None:
+    document = yaml.safe_load((street / "drive.yaml").read_text())
+    for frame in document["frames"]:
+        del frame["point_labels"], frame["image_labels"]
+        for key in ("points", "image"):
+            frame[key] = str(street / frame[key])
+    del document["ignore"], document["classes"], document["T_camera_lidar"]
+    (tmp_path / "drive.yaml").write_text(yaml.dump(document))
+    rng = np.random.default_rng(seed)
+    turn, shift = rng.normal(size=(2, 3))
+    off = make_pose(tuple(0.02 * turn / np.linalg.norm(turn)), tuple(0.05 * shift / np.linalg.norm(shift)))
+    write_transform(off @ street_truth, tmp_path / "start.yaml", "semcal")
+    arguments = ["calibrate", str(tmp_path), "--cue", "intensity", "--init", str(tmp_path / "start.yaml")]
+    found = CliRunner().invoke(semcal, [*arguments, "-o", str(tmp_path / "c.yaml")])
+    assert found.exit_code in (0, 3), found.output
+    error = compare_poses(read_transform(tmp_path / "c.yaml"), street_truth)
+    assert error.rotation_deg < 0.3
+    assert error.camera_center_cm < 6.0
+    written = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    assert written["settings"]["options"]["cues"] == {
+        "intensity": {"num_levels": INTENSITY.num_levels, "surroundings_deg": INTENSITY.surroundings_deg}
+    }
+    assert str(street / "images/000000.png") in written["input"]["sha256"]
+
+
+def test_cues_together_add_up(street: Path, street_observations: Observations, street_truth: Pose) -> None:
+    """The block of each has its share w of the pairs: I = sum w I_i - sum w log w."""
+    intensity = observe_intensity(read_drive(street), INTENSITY)
+    both = _core.agreement(summed(street_observations, intensity).core, street_truth)
+    parts = [_core.agreement(each.core, street_truth) for each in (street_observations, intensity)]
+    weights = np.array([part.joint.sum() for part in parts]) / both.joint.sum()
+    each = np.array([part.mutual_information for part in parts])
+    assert both.mutual_information == pytest.approx(weights @ each - weights @ np.log(weights))
+    assert load_cues(read_drive(street), ("labels", "intensity")).num_frames == 8
+
+
+def test_pixels_beyond_the_lens_have_no_level() -> None:
+    K = ((30.0, 0.0, 159.5), (0.0, 30.0, 99.5), (0.0, 0.0, 1.0))
+    camera = make_camera(SynthConfig(lens="fisheye", width=320, height=200)).model_copy(update={"K": K})
+    reached = lens_mask(camera)
+    assert 0.3 < reached.mean() < 1.0
+    assert reached[100, 160]
+    assert not reached[0, 0]
+
+
+def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
+    drive = read_drive(street)
+    bare = drive.model_copy(update={"frames": (drive.frames[0].model_copy(update={"image": None}),)})
+    with pytest.raises(
+        InputError, match=r"frames\[points/000000.bin\].image: found nothing, needed a picture"
+    ):
+        observe_intensity(bare, INTENSITY)
+    np.save(tmp_path / "xyz.npy", np.ones((50, 3), np.float32))
+    blank = drive.frames[0].model_copy(update={"points": str(tmp_path / "xyz.npy"), "point_labels": None})
+    blind = drive.model_copy(update={"frames": (blank,)})
+    with pytest.raises(InputError, match=r"xyz.npy: found no intensity, needed that of each point"):
+        observe_intensity(blind, INTENSITY)
+    flat = changed(street, tmp_path / "flat", picture=lambda picture: np.full_like(picture, 90.0))
+    with pytest.raises(CalibrationError, match="grey is nearly the same everywhere"):
+        observe_intensity(flat, INTENSITY)
+    found = CliRunner().invoke(semcal, ["calibrate", str(street), "--cue", "colour"])
+    assert found.exit_code == 2
+    assert "needed labels or intensity" in found.output
+    assert NO_CLASS not in replace(observe_intensity(drive, INTENSITY)).point_classes[0]
