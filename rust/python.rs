@@ -409,6 +409,7 @@ struct PyPointCloud {
     labels: Option<Py<PyArray1<u16>>>,
     label_shares: Option<Py<PyClassShares>>,
     num_no_returns: usize,
+    is_return: Py<PyArray1<bool>>,
 }
 
 impl PyPointCloud {
@@ -422,6 +423,7 @@ impl PyPointCloud {
             labels: cloud.labels.map(|x| x.into_pyarray(py).unbind()),
             label_shares: cloud.label_shares.map(|shares| Py::new(py, PyClassShares(shares))).transpose()?,
             num_no_returns: cloud.num_no_returns,
+            is_return: cloud.is_return.into_pyarray(py).unbind(),
         })
     }
 }

@@ -166,6 +166,9 @@ class PointCloud:
     @property
     def num_no_returns(self) -> int:
         """How many entries were left out."""
+    @property
+    def is_return(self) -> NDArray[np.bool_]:
+        """Which of the file's entries are points."""
 
 @final
 class Trajectory:

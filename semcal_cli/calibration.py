@@ -158,6 +158,10 @@ class InputFrame(StrictModel):
     """Ids or class probabilities of the pixels."""
     image: FileName | None = None
     """The picture, where it was used."""
+    point_features: FileName | None = None
+    """Features of the points, where they were used."""
+    image_features: FileName | None = None
+    """Features of the pixels, where they were used."""
 
 
 class Input(StrictModel):

@@ -1,4 +1,4 @@
-"""What points and pixels are compared by: labels, intensity, or both."""
+"""What points and pixels are compared by: labels, intensity, both, or features."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Drive
+from semcal_cli.features import FeaturesConfig, observe_features
 from semcal_cli.intensity import IntensityConfig, observe_intensity
 from semcal_cli.observations import Observations, load_observations
 
 Classes: TypeAlias = npt.NDArray[np.uint8]
-Cue: TypeAlias = Literal["labels", "intensity"]
-CUES: tuple[Cue, ...] = ("labels", "intensity")
+Cue: TypeAlias = Literal["labels", "intensity", "features"]
+CUES: tuple[Cue, ...] = ("labels", "intensity", "features")
 LABELS: tuple[Cue, ...] = ("labels",)
 
-INTENSITY = IntensityConfig()
+INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
 
 
 def load_cues(drive: Drive, cues: Sequence[Cue]) -> Observations:
@@ -30,15 +31,30 @@ def load_cues(drive: Drive, cues: Sequence[Cue]) -> Observations:
         InputError: a file is missing or is not what its name or the drive says, or a cue needs one that is not given.
         CalibrationError: one side says nothing.
     """
-    found = [
-        load_observations(drive) if cue == "labels" else observe_intensity(drive, INTENSITY) for cue in cues
-    ]
+    found = [_load(drive, cue) for cue in cues]
     return found[0] if len(found) == 1 else summed(*found)
+
+
+def files_of(cues: Sequence[Cue]) -> list[str]:
+    """Name the files of a frame that cues need beside clouds and labels."""
+    names = {"intensity": ["image"], "features": ["point_features", "image_features"]}
+    return [name for cue in cues for name in names.get(cue, [])]
 
 
 def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:
     """Tell the cues, and their settings."""
-    return {cue: asdict(INTENSITY) if cue == "intensity" else {} for cue in cues}
+    settings = {"intensity": asdict(INTENSITY), "features": asdict(FEATURES)}
+    return {cue: settings.get(cue, {}) for cue in cues}
+
+
+def _load(drive: Drive, cue: Cue) -> Observations:
+    match cue:
+        case "labels":
+            return load_observations(drive)
+        case "intensity":
+            return observe_intensity(drive, INTENSITY)
+        case "features":
+            return observe_features(drive, FEATURES)
 
 
 def summed(first: Observations, second: Observations) -> Observations:

@@ -42,6 +42,10 @@ class Observations:
     """Of each frame whose points have class probabilities; `point_classes` are then the likeliest. Empty: of none."""
     image_shares: Sequence[_core.ClassShares | None] = ()
     """Likewise of the pixels."""
+    point_vectors: Sequence[npt.NDArray[np.float16]] = ()
+    """(N, C) of each frame: features of the points, whose codes are then their classes. Empty without features."""
+    image_vectors: Sequence[npt.NDArray[np.float16]] = ()
+    """(H / s, W / s, C) of each frame: features of blocks of s x s pixels."""
     num_no_returns: Sequence[int] = ()
     """Entries of each sweep that were not finite or all zero, and were left out."""
     twists_per_s: Sequence[Sequence[float]] | None = None
@@ -65,6 +69,8 @@ class Observations:
             image_classes=[self.image_classes[i] for i in indices],
             point_shares=[self.point_shares[i] for i in indices] if self.point_shares else (),
             image_shares=[self.image_shares[i] for i in indices] if self.image_shares else (),
+            point_vectors=[self.point_vectors[i] for i in indices] if self.point_vectors else (),
+            image_vectors=[self.image_vectors[i] for i in indices] if self.image_vectors else (),
             num_no_returns=[self.num_no_returns[i] for i in indices] if self.num_no_returns else (),
             twists_per_s=self.twists_per_s and [self.twists_per_s[i] for i in indices],
         )

@@ -24,9 +24,9 @@ from semcal_cli.calibration import (
     Status,
     UncertaintyRecord,
 )
-from semcal_cli.cues import LABELS, Cue, describe_cues, load_cues
+from semcal_cli.cues import LABELS, Cue, describe_cues, files_of, load_cues
 from semcal_cli.drive import Drive, Motion
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.initialization import (
     Hypothesis,
     InitializationConfig,
@@ -295,7 +295,9 @@ class Run:
             f"{'settled' if refinement.converged else 'not settled'}"
         )
         self._finish("refined", start, observations, T_camera_lidar, note)
-        polished = self._polish(observations, T_camera_lidar, config) if config.is_polished else None
+        # The polish is of the exact mutual information, which vectors have none of.
+        is_polished = config.is_polished and not observations.point_vectors
+        polished = self._polish(observations, T_camera_lidar, config) if is_polished else None
         if polished is None:
             self.reasons += reasons.convergence(refinement)
             return T_camera_lidar
@@ -331,14 +333,21 @@ class Run:
         return T_camera_lidar
 
     def _climb(self, observations: Observations, config: RefinementConfig) -> tuple[Climb, dict[str, object]]:
-        """Make the estimator, and tell its settings; torch is loaded only where it is needed."""
+        """Make the estimator, and tell its settings; torch is loaded only where it is needed.
+
+        Raises:
+            InputError: the exact mutual information of features is asked for, or a device that is not there.
+        """
+        if observations.point_vectors and config.estimator == "exact":
+            raise InputError("--estimator exact: features are vectors, which have no histogram, needed mine")
         if config.estimator == "exact":
             exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
             return ExactClimb(observations, exact, self.seed), {"exact": asdict(exact)}
         self.progress("loading torch")
-        from semcal_cli.mine import MineClimb, MineConfig
+        from semcal_cli.mine import VECTORS, MineClimb, MineConfig
 
-        mine = MineConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+        usual = VECTORS if observations.point_vectors else MineConfig()
+        mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
         climb = MineClimb(observations, mine, self.seed, config.device)
         return climb, {"mine": asdict(mine), "device": config.device}
 
@@ -372,7 +381,9 @@ class Run:
             if fused is None
             else fused.uncertainty
         )
-        against = doubts(observations, T_camera_lidar)
+        # Of several cues, the first: pictures of one say nothing beside points of another.
+        alone = observations.of_frames(range(len(self.drive.frames))) if len(self.cues) > 1 else observations
+        against = doubts(alone, T_camera_lidar)
         if found is None:
             nothing = "labels do not determine the pose: information does not fall in every direction"
             together = "labels and what is known do not determine the pose together"
@@ -424,7 +435,7 @@ class Run:
                 self.drive,
                 self.given.source if self.given else None,
                 folder,
-                with_images="intensity" in self.cues,
+                files_of(self.cues),
             ),
             settings=Settings.model_validate(
                 {"options": _plain(self.options), "seed": self.seed, "versions": versions()}

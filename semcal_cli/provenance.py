@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -15,27 +16,20 @@ LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
 """Whose versions may change the answer."""
 
 
-def describe_input(drive: Drive, init: Path | None, relative_to: Path, *, with_images: bool = False) -> Input:
+def describe_input(drive: Drive, init: Path | None, relative_to: Path, also: Sequence[str] = ()) -> Input:
     """List the drive, its camera and frames, and the SHA-256 of each file that was read.
 
     Args:
         drive: The drive.
         init: The file (or drive) of the transform that was started at.
         relative_to: The folder that paths are given relative to, but for files of the drive: where the result goes.
-        with_images: Whether pictures were read, too.
+        also: Files of a frame that were read beside its cloud and its labels.
     """
-    frames = [
-        InputFrame(
-            points=f.points,
-            point_labels=f.point_labels,
-            image_labels=f.image_labels,
-            image=f.image if with_images else None,
-        )
-        for f in drive.frames
-    ]
+    keys = ("points", "point_labels", "image_labels", *also)
+    frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
     hashes = {drive.path.name: _sha256(drive.path)}
-    images = [frame.image for frame in frames if frame.image is not None]
-    hashes |= {name: _sha256(drive.resolve(name)) for name in (*drive.input_files(), *images)}
+    more = [name for frame in drive.frames for key in also if (name := getattr(frame, key)) is not None]
+    hashes |= {name: _sha256(drive.resolve(name)) for name in (*drive.input_files(), *more)}
     if init is not None:
         file = drive_file(init)
         hashes[os.path.relpath(file, relative_to)] = _sha256(file)

@@ -105,11 +105,13 @@ def test_a_start_that_is_off_is_mended_without_labels(
     off = make_pose(tuple(0.02 * turn / np.linalg.norm(turn)), tuple(0.05 * shift / np.linalg.norm(shift)))
     write_transform(off @ street_truth, tmp_path / "start.yaml", "semcal")
     arguments = ["calibrate", str(tmp_path), "--cue", "intensity", "--init", str(tmp_path / "start.yaml")]
-    found = CliRunner().invoke(semcal, [*arguments, "-o", str(tmp_path / "c.yaml")])
+    outputs = ["-o", str(tmp_path / "c.yaml"), "--report", str(tmp_path / "r.html")]
+    found = CliRunner().invoke(semcal, [*arguments, *outputs])
     assert found.exit_code in (0, 3), found.output
     error = compare_poses(read_transform(tmp_path / "c.yaml"), street_truth)
     assert error.rotation_deg < 0.3
     assert error.camera_center_cm < 6.0
+    assert "label of the pixel" in (tmp_path / "r.html").read_text()
     written = yaml.safe_load((tmp_path / "c.yaml").read_text())
     assert written["settings"]["options"]["cues"] == {
         "intensity": {"num_levels": INTENSITY.num_levels, "surroundings_deg": INTENSITY.surroundings_deg}
@@ -154,5 +156,5 @@ def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
         observe_intensity(flat, INTENSITY)
     found = CliRunner().invoke(semcal, ["calibrate", str(street), "--cue", "colour"])
     assert found.exit_code == 2
-    assert "needed labels or intensity" in found.output
+    assert "needed labels, intensity, features" in found.output
     assert NO_CLASS not in replace(observe_intensity(drive, INTENSITY)).point_classes[0]

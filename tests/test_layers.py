@@ -14,7 +14,7 @@ LAYERS = [
     {"calibration", "camera", "point_clouds"},
     {"formats", "motion", "projection", "provenance", "schemas"},
     {"observations"},
-    {"label_noise", "selection", "objective", "intensity"},
+    {"label_noise", "selection", "objective", "intensity", "features"},
     {"cues"},
     {"datasets"},
     {"pnp", "overlay", "synthesis"},

@@ -44,6 +44,8 @@ pub struct PointCloud {
     pub label_shares: Option<ClassShares>,
     /// Entries that were not finite or all zero, and were left out.
     pub num_no_returns: usize,
+    /// Which of the file's entries are points.
+    pub is_return: Vec<bool>,
 }
 
 /// How a point cloud lies in a file.

@@ -96,6 +96,7 @@ impl<'a> Table<'a> {
         let (points, returns) = self.returns();
         let cloud = PointCloud {
             num_no_returns: self.num_records - returns.count,
+            is_return: returns.keep.clone(),
             intensity: self.columns.intensity.map(|column| floats(&column, &self.bytes, &returns)),
             ring: self.columns.ring.and_then(|column| whole_numbers(&column, &self.bytes, &returns).ok()),
             time: self.columns.time.map(|column| self.seconds(&column, &returns)),

@@ -112,13 +112,13 @@ class CueList(click.ParamType[tuple[str, ...]]):
             return value
         names = tuple(str(value).split(","))
         if len(set(names)) < len(names) or not set(names) <= set(CUES):
-            self.fail(
-                f"found {value!r}, needed {' or '.join(CUES)}, or both with a comma between.", param, ctx
-            )
+            self.fail(f"found {value!r}, needed {', '.join(CUES)}, or labels,intensity.", param, ctx)
+        if "features" in names and len(names) > 1:
+            self.fail(f"found {value!r}, but features go alone.", param, ctx)
         return tuple(name for name in CUES if name in names)
 
 
-CUES = ("labels", "intensity")
+CUES = ("labels", "intensity", "features")
 
 cue_option = click.option(
     "--cue",
@@ -127,7 +127,8 @@ cue_option = click.option(
     default=("labels",),
     metavar="CUE[,CUE]",
     help="What points and pixels are compared by: labels; intensity (the LiDAR's against the picture's grey values, "
-    "without labels, from a start that is known to a few degrees); or labels,intensity.  [default: labels]",
+    "without labels, from a start that is known to a few degrees); labels,intensity; or features (vectors of points "
+    "and pixels; with --estimator mine).  [default: labels]",
 )
 
 

@@ -63,7 +63,13 @@ def make_refinement(options: dict[str, Any], max_baseline_m: float, given: Given
     estimator, device, no_polish, edge_band = (options.pop(name) for name in names)
     if device != "cpu" and estimator != "mine":
         raise click.UsageError("--device: is where MINE's network computes: give --estimator mine")
+    if "features" in options["cues"] and estimator != "mine":
+        raise click.UsageError("--cue features: vectors have no histogram: give --estimator mine")
     priors = make_priors(options, given, max_baseline_m)
+    if priors and "features" in options["cues"]:
+        raise click.UsageError(
+            f"{priors[0].name}: is weighed by the exact histogram, which features have none of"
+        )
     if priors and no_polish:
         raise click.UsageError(f"{priors[0].name}: is weighed after the polish: leave --no-polish out")
     return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band, priors)

@@ -66,6 +66,10 @@ def verify(
     from semcal_cli.verification import Limits
     from semcal_cli.verification import verify as check
 
+    if "features" in cues:
+        raise click.UsageError(
+            "--cue features: verify compares by the exact histogram, which vectors have none of"
+        )
     given = Given(read_transform(calibration), name=str(calibration), source=calibration)
     # Where the JUnit file goes is checked as a log's place is: it replaces nothing that is read.
     session = Session(

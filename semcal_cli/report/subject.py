@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.calibration import Calibration, InputFrame
+from semcal_cli.cues import CUES, LABELS, Cue, load_cues
 from semcal_cli.documents import listed
 from semcal_cli.drive import Drive, Frame
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.semcal import read_record
-from semcal_cli.observations import Observations, load_observations
+from semcal_cli.observations import Observations
 from semcal_cli.overlay import Overlays
 from semcal_cli.poses import Pose
 from semcal_cli.provenance import describe_input
@@ -102,7 +103,7 @@ def make_subject(
         record=record,
         before=before,
         drive=used,
-        observations=load_observations(used),
+        observations=load_cues(used, _cues(record)),
         sha256=describe_input(used, None, Path()).sha256,
         is_of_record=is_of_record,
         notices=tuple(notices),
@@ -135,6 +136,13 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     if changed:
         notices.append(f"Since it was computed, files were changed: {listed(sorted(changed))}.")
     return used, notices
+
+
+def _cues(record: Calibration | None) -> tuple[Cue, ...]:
+    """What the frames are looked at by: labels, unless the calibration was made without them."""
+    known = {} if record is None else record.settings.options.get("cues")
+    used = tuple(cue for cue in CUES if isinstance(known, dict) and cue in known)
+    return LABELS if not used or "labels" in used else used
 
 
 def _key(frame: Frame | InputFrame) -> tuple[str | None, ...]:

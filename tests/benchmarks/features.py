@@ -1,0 +1,85 @@
+"""Calibrate by features alone, as a Markdown table: labels replaced by random embeddings with noise.
+
+    python tests/benchmarks/features.py --seeds 3 --first-seed 41000
+
+Each side's classes get vectors of 16 random numbers, drawn independently; noise is added whose length is on average the
+distance between two classes. Labels are then thrown away. Runs start 2 degrees and 0.2 m off.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+import click
+import cues
+import numpy as np
+import yaml
+
+from semcal_cli.drive import Drive, read_drive
+from semcal_cli.formats import read_transform
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import read_observations
+from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.synthesis import synthesize
+from semcal_cli.synthesis_config import SynthConfig
+
+CHANNELS = 16
+
+
+def embedded(drive: Drive, seed: int, noise: float) -> Drive:
+    """Write features beside a drive, and give one that has these and no labels."""
+    observations = read_observations(drive)
+    rng = np.random.default_rng(seed)
+    document = yaml.safe_load(drive.path.read_text())
+    for key in ("classes", "ignore", "T_camera_lidar"):
+        document.pop(key, None)
+    sides = {"point": observations.point_classes, "image": observations.image_classes}
+    centres = {side: rng.normal(size=(256, CHANNELS)) for side in sides}
+    # Two random vectors are on average sqrt(2 C) apart; noise of unit variance is sqrt(C) long.
+    sigma = noise * np.sqrt(2.0)
+    for number, frame in enumerate(document["frames"]):
+        for side, classes in sides.items():
+            vectors = centres[side][classes[number]]
+            vectors = vectors + sigma * rng.normal(size=vectors.shape)
+            name = f"{side}_features_{number:06d}.npy"
+            np.save(drive.root / name, vectors.astype(np.float16))
+            frame[f"{side}_features"] = name
+        del frame["point_labels"], frame["image_labels"], frame["image"]
+    path = drive.root / "features.yaml"
+    path.write_text(yaml.dump(document))
+    return read_drive(path)
+
+
+@click.command()
+@click.option("--seeds", default=3)
+@click.option("--first-seed", default=41000)
+@click.option("--frames", default=20)
+@click.option("--width", default=1280)
+@click.option("--noise", default=1.0, help="Length of the noise by the distance between classes.")
+@click.option("--from-nothing", is_flag=True)
+def main(seeds: int, first_seed: int, frames: int, width: int, noise: float, from_nothing: bool) -> None:
+    """Print the table."""
+    print("| seed | rotation, deg | camera centre, cm | seconds |")
+    print("|---|---|---|---|")
+    for seed in range(first_seed, first_seed + seeds):
+        with TemporaryDirectory() as folder:
+            config = SynthConfig(num_frames=frames, seed=seed, width=width, height=width * 9 // 16)
+            synthesize(config, Path(folder) / "drive")
+            labelled = read_drive(Path(folder) / "drive")
+            T, drive = read_transform(labelled.path), embedded(labelled, seed, noise)
+            begin = perf_counter()
+            given = None if from_nothing else Given(cues.start(T, seed), "start")
+            run = Run(drive, seed=0, cues=("features",))
+            calibration = run.calibrate(drive.root, given=given, refinement=RefinementConfig("mine"))
+            error = compare_poses(calibration.pose, T)
+            seconds = perf_counter() - begin
+            print(
+                f"| {seed} | {error.rotation_deg:.4f} | {error.camera_center_cm:.2f} | {seconds:.0f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,179 @@
+"""Features as a cue: vectors that nobody knows the meaning of, instead of labels."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from click.testing import CliRunner
+
+sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
+from features import embedded
+
+from semcal_cli.cli import semcal
+from semcal_cli.cues import FEATURES, load_cues
+from semcal_cli.drive import Drive, read_drive
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.features import observe_features
+from semcal_cli.metrics import compare_poses
+from semcal_cli.mine import VECTORS, MineClimb, SeparableNetwork, _averaged, _PointsWithVectors
+from semcal_cli.observations import Observations
+from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.poses import Pose
+from semcal_cli.refinement import ExactClimb
+from semcal_cli.se3 import exp_se3
+
+RIGHT_DEG, RIGHT_CM = 0.3, 6.0
+"""Of four small pairs with noise as long as classes are apart."""
+
+
+@pytest.fixture(scope="module")
+def drive(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    """The street without a label, its classes' vectors on either side random."""
+    folder = tmp_path_factory.mktemp("features") / "drive"
+    shutil.copytree(street, folder)
+    return embedded(read_drive(folder), seed=1, noise=1.0)
+
+
+@pytest.fixture(scope="module")
+def observations(drive: Drive) -> Observations:
+    return load_cues(drive, ("features",))
+
+
+def off(T: Pose) -> Pose:
+    twist = torch.tensor([0.06, -0.05, 0.04, 0.012, -0.01, 0.008], dtype=torch.float64)
+    return exp_se3(twist).numpy() @ T
+
+
+def test_mine_finds_the_pose_by_features_alone(drive: Drive, street_truth: Pose) -> None:
+    run = Run(drive, seed=0, cues=("features",))
+    given = Given(off(street_truth), "start")
+    calibration = run.calibrate(drive.root, given=given, refinement=RefinementConfig("mine"))
+    error = compare_poses(calibration.pose, street_truth)
+    assert error.rotation_deg < RIGHT_DEG
+    assert error.camera_center_cm < RIGHT_CM
+    assert calibration.status in ("not_assessed", "not_trusted")
+    assert "point_features_000000.npy" in calibration.input.sha256
+    assert calibration.input.frames[0].image_labels is None
+
+
+def test_vectors_between_blocks_have_the_derivative_of_the_pose(
+    observations: Observations, street_truth: Pose
+) -> None:
+    generator = torch.Generator().manual_seed(0)
+    network = SeparableNetwork(16, 16, VECTORS, generator)
+    points = _PointsWithVectors(
+        observations, network, street_truth, 8, np.eye(6), torch.device("cpu"), visible_only=False
+    )
+    chosen, anchor = torch.arange(0, len(points), 97), torch.from_numpy(street_truth)
+
+    def ascent(v: torch.Tensor) -> torch.Tensor:
+        joint, mean_exp = points.expectations(chosen, exp_se3(v) @ anchor)
+        return joint - mean_exp.log()
+
+    v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
+    (slope,) = torch.autograd.grad(ascent(v), v)
+    for axis in range(6):
+        step = torch.zeros(6, dtype=torch.float64)
+        step[axis] = 1e-4
+        with torch.no_grad():
+            difference = (ascent(step) - ascent(-step)) / 2e-4
+        assert abs(difference - slope[axis]) < 0.05 * slope.abs().max()
+
+
+def test_averages_are_those_of_numpy() -> None:
+    vectors = np.random.default_rng(0).normal(size=(5, 7, 3)).astype(np.float16)
+    found = _averaged(vectors, 2)
+    assert found.shape == (2, 3, 3)
+    np.testing.assert_allclose(found[1, 2], vectors[2:4, 4:6].astype(float).mean(axis=(0, 1)), atol=1e-3)
+
+
+def test_vectors_of_blocks_are_those_of_their_pixels(drive: Drive, tmp_path: Path) -> None:
+    """A network's map may be smaller than the picture by a whole number."""
+    frame = drive.frames[0]
+    whole = np.load(drive.resolve(str(frame.image_features)))
+    np.save(tmp_path / "small.npy", whole[::4, ::4])
+    small = frame.model_copy(update={"image_features": str(tmp_path / "small.npy")})
+    found = observe_features(drive.model_copy(update={"frames": (small,)}), FEATURES)
+    assert found.image_vectors[0].shape == (90, 160, 16)
+    assert found.image_classes[0].shape == (360, 640)
+
+
+@pytest.mark.parametrize(
+    ("key", "array", "complaint"),
+    [
+        ("image_features", np.zeros((100, 640, 4)), r"found shape \(100, 640, 4\), needed \(360, 640, C\)"),
+        ("image_features", np.zeros((360, 640)), r"found shape \(360, 640\), needed"),
+        (
+            "point_features",
+            np.zeros((3, 4)),
+            r"found shape \(3, 4\), needed \(\d+, C\): points/000000.bin has",
+        ),
+        ("point_features", np.array(["a"]), r"found <U1, needed an array of numbers"),
+        ("point_features", None, "found no NumPy array, needed one"),
+        (
+            "image_features",
+            np.full((360, 640, 2), np.nan),
+            "features of pixels: found values that are not finite",
+        ),
+    ],
+)
+def test_wrong_features_are_said(
+    key: str, array: np.ndarray | None, complaint: str, drive: Drive, tmp_path: Path
+) -> None:
+    file = tmp_path / "wrong.npy"
+    file.write_bytes(b"nothing") if array is None else np.save(file, array)
+    frame = drive.frames[0].model_copy(update={key: str(file)})
+    with pytest.raises(InputError, match=complaint):
+        observe_features(drive.model_copy(update={"frames": (frame,)}), FEATURES)
+
+
+def test_features_that_say_nothing(drive: Drive, tmp_path: Path) -> None:
+    np.save(tmp_path / "flat.npy", np.ones((360, 640, 2)))
+    frame = drive.frames[0].model_copy(update={"image_features": str(tmp_path / "flat.npy")})
+    with pytest.raises(CalibrationError, match="features of pixels are all the same"):
+        observe_features(drive.model_copy(update={"frames": (frame,)}), FEATURES)
+    bare = drive.frames[0].model_copy(update={"point_features": None})
+    with pytest.raises(InputError, match=r"point_features: found nothing, needed a .npy file of features"):
+        observe_features(drive.model_copy(update={"frames": (bare,)}), FEATURES)
+
+
+def test_the_exact_histogram_is_refused(drive: Drive, observations: Observations, street_truth: Pose) -> None:
+    run = Run(drive, seed=0, cues=("features",))
+    with pytest.raises(InputError, match="--estimator exact: features are vectors, which have no histogram"):
+        run.refine(observations, street_truth, RefinementConfig())
+    command = ["calibrate", str(drive.path), "--cue", "features"]
+    found = CliRunner().invoke(semcal, command)
+    assert found.exit_code == 2
+    assert "--cue features: vectors have no histogram: give --estimator mine" in found.output
+    for more in (
+        ["--cue", "labels,features"],
+        ["--cue", "features", "--prior-translation-m", "0", "0", "0", "1"],
+    ):
+        assert CliRunner().invoke(semcal, [*command, "--estimator", "mine", *more]).exit_code == 2
+    assert (
+        CliRunner()
+        .invoke(semcal, ["verify", str(drive.path), str(drive.path), "--cue", "features"])
+        .exit_code
+        == 2
+    )
+    assert ExactClimb is not MineClimb
+
+
+def test_features_of_returns_that_were_left_out_are_left_out(drive: Drive, tmp_path: Path) -> None:
+    frame = drive.frames[0]
+    cloud = np.fromfile(drive.resolve(frame.points), np.float32).reshape(-1, 4)
+    features = np.load(drive.resolve(str(frame.point_features)))
+    cloud = np.insert(cloud, 10, 0.0, axis=0)
+    cloud.tofile(tmp_path / "p.bin")
+    np.save(tmp_path / "p.npy", np.insert(features, 10, 99.0, axis=0))
+    names = {"points": str(tmp_path / "p.bin"), "point_features": str(tmp_path / "p.npy")}
+    one = drive.model_copy(update={"frames": (frame.model_copy(update=names),)})
+    found, before = (
+        observe_features(each, FEATURES) for each in (one, drive.model_copy(update={"frames": (frame,)}))
+    )
+    np.testing.assert_allclose(found.point_vectors[0], before.point_vectors[0], atol=0.05)
+    assert yaml.safe_load(drive.path.read_text())["frames"][0]["points"] == "points/000000.bin"
