@@ -15,6 +15,7 @@ from semcal_cli.drive import Drive
 from semcal_cli.features import FeaturesConfig, observe_features
 from semcal_cli.intensity import IntensityConfig, observe_intensity
 from semcal_cli.observations import Observations, load_observations
+from semcal_cli.selection import evenly_spaced, select_frames
 
 Classes: TypeAlias = npt.NDArray[np.uint8]
 Cue: TypeAlias = Literal["labels", "intensity", "features"]
@@ -33,6 +34,17 @@ def load_cues(drive: Drive, cues: Sequence[Cue]) -> Observations:
     """
     found = [_load(drive, cue) for cue in cues]
     return found[0] if len(found) == 1 else summed(*found)
+
+
+def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
+    """Keep at most so many frames of a drive: those whose label images differ most, without labels evenly spaced ones.
+
+    Raises:
+        InputError: a label image is missing or is not what its name or the drive says.
+    """
+    if "labels" in cues:
+        return select_frames(drive, max_frames)
+    return drive.model_copy(update={"frames": tuple(evenly_spaced(drive.frames, max_frames))})
 
 
 def files_of(cues: Sequence[Cue]) -> list[str]:

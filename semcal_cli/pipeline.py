@@ -24,7 +24,7 @@ from semcal_cli.calibration import (
     Status,
     UncertaintyRecord,
 )
-from semcal_cli.cues import LABELS, Cue, describe_cues, files_of, load_cues
+from semcal_cli.cues import LABELS, Cue, choose_frames, describe_cues, files_of, load_cues
 from semcal_cli.drive import Drive, Motion
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.initialization import (
@@ -52,7 +52,7 @@ from semcal_cli.refinement import (
     PyramidConfig,
     refine,
 )
-from semcal_cli.selection import MAX_FRAMES, select_frames
+from semcal_cli.selection import MAX_FRAMES
 from semcal_cli.trust import doubts
 from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, label_bleed
 
@@ -198,7 +198,7 @@ class Run:
         start = perf_counter()
         num_frames = len(self.drive.frames)
         self.progress(f"looking through {num_frames} frames")
-        self.drive = select_frames(self.drive, self.max_frames)
+        self.drive = choose_frames(self.drive, self.cues, self.max_frames)
         self.options["max_frames"] = self.max_frames
         self.progress(f"reading {len(self.drive.frames)} frames")
         observations = load_cues(self.drive, self.cues)

@@ -30,8 +30,6 @@ def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
 def select_frames(drive: Drive, max_frames: int) -> Drive:
     """Keep the frames of a drive whose label images differ most, in their order, if there are more than `max_frames`.
 
-    Without label images they are evenly spaced.
-
     Label images are read once, one after the other, and compared as thumbnails by the share of pixels that differ. The
     first frame is chosen, then again and again the one that is farthest from all that were (Gonzalez, *Clustering to
     minimize the maximum intercluster distance*, 1985).
@@ -41,8 +39,6 @@ def select_frames(drive: Drive, max_frames: int) -> Drive:
     """
     if len(drive.frames) <= max_frames:
         return drive
-    if any(frame.image_labels is None for frame in drive.frames):
-        return drive.model_copy(update={"frames": tuple(evenly_spaced(drive.frames, max_frames))})
     camera = drive.camera
     thumbnails = _core.read_label_thumbnails(
         label_paths(drive, "image_labels"), camera.width, camera.height, *THUMBNAIL, colors(drive)

@@ -15,7 +15,7 @@ from conftest import make_pose
 from semcal_cli import _core
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.cli import semcal
-from semcal_cli.cues import INTENSITY, load_cues, summed
+from semcal_cli.cues import INTENSITY, choose_frames, load_cues, summed
 from semcal_cli.drive import Drive, read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
@@ -117,6 +117,13 @@ def test_a_start_that_is_off_is_mended_without_labels(
         "intensity": {"num_levels": INTENSITY.num_levels, "surroundings_deg": INTENSITY.surroundings_deg}
     }
     assert str(street / "images/000000.png") in written["input"]["sha256"]
+
+
+def test_frames_without_labels_are_chosen_evenly(street: Path) -> None:
+    drive = read_drive(street)
+    bare = [frame.model_copy(update={"image_labels": None}) for frame in drive.frames]
+    chosen = choose_frames(drive.model_copy(update={"frames": tuple(bare)}), ("intensity",), 2)
+    assert [frame.points for frame in chosen.frames] == ["points/000000.bin", "points/000003.bin"]
 
 
 def test_cues_together_add_up(street: Path, street_observations: Observations, street_truth: Pose) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.calibration import Calibration, InputFrame
-from semcal_cli.cues import CUES, LABELS, Cue, load_cues
+from semcal_cli.cues import CUES, LABELS, Cue, choose_frames, load_cues
 from semcal_cli.documents import listed
 from semcal_cli.drive import Drive, Frame
 from semcal_cli.formats import read_transform
@@ -17,7 +17,7 @@ from semcal_cli.observations import Observations
 from semcal_cli.overlay import Overlays
 from semcal_cli.poses import Pose
 from semcal_cli.provenance import describe_input
-from semcal_cli.selection import MAX_FRAMES, evenly_spaced, select_frames
+from semcal_cli.selection import MAX_FRAMES, evenly_spaced
 
 
 @dataclass(frozen=True)
@@ -96,14 +96,15 @@ def make_subject(
     is_of_record = used is not None and record is not None and record.input.camera == drive.camera
     if used is not None and not is_of_record:
         notices.append("The camera is not the one that the calibration was computed with.")
-    used = used or select_frames(drive, MAX_FRAMES)
+    cues = _cues(record)
+    used = used or choose_frames(drive, cues, MAX_FRAMES)
     return Subject(
         name=name,
         T_camera_lidar=T_camera_lidar,
         record=record,
         before=before,
         drive=used,
-        observations=load_cues(used, _cues(record)),
+        observations=load_cues(used, cues),
         sha256=describe_input(used, None, Path()).sha256,
         is_of_record=is_of_record,
         notices=tuple(notices),
