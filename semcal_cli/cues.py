@@ -12,6 +12,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.classes import NO_CLASS
 from semcal_cli.drive import Drive
+from semcal_cli.errors import CalibrationError
 from semcal_cli.features import FeaturesConfig, observe_features
 from semcal_cli.intensity import IntensityConfig, observe_intensity
 from semcal_cli.observations import Observations, load_observations
@@ -75,10 +76,13 @@ def summed(first: Observations, second: Observations) -> Observations:
     Frames are there twice, once with the classes of each cue, and no class belongs to both. So the joint histogram has
     a block for each cue, and its mutual information is the mean of theirs but for a constant (chain rule: which block
     a pair is in tells which classes it may have, on either side).
+
+    Raises:
+        CalibrationError: there are too many classes for one histogram.
     """
     num_point, num_image = len(first.point_class_names), len(first.image_class_names)
     if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
-        raise ValueError("too many classes for one histogram")
+        raise CalibrationError(f"found more classes than {NO_CLASS} with those of all cues, needed fewer")
     shifted = replace(
         second,
         point_classes=[_shifted(ids, num_point) for ids in second.point_classes],

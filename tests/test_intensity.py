@@ -13,7 +13,6 @@ from click.testing import CliRunner
 from conftest import make_pose
 
 from semcal_cli import _core
-from semcal_cli.classes import NO_CLASS
 from semcal_cli.cli import semcal
 from semcal_cli.cues import INTENSITY, choose_frames, load_cues, summed
 from semcal_cli.drive import Drive, read_drive
@@ -135,6 +134,9 @@ def test_cues_together_add_up(street: Path, street_observations: Observations, s
     each = np.array([part.mutual_information for part in parts])
     assert both.mutual_information == pytest.approx(weights @ each - weights @ np.log(weights))
     assert load_cues(read_drive(street), ("labels", "intensity")).num_frames == 8
+    many = replace(street_observations, point_class_names=[str(i) for i in range(250)])
+    with pytest.raises(CalibrationError, match="found more classes than 255 with those of all cues"):
+        summed(many, intensity)
 
 
 def test_pixels_beyond_the_lens_have_no_level() -> None:
@@ -164,4 +166,3 @@ def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
     found = CliRunner().invoke(semcal, ["calibrate", str(street), "--cue", "colour"])
     assert found.exit_code == 2
     assert "needed labels, intensity, features" in found.output
-    assert NO_CLASS not in replace(observe_intensity(drive, INTENSITY)).point_classes[0]

@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from semcal_cli.camera import core_camera
 from semcal_cli.classes import NO_CLASS
+from semcal_cli.observations import read_image
 from semcal_cli.overlay import Colors, hex_color, palettes, points_in_picture
-from semcal_cli.pictures import read_picture
 from semcal_cli.poses import camera_center, inverse
 from semcal_cli.report.subject import Subject
 from semcal_cli.selection import evenly_spaced
@@ -70,9 +70,9 @@ def frame_cloud(subject: Subject) -> Cloud:
         "label of the pixel": _legend(pixel_classes, observations.image_class_names, of_pixels),
         "label of the point": _legend(point_classes, observations.point_class_names, of_points),
     }
-    name = names[number]
-    if name is not None:
-        by["picture"] = _at(read_picture(subject.drive.resolve(name)), pixels)[:, ::-1]
+    picture = read_image(subject.drive, subject.drive.frames[number])
+    if picture is not None:
+        by["picture"] = _at(picture, pixels)[:, ::-1]
     grey = np.full((len(others), 3), GREY, np.uint8)
     positions = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
     return Cloud(
