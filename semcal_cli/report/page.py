@@ -15,7 +15,7 @@ from semcal_cli.calibration import Calibration
 from semcal_cli.documents import document_text, write_text
 from semcal_cli.metrics import compare_poses
 from semcal_cli.poses import camera_center
-from semcal_cli.provenance import versions
+from semcal_cli.provenance import describe_input, versions
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
@@ -108,7 +108,7 @@ def report_html(subject: Subject, progress: Callable[[str], None]) -> str:
         cloud=asdict(frame_cloud(subject)),
         options=document_text(record.settings.options, "yaml") if record else "",
         versions=record.settings.versions if record else versions(),
-        hashes=record.input.sha256 if record else subject.sha256,
+        hashes=(record.input if record else describe_input(subject.drive, None, Path())).sha256,
     )
 
 

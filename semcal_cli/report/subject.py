@@ -33,8 +33,6 @@ class Subject:
     """Another transform to show beside it, under its caption."""
     drive: Drive
     observations: Observations
-    sha256: dict[str, str]
-    """Of the files of the frames as they are now."""
     is_of_record: bool
     """Whether the frames, and the camera, are those that the calibration was computed from."""
     notices: tuple[str, ...]
@@ -105,7 +103,6 @@ def make_subject(
         before=before,
         drive=used,
         observations=load_cues(used, cues),
-        sha256=describe_input(used, None, Path()).sha256,
         is_of_record=is_of_record,
         notices=tuple(notices),
     )
