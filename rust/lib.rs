@@ -20,6 +20,7 @@ pub mod probabilities;
 pub mod pyramid;
 pub mod registration;
 pub mod se3;
+pub mod semantic_distance;
 pub mod speckle;
 pub mod spherical;
 pub mod thinning;

@@ -21,6 +21,7 @@ __all__ = [
     "Observations",
     "PointCloud",
     "Renderer",
+    "SemanticDistance",
     "SphericalImages",
     "Trajectory",
     "agreement",
@@ -126,6 +127,32 @@ class AnchoredPoints:
         """Shares of each class (n, num_image_classes) under points (n,); rows add up to one, or to zero."""
     def pull_back(self, indices: NDArray[np.int64], t_camera_lidar: _Float64, gradient: _Float64) -> _Float64:
         """The gradient (3, 4) with respect to `t_camera_lidar` of what has `gradient` with respect to `shares`."""
+
+@final
+class SemanticDistance:
+    """How far points land from the pixels of their own class: the cost of SOIC, in pixels."""
+
+    def __new__(
+        cls, camera: Camera, parts: Sequence[tuple[int, _Float32, _Float32]], *, block: int
+    ) -> SemanticDistance:
+        """Take parts: number of a class, its points (N, 3) in a frame, and the distances to its pixels there.
+
+        Distances are those of blocks of `block` x `block` pixels, (rows, columns) of them.
+        """
+    def at(self, t_camera_lidar: _Float64) -> float:
+        """The mean distance of points that land in the picture, averaged over classes; infinite if none does."""
+    def minimize(
+        self,
+        t_camera_lidar: _Float64,
+        *,
+        step_rad: float,
+        step_m: float,
+        tolerance: float,
+        max_rounds: int,
+        max_restarts: int,
+        max_points: int,
+    ) -> tuple[_Float64, float, int, bool]:
+        """Minimise it by Powell's method: the pose, its cost, costs computed, and whether it has settled."""
 
 @final
 class SphericalImages:

@@ -37,7 +37,9 @@ class AlignmentConfig:
     num_kept: tuple[int, ...] = (12, 8, 6, 6)
     """The best hypotheses that go on from each level."""
     blocks_across_given: tuple[int, ...] = (16, 30, 60, 120, 240)
-    """Levels for a given pose, which may be 20 degrees off, instead of a search."""
+    """Levels for a given pose, which may be 20 degrees off, instead of a search ..."""
+    blocks_across_near: tuple[int, ...] = (60, 120, 240)
+    """... and for one that is off by a few: what intensity tells is local, and coarse levels may lead away from it."""
     steps: int = 60
     batch_size: int = 2048
     step_size: float = 0.2
@@ -139,20 +141,17 @@ def initialize(
         CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
         InputError: the points do not lie in the field of view that the drive's `lidar:` block states.
     """
-    if T_given is None:
-        candidates = _candidates(observations, config, seed, around=None)
-    elif config.search_deg is None:
-        candidates = [_Candidate(T_given)]
+    is_searched = T_given is None or config.search_deg is not None
+    if is_searched:
+        around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
+        candidates = _align(observations, _candidates(observations, config, seed, around), config, seed)
     else:
-        around = T_given, math.radians(config.search_deg)
-        candidates = _candidates(observations, config, seed, around)
-    if T_given is not None and config.search_deg is None:
-        given = replace(config.alignment, blocks_across=config.alignment.blocks_across_given)
-        config = replace(config, alignment=replace(given, num_kept=(1,) * len(given.blocks_across)))
-    candidates = _align(observations, candidates, config, seed)
+        assert T_given is not None
+        candidates = _align_given(observations, _Candidate(T_given), config, seed)
     hypotheses = [_assess(observations, candidate) for candidate in candidates]
     hypotheses = [h for h in hypotheses if h.overlap >= config.min_overlap] or hypotheses
-    return sorted(hypotheses, key=lambda hypothesis: -hypothesis.corrected_nats)
+    ranked = sorted(hypotheses, key=lambda hypothesis: -hypothesis.corrected_nats)
+    return ranked if is_searched else ranked[:1]
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) -> Hypothesis | None:
@@ -202,6 +201,17 @@ def _candidates(
         found.append(_Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
     if not found:
         raise CalibrationError(f"no initial calibration: {complaint}")
+    return found
+
+
+def _align_given(
+    observations: Observations, given: _Candidate, config: InitializationConfig, seed: int
+) -> list[_Candidate]:
+    """Climb as from afar, as from near by, and not at all: exact mutual information tells which was right."""
+    found = [given]
+    for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
+        levels = replace(config.alignment, blocks_across=blocks_across, num_kept=(1,) * len(blocks_across))
+        found += _align(observations, [given], replace(config, alignment=levels), seed)
     return found
 
 

@@ -53,6 +53,7 @@ from semcal_cli.refinement import (
     refine,
 )
 from semcal_cli.selection import MAX_FRAMES
+from semcal_cli.soic import Soic, SoicConfig
 from semcal_cli.trust import doubts
 from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, label_bleed
 
@@ -154,6 +155,39 @@ class Run:
         if num_seeds > 1:
             self._repeat(observations, T_camera_lidar, initialization, given, refinement, num_seeds)
         return self.result(observations, T_camera_lidar, folder)
+
+    def calibrate_by_soic(
+        self, folder: Path, given: Given | None = None, max_baseline_m: float = MAX_BASELINE_M
+    ) -> Calibration:
+        """Calibrate as SOIC does, for comparison; how sure its pose is stays open.
+
+        Args:
+            folder: As of `calibrate`.
+            given: Where to start instead of the semantic centroids.
+            max_baseline_m: Semantic centroids put the camera no farther from the LiDAR, and a result that does is not
+                trusted.
+        """
+        observations, config = self.load(), SoicConfig()
+        self.reasons += reasons.motion(observations.motion_error_px)
+        start = perf_counter()
+        self._take(given)
+        self.options["soic"] = asdict(config)
+        self.progress("computing distances to classes")
+        soic = Soic(observations, config)
+        if given is None:
+            self.progress("trying semantic centroids")
+        T_init = soic.initialize(max_baseline_m) if given is None else given.T_camera_lidar
+        origin = "semantic centroids" if given is None else given.name
+        self._finish("initial", start, observations, T_init, f"from {origin}, {soic.cost(T_init):.2f} px")
+        start = perf_counter()
+        self.progress("moving points to their classes")
+        found = soic.minimize(T_init)
+        if not found.converged:
+            self.reasons.append(f"SOIC had not settled after {config.max_restarts} restarts")
+        self.reasons += reasons.distance(found.T_camera_lidar, max_baseline_m)
+        note = f"soic, {found.cost_px:.2f} px after {found.num_evaluations} evaluations"
+        self._finish("refined", start, observations, found.T_camera_lidar, note)
+        return self.result(observations, found.T_camera_lidar, folder)
 
     def _repeat(
         self,

@@ -4,6 +4,7 @@ What every calibration needs comes from the core, since loading SciPy takes long
 """
 
 import math
+import warnings
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -85,6 +86,28 @@ def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> P
     T_lidar_camera[:3, :3] = Rotation.from_euler("xyz", rpy_deg, degrees=True).as_matrix() @ OPTICAL_AXES
     T_lidar_camera[:3, 3] = center_m
     return inverse(T_lidar_camera)
+
+
+def mounting_rpy_deg(T_camera_lidar: Pose) -> Vector:
+    """Give roll, pitch and yaw (3,) of a camera's body frame in the LiDAR frame: see `pose_from_mounting`."""
+    T_lidar_body = inverse(T_camera_lidar)
+    T_lidar_body[:3, :3] = T_lidar_body[:3, :3] @ OPTICAL_AXES.T
+    return np.degrees(rpy(T_lidar_body))
+
+
+def rpy(T: Pose) -> list[float]:
+    """Give roll, pitch and yaw of a rotation in radians, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    from scipy.spatial.transform import Rotation
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # At a pitch of 90 degrees roll is set to 0, which is as good as any.
+        angles: list[float] = Rotation.from_matrix(T[:3, :3]).as_euler("xyz").tolist()
+    return angles
+
+
+def rotation_vector_deg(T: Pose) -> Vector:
+    """Give the rotation vector (3,): along the axis, as long as the angle in degrees."""
+    return np.degrees(rotation_difference(T, np.eye(4)))
 
 
 def quaternion_xyzw(T: Pose) -> Vector:

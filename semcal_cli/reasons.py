@@ -83,6 +83,14 @@ def motion(error_px: float | None) -> list[str]:
     ]
 
 
+def distance(T_camera_lidar: Pose, max_baseline_m: float) -> list[str]:
+    """Say whether a camera that nothing holds is farther from the LiDAR than it may be."""
+    distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))
+    if distance_m <= max_baseline_m:
+        return []
+    return [f"the camera is {distance_m:.3g} m from the LiDAR, --max-baseline-m allows {max_baseline_m:g} m"]
+
+
 def baseline(T_camera_lidar: Pose, max_baseline_m: float) -> list[str]:
     """Say whether the limit of the camera's distance holds it."""
     distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -109,7 +109,8 @@ def mounting(config: SynthConfig) -> Pose:
     Returns:
         T_camera_lidar (4, 4), metres.
     """
-    rng = _generator(config, MOUNTING)
+    rig = config if config.rig_seed is None else replace(config, seed=config.rig_seed)
+    rng = _generator(rig, MOUNTING)
     azimuth, pitch, roll = rng.uniform((-180.0, -PITCH_DEG, -ROLL_DEG), (180.0, PITCH_DEG, ROLL_DEG))
     azimuth = azimuth if config.camera_azimuth_deg is None else config.camera_azimuth_deg
     pitch = pitch if config.camera_pitch_deg is None else config.camera_pitch_deg

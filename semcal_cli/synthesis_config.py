@@ -40,6 +40,8 @@ class SynthConfig:
     hfov_deg: float | None = None
     """Angle between the left and the right edge of the picture; the lens's own if not given."""
 
+    rig_seed: int | None = None
+    """What the mounting leaves open is drawn from it: drives of one rig share it. The drive's own seed if None."""
     camera_azimuth_deg: float | None = None
     """Where the camera looks in the LiDAR's x-y plane: 0 along x, positive to the left."""
     camera_pitch_deg: float | None = None

@@ -18,18 +18,18 @@ LAYERS = [
     {"cues"},
     {"datasets"},
     {"pnp", "overlay", "synthesis"},
-    {"initialization", "refinement"},
+    {"initialization", "refinement", "soic"},
     {"mine", "polish", "inspection"},
     {"uncertainty"},
     {"trust", "prior", "reasons"},
     {"pipeline", "comparison", "report"},
     {"verification"},
-    {"experiments"},
+    {"experiments", "batch", "fleet"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
 WITH_TORCH = {"mine", "se3", "projection", "objective"}
-WITH_OPENCV = {"pnp", "pictures", "overlay", "report", "intensity"}
+WITH_OPENCV = {"pnp", "pictures", "overlay", "report", "intensity", "soic"}
 
 
 def imports(path: Path, *, anywhere: bool) -> set[str]:

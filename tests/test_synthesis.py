@@ -12,6 +12,7 @@ from semcal_cli.camera import core_camera
 from semcal_cli.cli.synth import synth
 from semcal_cli.drive import Drive, read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform
 from semcal_cli.observations import load_observations
 from semcal_cli.poses import Pose, camera_center, check_rigid
 from semcal_cli.synthesis import LENSES, UNLABELED, make_camera, make_renderer, mounting, synthesize
@@ -224,3 +225,20 @@ def test_wrong_usage(tmp_path: Path, options: list[str]) -> None:
     result = CliRunner().invoke(synth, [str(tmp_path / "drive"), *options])
     assert result.exit_code == 2
     assert not (tmp_path / "drive").exists()
+
+
+def test_drives_of_one_rig(tmp_path: Path) -> None:
+    """Other streets, the same mounting; each is the drive that its own seed makes with the rig's."""
+    small = ("--frames", "1", "--width", "64", "--height", "48", "--columns", "50", "-q")
+    out = tmp_path / "drives"
+    assert CliRunner().invoke(synth, [str(out), "--drives", "3", "--seed", "5", *small]).exit_code == 0
+    drives = sorted(out.iterdir())
+    assert [drive.name for drive in drives] == ["000000", "000001", "000002"]
+    poses = [read_transform(drive) for drive in drives]
+    assert poses[0].tolist() == poses[1].tolist() == poses[2].tolist()
+    clouds = [(drive / "points/000000.bin").read_bytes() for drive in drives]
+    assert len(set(clouds)) == 3
+    alone = tmp_path / "alone"
+    CliRunner().invoke(synth, [str(alone), "--seed", "7", "--rig-seed", "5", *small])
+    assert (alone / "drive.yaml").read_bytes() == (drives[2] / "drive.yaml").read_bytes()
+    assert (alone / "points/000000.bin").read_bytes() == clouds[2]

@@ -8,9 +8,11 @@ from __future__ import annotations
 import os
 import sys
 import warnings
+from collections.abc import Sequence
 
 import click
 
+from semcal_cli.cli.batch import batch
 from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.compare import compare
 from semcal_cli.cli.convert import convert
@@ -38,7 +40,7 @@ def semcal() -> None:
 
 
 COMMANDS = (
-    *(calibrate, initialize, refine, evaluate, verify, compare, convert),
+    *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch),
     *(overlay, report, inspect, import_, synth, experiment, demo),
 )
 for command in COMMANDS:
@@ -46,24 +48,30 @@ for command in COMMANDS:
 
 
 def main() -> None:
-    """Run the command line; an expected failure is one line on stderr and exit code 1."""
+    """Run the command line."""
+    sys.exit(run(sys.argv[1:])[0])
+
+
+def run(arguments: Sequence[str]) -> tuple[int, str]:
+    """Run a command; an expected failure is one line on stderr and exit code 1. Give the code and the line."""
     # OpenCV looks at these when it is imported: what a small file unpacks to is bounded, and complaints are ours.
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     # NumPy's, of numbers beyond all measure: what comes of them is checked.
     warnings.simplefilter("ignore", RuntimeWarning)
     try:
-        for argument in sys.argv[1:]:
+        for argument in arguments:
             _check_text(argument)
-        semcal()
+        semcal(arguments)
+    except SystemExit as end:
+        return int(end.code or 0), ""
     except SemcalError as error:
         # One line, also where a file's name holds a line break.
-        click.echo(f"semcal: error: {' '.join(str(error).splitlines())}", err=True)
-        sys.exit(EXIT_FAILURE)
+        line = " ".join(str(error).splitlines())
     except OSError as error:
-        where = error.filename or "standard output"
-        click.echo(f"semcal: error: {where}: {(error.strerror or str(error)).lower()}", err=True)
-        sys.exit(EXIT_FAILURE)
+        line = f"{error.filename or 'standard output'}: {(error.strerror or str(error)).lower()}"
+    click.echo(f"semcal: error: {line}", err=True)
+    return EXIT_FAILURE, line
 
 
 def _check_text(argument: str) -> None:

@@ -13,9 +13,23 @@ from semcal_cli.cli.options import PATH, drive_argument, result_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 
+WITH_SOIC = (
+    *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),
+    *("max_baseline_m", "page", "pictures", "output", "threads", "quiet", "log", "max_frames"),
+)
+"""Parameters of `calibrate` that say nothing of mutual information."""
+
 
 @click.command()
 @drive_argument
+@click.option(
+    "--method",
+    type=click.Choice(["mi", "soic"]),
+    default="mi",
+    show_default=True,
+    help="Mutual information, or SOIC, a rival to compare with: it needs the same class names on both sides, and does "
+    "not say how sure it is.",
+)
 @search_options
 @refinement_options
 @click.option(
@@ -41,7 +55,13 @@ from semcal_cli.cli.search import make_search, search_options
 )
 @result_options
 def calibrate(
-    drive: Path, repeat: int | None, to: str | None, page: Path | None, pictures: Path | None, **options: Any
+    drive: Path,
+    method: str,
+    repeat: int | None,
+    to: str | None,
+    page: Path | None,
+    pictures: Path | None,
+    **options: Any,
 ) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
 
@@ -50,6 +70,8 @@ def calibrate(
     """
     from semcal_cli.cli.session import Session
 
+    if method == "soic":
+        _check_soic()
     config, given = make_search(options)
     asked = make_asked(options, "to_")
     if to is None and any(vars(asked).values()):
@@ -59,7 +81,28 @@ def calibrate(
     refinement = make_refinement(options, config.alignment.max_baseline_m, given)
     options |= {"to": None if to is None else (to, asked), "page": page, "pictures": pictures}
     with Session(drive, given=given, **options) as session:
-        calibration = session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
+        if method == "soic":
+            calibration = session.run.calibrate_by_soic(
+                session.folder, given, config.alignment.max_baseline_m
+            )
+        else:
+            calibration = session.run.calibrate(
+                session.folder, config, given, refinement, num_seeds=repeat or 1
+            )
         code = session.finish(calibration)
     session.illustrate(calibration, page, pictures)
     sys.exit(code)
+
+
+def _check_soic() -> None:
+    """Check that no option is given that says how mutual information is searched or climbed.
+
+    Raises:
+        click.UsageError: one is.
+    """
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        is_given = context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
+        by_labels = parameter.name == "cues" and context.params["cues"] == ("labels",)
+        if is_given and parameter.name not in WITH_SOIC and not by_labels:
+            raise click.UsageError(f"{parameter.opts[0]}: is of --method mi")

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
 
 import click
 
-from semcal_cli.cli.options import MAX_SEED, PATH, Command
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    MAX_SEED,
+    PATH,
+    Command,
+    drive_argument,
+    max_frames_option,
+)
 
 FIRST_SEED = 10_000
 ESTIMATORS = ("exact", "mine")
@@ -33,6 +41,16 @@ out_option = click.option(
 jobs_option = click.option(
     "--jobs", type=click.IntRange(1), default=1, show_default=True, metavar="N", help="Runs at a time."
 )
+
+
+def _progress(what: str) -> Callable[[int, int], None]:
+    """Tell how many of a run's cases are done."""
+    from semcal_cli.cli.session import make_console
+
+    console = make_console(quiet=False)
+    return lambda done, total: console.print(
+        f"{done} of {total} {what}", end="\r" if console.is_terminal else "\n"
+    )
 
 
 def first_seed_option(default: int) -> Callable[[Command], Command]:
@@ -85,7 +103,6 @@ def accuracy(
     Takes about two minutes for each seed. Writes results.csv, summary.json, table.md and plot.png into a folder of DIR,
     and keeps its drives in a pool beside it, about 45 MB each. When it was stopped it goes on where it was.
     """
-    from semcal_cli.cli.session import make_console
     from semcal_cli.experiments import accuracy, runner
     from semcal_cli.refinement import EDGE_BAND_PX, Estimator
 
@@ -96,11 +113,6 @@ def accuracy(
             )
     band = EDGE_BAND_PX if edge_band is None else edge_band
     chosen: tuple[Estimator, ...] = tuple(name for name in get_args(Estimator) if name in estimators)
-    console = make_console(quiet=False)
-
-    def progress(done: int, total: int) -> None:
-        console.print(f"{done} of {total} cases", end="\r" if console.is_terminal else "\n")
-
     # Runs that measure something else go on where they were, each in its own folder.
     name = "_".join(
         ["accuracy", *(chosen if len(chosen) == 1 else ()), *(() if edge_band is None else (f"band{band}",))]
@@ -108,7 +120,7 @@ def accuracy(
     folder = runner.make_folder(out, name)
     cases = accuracy.cases(range(first_seed, first_seed + seeds), rows or tuple(accuracy.ROWS))
     run = accuracy.Experiment(runner.Pool(out / "pool"), chosen, band)
-    results = runner.run_cases(cases, run, runner.Result, folder, jobs, progress)
+    results = runner.run_cases(cases, run, runner.Result, folder, jobs, _progress("cases"))
     summaries = runner.write_accuracy(results, jobs, folder)
     click.echo(runner.markdown(summaries), nl=False)
 
@@ -130,22 +142,128 @@ def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
 
     Takes about two minutes for each drive. Writes what `accuracy` writes, and goes on where it was when it was stopped.
     """
-    from semcal_cli.cli.session import make_console
     from semcal_cli.experiments import runner, trust
 
     folder = runner.make_folder(out, "trust")
-    console = make_console(quiet=False)
     findings = runner.run_cases(
         trust.cases(range(first_seed, first_seed + seeds)),
         trust.Experiment(runner.Pool(out / "pool")),
         trust.Finding,
         folder,
         jobs,
-        lambda done, total: console.print(
-            f"{done} of {total} runs", end="\r" if console.is_terminal else "\n"
-        ),
+        _progress("runs"),
     )
     click.echo(trust.write_trust(findings, jobs, folder), nl=False)
+
+
+def _rivals_command(name: str, help: str) -> None:
+    """Add a command that compares methods."""
+
+    @experiment.command(name, help=help)
+    @click.option(
+        "--seeds",
+        type=click.IntRange(1),
+        default=20,
+        show_default=True,
+        metavar="N",
+        help="Drives, a run in every box each.",
+    )
+    @first_seed_option(50_000)
+    @jobs_option
+    @out_option
+    def compare(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
+        from semcal_cli.experiments import rivals, runner
+
+        folder = runner.make_folder(out, name)
+        scratch = folder / "drives"
+        # Of a run that was stopped.
+        shutil.rmtree(scratch, ignore_errors=True)
+        scratch.mkdir()
+        findings = runner.run_cases(
+            [rivals.Case(seed) for seed in range(first_seed, first_seed + seeds)],
+            rivals.Experiment(rivals.EXPERIMENTS[name], scratch),
+            rivals.Finding,
+            folder,
+            jobs,
+            _progress("drives"),
+        )
+        click.echo(rivals.write_rivals(name, findings, jobs, folder), nl=False)
+
+
+_rivals_command(
+    "pairs",
+    """Compare methods over the number of pairs: 1, 10, 20, 50 and 70.
+
+    semcal, SOIC and PMI start at the same pose, 2 degrees and 0.2 m off. Writes what `accuracy` writes, and goes on
+    where it was when it was stopped.
+    """,
+)
+_rivals_command(
+    "noise",
+    """Compare methods over the share of wrong labels on both sides, 0 to 50 %, with 20 pairs.
+
+    Otherwise as `pairs`; PMI does not look at labels.
+    """,
+)
+
+
+@experiment.command()
+@drive_argument
+@click.option(
+    "--reference",
+    type=PATH,
+    metavar="FILE|DRIVE",
+    help=f"What to compare with: {KNOWN_TRANSFORMS}.  [default: the drive's own]",
+)
+@click.option(
+    "--init",
+    type=PATH,
+    metavar="FILE|DRIVE",
+    help="Where all methods start.  [default: where semcal's initial calibration ends]",
+)
+@click.option(
+    "--frame",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Which frame the pictures show, numbered from 0 among those used.",
+)
+@max_frames_option
+@out_option
+def table(
+    drive: Path, reference: Path | None, init: Path | None, frame: int, max_frames: int | None, out: Path
+) -> None:
+    """Compare methods on DRIVE, from the same start, with its reference.
+
+    Writes results.csv, summary.json, table.md and the pictures (a) to (d) into the drive's folder of DIR: points at
+    the reference, and where SOIC, PMI and semcal put them.
+    """
+    from semcal_cli.cli.search import check_distance
+    from semcal_cli.cli.session import check_outputs, make_console, progress_line
+    from semcal_cli.drive import drive_file, read_drive
+    from semcal_cli.experiments import runner
+    from semcal_cli.experiments.table import FILES, compare, write_table
+    from semcal_cli.formats import read_transform
+    from semcal_cli.pipeline import Given, Run
+    from semcal_cli.refinement import MAX_BASELINE_M
+
+    spec = read_drive(drive)
+    T_reference = read_transform(reference or drive)
+    given = None if init is None else Given(read_transform(init), str(init), init)
+    if given is not None:
+        check_distance(given, MAX_BASELINE_M)
+    folder = runner.make_folder(out, f"table_{spec.root.resolve().name}")
+    transforms = [drive_file(path) for path in (reference, init) if path is not None]
+    check_outputs(
+        [spec.path, *map(spec.resolve, spec.files()), *transforms], [folder / name for name in FILES]
+    )
+    with progress_line(make_console(quiet=False)) as progress:
+        run = Run(spec, seed=0, progress=progress)
+        if max_frames is not None:
+            run.max_frames = max_frames
+        found = compare(run, T_reference, given, frame, progress)
+    click.echo(write_table(found, frame, folder), nl=False)
 
 
 @experiment.command()
@@ -170,14 +288,12 @@ def speed(repeats: int, plain_torch: Path | None, out: Path) -> None:
     Wants an idle machine; takes about three minutes for each repeat. Writes what `accuracy` writes, and goes on
     where it was when it was stopped.
     """
-    from semcal_cli.cli.session import make_console
     from semcal_cli.errors import InputError
     from semcal_cli.experiments import runner, speed
 
     if plain_torch is not None and not plain_torch.is_file():
         raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
     folder = runner.make_folder(out, "speed")
-    console = make_console(quiet=False)
     experiment = speed.Experiment(folder, plain_torch and plain_torch.resolve())
     timings = runner.run_cases(
         experiment.cases(repeats),
@@ -185,6 +301,6 @@ def speed(repeats: int, plain_torch: Path | None, out: Path) -> None:
         speed.Timing,
         folder,
         1,
-        lambda done, total: console.print(f"{done} of {total} runs"),
+        _progress("runs"),
     )
     click.echo(speed.markdown(speed.write_speed(timings, folder)), nl=False)

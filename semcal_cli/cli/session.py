@@ -261,6 +261,8 @@ def check_pictures(folder: Path, count: int, read: Sequence[Path]) -> None:
     """
     from semcal_cli.overlay import picture_paths
 
+    if folder.exists() and not is_folder(folder):
+        raise InputError(f"{folder}: found a file, needed a folder for pictures")
     taken = set(map(os.path.realpath, read))
     for path in picture_paths(folder, count):
         if os.path.realpath(path) in taken:

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 import click
 
-from semcal_cli.cli.options import PATH, quiet_option, seed_option, threads_option
+from semcal_cli.cli.options import MAX_SEED, PATH, quiet_option, seed_option, threads_option
 from semcal_cli.synthesis_config import MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
+
+if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
 
 Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
@@ -110,6 +114,11 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     help="Distance between the two sensors. At least 0.1 if not given.",
 )
 @mounting_option(
+    "--rig-seed",
+    type=click.IntRange(0, MAX_SEED),
+    help="Draw what these options leave open from this seed: drives of one rig share it.",
+)
+@mounting_option(
     "--max-baseline-m", type=click.FloatRange(0.2, MAX_BASELINE_M), help="The largest distance that is drawn."
 )
 @label_option("--label-noise", type=SHARE, help="Share of the labels, on both sides, of another class.")
@@ -118,11 +127,20 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     type=click.Choice(get_args(Ontology)),
     help="Label points and pictures with the same named ids, or with ids that have nothing in common.",
 )
+@click.option(
+    "--drives",
+    "num_drives",
+    type=click.IntRange(1, 999_999),
+    metavar="N",
+    help="Write N drives of one rig, OUT/000000 and so on, each of a seed of its own.",
+)
 @seed_option
 @threads_option
 @click.option("--force", is_flag=True, help="Write into a folder that is not empty; other files in it stay.")
 @quiet_option
-def synth(out: Path, threads: int | None, force: bool, quiet: bool, **settings: Any) -> None:
+def synth(
+    out: Path, num_drives: int | None, threads: int | None, force: bool, quiet: bool, **settings: Any
+) -> None:
     """Write a synthetic drive, with labels, pictures and its true T_camera_lidar, to the folder OUT.
 
     Streets are drawn from the seed, with 20 classes under CARLA's names and ids. Both sensors see true
@@ -144,12 +162,31 @@ def synth(out: Path, threads: int | None, force: bool, quiet: bool, **settings: 
     start = perf_counter()
     shown = not quiet and sys.stderr.isatty()
     with Progress(console=Console(stderr=True), transient=True, disable=not shown) as bar:
-        task = bar.add_task("rendering", total=config.num_frames)
-        summary = synthesize(config, out, lambda done: bar.update(task, completed=done), force=force)
+        for one, folder in _drives(config, out, num_drives):
+            task = bar.add_task(f"rendering {folder}", total=one.num_frames)
+            summary = synthesize(one, folder, _teller(bar, task), force=force)
+            bar.remove_task(task)
+            if not quiet:
+                click.echo(f"wrote {folder}", err=True)
     if not quiet:
-        click.echo(f"wrote {out}", err=True)
+        each = "" if num_drives is None else "of the last drive: "
         click.echo(
-            f"{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes "
-            f"in {perf_counter() - start:.1f} s",
+            f"{each}{summary.num_frames:,} frames, {summary.num_points:,} points, {summary.num_classes} classes in "
+            f"{perf_counter() - start:.1f} s",
             err=True,
         )
+
+
+def _teller(bar: Progress, task: TaskID) -> Callable[[int], None]:
+    return lambda done: bar.update(task, completed=done)
+
+
+def _drives(config: SynthConfig, out: Path, num_drives: int | None) -> list[tuple[SynthConfig, Path]]:
+    """The drives to write, and where."""
+    if num_drives is None:
+        return [(config, out)]
+    rig_seed = config.seed if config.rig_seed is None else config.rig_seed
+    return [
+        (replace(config, seed=config.seed + number, rig_seed=rig_seed), out / f"{number:06d}")
+        for number in range(num_drives)
+    ]

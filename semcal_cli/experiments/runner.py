@@ -16,18 +16,19 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.documents import write_bytes, write_text
+from semcal_cli.documents import read_text, write_bytes, write_text
 from semcal_cli.drive import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.synthesis import synthesize
 from semcal_cli.synthesis_config import SynthConfig
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 POOL_FRAMES = 20
@@ -75,6 +76,7 @@ class Pool:
         path = self.folder / f"{rig}_{seed:06d}"
         if not (path / DRIVE_FILE).exists():
             config = replace(SynthConfig(num_frames=POOL_FRAMES, seed=seed), **changes)  # type: ignore[arg-type]
+            self.folder.mkdir(exist_ok=True)
             # Other processes may want it, too: whoever is first puts it in place.
             with TemporaryDirectory(dir=self.folder) as folder:
                 made = Path(folder) / "drive"
@@ -99,7 +101,6 @@ def make_folder(out: Path, name: str) -> Path:
     folder = out / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (out / "pool").mkdir(exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
     return folder
@@ -124,6 +125,9 @@ def run_cases(
         folder: Where `results.jsonl` is, or will be.
         num_jobs: Cases at a time.
         progress: Called with how many cases are done, and how many there are.
+
+    Raises:
+        InputError: the results so far are none of this experiment.
     """
     file = folder / "results.jsonl"
     done = _read(file, kind)
@@ -162,10 +166,15 @@ def _read(file: Path, kind: type[Found]) -> dict[str, list[Found]]:
     if not file.exists():
         return {}
     done: dict[str, list[Found]] = {}
-    whole = [line for line in file.read_text().splitlines(keepends=True) if line.endswith("\n")]
-    for line in map(json.loads, whole):
-        if line["version"] == version("semcal"):
-            done[line["case"]] = [kind(**result) for result in line["results"]]
+    whole = [line for line in read_text(file).splitlines(keepends=True) if line.endswith("\n")]
+    for number, text in enumerate(whole, start=1):
+        try:
+            line = json.loads(text)
+            if line["version"] == version("semcal"):
+                done[line["case"]] = [kind(**result) for result in line["results"]]
+        except (ValueError, KeyError, TypeError):
+            needed = "needed a case of this experiment; without the file, all is run anew"
+            raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
     write_text("".join(whole), file)
     return done
 
@@ -200,8 +209,8 @@ def summarise(results: Iterable[Result]) -> list[Summary]:
             row,
             estimator,
             len(found),
-            _distribution([r.rotation_deg for r in found]),
-            _distribution([r.camera_center_cm for r in found]),
+            distribution([r.rotation_deg for r in found]),
+            distribution([r.camera_center_cm for r in found]),
             sum(r.is_right for r in found),
             sum(r.status == "not_trusted" for r in found),
             sum(r.is_missed for r in found),
@@ -212,7 +221,8 @@ def summarise(results: Iterable[Result]) -> list[Summary]:
     ]
 
 
-def _distribution(values: list[float]) -> tuple[float, float, float]:
+def distribution(values: list[float]) -> tuple[float, float, float]:
+    """Give median, 95 % quantile and worst of errors."""
     # Not between two values: one may be infinite.
     quantile = np.quantile(values, 0.95, method="higher")
     return float(np.median(values)), float(quantile), max(values)
@@ -268,20 +278,22 @@ def write_results(
     results: Sequence[Any],
     summaries: Sequence[Any],
     table: str,
-    figure: Figure,
+    figure: Figure | None,
     folder: Path,
 ) -> None:
-    """Write an experiment's files: results.csv, summary.json (`document` and rows), table.md and plot.png."""
-    with (folder / "results.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(vars(results[0])))
-        writer.writeheader()
-        writer.writerows(vars(result) for result in results)
+    """Write an experiment's files: results.csv, summary.json (`document` and rows), table.md, and plot.png if any."""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, list(vars(results[0])), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(vars(result) for result in results)
+    write_text(file.getvalue(), folder / "results.csv")
     rows = [vars(summary) for summary in summaries]
     write_text(json.dumps(document | {"rows": rows}, indent=2) + "\n", folder / "summary.json")
     write_text(table, folder / "table.md")
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=120)
-    write_bytes(buffer.getvalue(), folder / "plot.png")
+    if figure is not None:
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=120)
+        write_bytes(buffer.getvalue(), folder / "plot.png")
 
 
 def _plot(results: Sequence[Result]) -> Figure:
@@ -304,18 +316,7 @@ def _plot(results: Sequence[Result]) -> Figure:
                 for row in rows
             ]
             places = [index + (number - 0.5 * (len(estimators) - 1)) * height for index in range(len(rows))]
-            boxes = ax.boxplot(
-                found,
-                positions=places,
-                widths=0.8 * height,
-                orientation="horizontal",
-                patch_artist=True,
-                medianprops={"color": "black"},
-                manage_ticks=False,
-            )
-            for box in boxes["boxes"]:
-                box.set_facecolor(f"C{number}")
-            boxes["boxes"][0].set_label(estimator)
+            draw_boxes(ax, found, places, 0.8 * height, number, estimator, "horizontal")
         ax.set_xscale("log")
         ax.set_xlabel(label)
         ax.grid(axis="x", alpha=0.3)
@@ -323,3 +324,28 @@ def _plot(results: Sequence[Result]) -> Figure:
     axes[0].invert_yaxis()
     axes[1].legend(loc="lower right")
     return figure
+
+
+def draw_boxes(
+    axes: Axes,
+    values: Sequence[Sequence[float]],
+    places: Sequence[float],
+    width: float,
+    number: int,
+    label: str,
+    orientation: Literal["horizontal", "vertical"],
+) -> None:
+    """Draw a box at each place, of the numbered colour."""
+    boxes = axes.boxplot(
+        values,
+        positions=places,
+        widths=width,
+        orientation=orientation,
+        patch_artist=True,
+        medianprops={"color": "black"},
+        flierprops={"markersize": 3},
+        manage_ticks=False,
+    )
+    for box in boxes["boxes"]:
+        box.set_facecolor(f"C{number}")
+    boxes["boxes"][0].set_label(label)

@@ -23,11 +23,10 @@ from semcal_cli.formats.format import (
     Source,
     from_rpy,
     optical_axes,
-    rpy,
     xyz,
 )
 from semcal_cli.formats.values import mapping_at, numbers_at
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.poses import Pose, inverse, rpy
 
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 

@@ -222,18 +222,6 @@ def from_rpy(where: str, rpy_rad: list[float], xyz: list[float]) -> Pose:
     return rigid(where, T)
 
 
-def rpy(T: Pose) -> list[float]:
-    """Roll, pitch and yaw in radians, as in URDF."""
-    import warnings
-
-    from scipy.spatial.transform import Rotation
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # At a pitch of 90 degrees roll is set to 0, which is as good as any.
-        angles: list[float] = Rotation.from_matrix(T[:3, :3]).as_euler("xyz").tolist()
-    return angles
-
-
 def xyz(T: Pose) -> list[float]:
     """Translation in metres."""
     values: list[float] = T[:3, 3].tolist()

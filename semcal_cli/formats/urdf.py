@@ -20,12 +20,11 @@ from semcal_cli.formats.format import (
     from_rpy,
     named,
     optical_axes,
-    rpy,
     xyz,
 )
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.formats.xml import parse_xml
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.poses import Pose, inverse, rpy
 
 
 def _links(joint: ET.Element) -> tuple[str, str]:

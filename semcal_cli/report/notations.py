@@ -8,15 +8,15 @@ import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
-from semcal_cli.formats.format import Asked, rpy, wxyz
+from semcal_cli.formats.format import Asked, wxyz
 from semcal_cli.poses import (
-    OPTICAL_AXES,
     Pose,
     Vector,
     camera_center,
     inverse,
+    mounting_rpy_deg,
     quaternion_xyzw,
-    rotation_difference,
+    rotation_vector_deg,
 )
 
 DIGITS = 9
@@ -35,9 +35,7 @@ class Notation:
 def notations(T_camera_lidar: Pose) -> list[Notation]:
     """Write a transform as matrices, vectors and angles."""
     T_lidar_camera = inverse(T_camera_lidar)
-    T_lidar_body = T_lidar_camera.copy()
-    T_lidar_body[:3, :3] = T_lidar_camera[:3, :3] @ OPTICAL_AXES.T
-    rotation_vector = rotation_difference(T_camera_lidar, np.eye(4))
+    rotation_vector = rotation_vector_deg(T_camera_lidar)
     return [
         Notation("T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", _matrix(T_camera_lidar)),
         Notation("T_lidar_camera", "its inverse, p_lidar = T_lidar_camera p_camera", _matrix(T_lidar_camera)),
@@ -46,13 +44,15 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
             "roll pitch yaw",
             "degrees: how the camera is mounted, its body frame (x forward, y left, z up) in the LiDAR frame, "
             "R = Rz(yaw) Ry(pitch) Rx(roll), as --init-rpy-xyz takes them",
-            _row(np.degrees(rpy(T_lidar_body))),
+            _row(mounting_rpy_deg(T_camera_lidar)),
         ),
         Notation("translation x y z", "metres, of T_camera_lidar", _row(T_camera_lidar[:3, 3])),
         Notation("quaternion x y z w", "of T_camera_lidar", _row(quaternion_xyzw(T_camera_lidar))),
         Notation("quaternion w x y z", "of T_camera_lidar", _row(np.array(wxyz(T_camera_lidar)))),
-        Notation("rotation vector", "degrees, of T_camera_lidar", _row(np.degrees(rotation_vector))),
-        Notation("rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", _row(rotation_vector)),
+        Notation("rotation vector", "degrees, of T_camera_lidar", _row(rotation_vector)),
+        Notation(
+            "rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", _row(np.radians(rotation_vector))
+        ),
     ]
 
 

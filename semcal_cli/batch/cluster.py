@@ -1,0 +1,65 @@
+"""A batch on a Dask cluster whose workers share the drives' storage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from semcal_cli.batch.run import Execute
+from semcal_cli.batch.tasks import FAILED, Outcome, Task, write_record
+from semcal_cli.batch.worker import Workers
+from semcal_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+CONNECT_S = 30
+_workers: dict[str, Workers] = {}
+"""Of this process, by the folder of the results."""
+
+
+def connect(address: str) -> Client:
+    """Connect to a scheduler.
+
+    Raises:
+        InputError: distributed is not installed, or nobody answers there.
+    """
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InputError(
+            f"--dask {address}: found no distributed, needed pip install 'semcal[dask]'"
+        ) from None
+    try:
+        return Client(address, timeout=CONNECT_S)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"--dask {address}: found no scheduler there: {reason}") from None
+
+
+def execute_on(client: Client, folder: Path) -> Execute:
+    """Do tasks on a cluster, a drive a thread of its workers; those of a worker that is lost are done by others."""
+
+    def execute(tasks: Sequence[Task]) -> Iterator[Outcome]:
+        from distributed import KilledWorker, as_completed
+
+        of_task = {client.submit(_execute, str(folder), task, pure=False): task for task in tasks}
+        try:
+            for done in as_completed(of_task):
+                try:
+                    yield done.result()
+                except KilledWorker:
+                    reason = "its worker was lost again and again"
+                    outcome = Outcome(of_task[done].drive, FAILED, 1, (reason,))
+                    write_record(of_task[done], outcome, {}, timed_out=False)
+                    yield outcome
+        finally:
+            client.cancel(list(of_task))
+
+    return execute
+
+
+def _execute(folder: str, task: Task) -> Outcome:
+    """Do a drive, on a worker of the cluster."""
+    return _workers.setdefault(folder, Workers(Path(folder))).execute(task)

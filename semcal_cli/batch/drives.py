@@ -1,0 +1,70 @@
+"""Which drives a batch is of, and where the results of each go."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path, PurePosixPath
+
+from semcal_cli.documents import is_folder, read_text
+from semcal_cli.drive import DRIVE_FILE, drive_file
+from semcal_cli.errors import InputError
+
+LISTS = (".txt", ".list")
+MAGIC = "*?["
+
+
+def find_drives(arguments: Sequence[str], stdin: Iterable[str]) -> list[str]:
+    """List drives, each once, in the order of their names.
+
+    Args:
+        arguments: Folders, drive files, patterns, text files with one of these a line, or - for standard input.
+        stdin: Its lines.
+
+    Raises:
+        InputError: there are none, a pattern matches nothing, or a text file cannot be read.
+    """
+    found: dict[str, str] = {}
+    for argument in arguments:
+        for name in _expanded(argument, stdin):
+            normal = os.path.normpath(name)
+            # The same drive under two names is one.
+            found.setdefault(os.path.realpath(drive_file(Path(normal))), normal)
+    if not found:
+        raise InputError(f"{', '.join(arguments)}: found no drive, needed at least one")
+    return sorted(found.values())
+
+
+def folder_of(drive: str) -> PurePosixPath:
+    """Give the folder of a drive's results, relative to that of all results: it is named as the drive is."""
+    path = PurePosixPath(drive)
+    if path.name == DRIVE_FILE:
+        path = path.parent
+    parts = ["__" if part == ".." else part for part in path.parts if part != path.anchor]
+    return PurePosixPath(*parts or ["_"])
+
+
+def _expanded(argument: str, stdin: Iterable[str]) -> list[str]:
+    if argument == "-":
+        return _listed(stdin)
+    path = Path(argument)
+    if path.suffix.lower() in LISTS and not is_folder(path):
+        return _listed(read_text(path).splitlines())
+    return _matches(argument)
+
+
+def _listed(lines: Iterable[str]) -> list[str]:
+    """Names of drives, one a line; empty lines and those that begin with # are none."""
+    stripped = (line.strip() for line in lines)
+    return [name for line in stripped if line and not line.startswith("#") for name in _matches(line)]
+
+
+def _matches(name: str) -> list[str]:
+    path = Path(name)
+    if not any(character in name for character in MAGIC) or path.exists():
+        return [name]
+    root = Path(path.anchor)
+    found = sorted(map(str, root.glob(str(path.relative_to(root)))))
+    if not found:
+        raise InputError(f"{name}: found nothing of this pattern, needed drives")
+    return found

@@ -1,0 +1,65 @@
+"""The summary of a batch: a line a drive, sorted, the same bytes whoever computed it and however long it took."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli.batch.tasks import Outcome
+from semcal_cli.documents import write_text
+from semcal_cli.poses import camera_center, quaternion_xyzw
+
+WORST_FIRST = (1, 3, 4, 0)
+"""Exit codes: what matters most over many drives."""
+CSV, JSONL = "summary.csv", "summary.jsonl"
+COLUMNS = (
+    *("drive", "status", "exit_code", "mutual_information_nats"),
+    *("translation_x_m", "translation_y_m", "translation_z_m", "qx", "qy", "qz", "qw"),
+    *("camera_x_m", "camera_y_m", "camera_z_m"),
+    *("sigma_camera_x_m", "sigma_camera_y_m", "sigma_camera_z_m"),
+    *("sigma_rotation_x_deg", "sigma_rotation_y_deg", "sigma_rotation_z_deg"),
+    *("stamp", "result", "reasons"),
+)
+
+
+def worst(exit_codes: Iterable[int]) -> int:
+    """Give the exit code of many drives: 1 over 3 over 4 over 0."""
+    return min(exit_codes, key=WORST_FIRST.index, default=0)
+
+
+def write_summary(outcomes: Iterable[Outcome], folder: Path) -> None:
+    """Write summary.csv and summary.jsonl.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    lines, table = [], io.StringIO()
+    writer = csv.writer(table, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for outcome in sorted(outcomes, key=lambda outcome: outcome.drive):
+        lines.append(json.dumps(vars(outcome)) + "\n")
+        writer.writerow(_row(outcome))
+    write_text("".join(lines), folder / JSONL)
+    write_text(table.getvalue(), folder / CSV)
+
+
+def _row(outcome: Outcome) -> list[object]:
+    pose: list[object] = [""] * 10
+    sigmas: list[object] = [""] * 6
+    if outcome.T_camera_lidar is not None:
+        T = np.array(outcome.T_camera_lidar)
+        pose = [*T[:3, 3].tolist(), *quaternion_xyzw(T).tolist(), *camera_center(T).tolist()]
+    if outcome.covariance is not None:
+        # Of a twist on the left, rho moves the camera's centre along the camera's axes.
+        deviations = np.sqrt(np.diag(np.array(outcome.covariance))).tolist()
+        sigmas = [*deviations[:3], *map(math.degrees, deviations[3:])]
+    known = (outcome.mutual_information_nats, outcome.stamp, outcome.result)
+    information, stamp, result = ("" if value is None else value for value in known)
+    head = [outcome.drive, outcome.status, outcome.exit_code, information]
+    return [*head, *pose, *sigmas, stamp, result, "; ".join(outcome.reasons)]

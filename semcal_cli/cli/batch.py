@@ -1,0 +1,172 @@
+"""`semcal batch`: many drives, one command."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import ExitStack
+from pathlib import Path
+
+import click
+
+from semcal_cli.cli.calibrate import calibrate
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, MAX_THREADS, PATH, FiniteRange, quiet_option
+from semcal_cli.cli.verify import verify
+
+EXIT_STOPPED = 130
+COMMANDS: dict[str, click.Command] = {"calibrate": calibrate, "verify": verify}
+OURS = {"output", "log", "threads", "quiet", "page", "pictures", "to", "as_json", "junit", "calibration"}
+"""Options of these commands that a batch gives itself, or that name one file where there are many."""
+REST = "semcal.rest"
+
+
+class WithRest(click.Command):
+    """A command that leaves what follows -- to another."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Take the rest away."""
+        if "--" in args:
+            place = args.index("--")
+            ctx.meta[REST] = args[place + 1 :]
+            args = args[:place]
+        return super().parse_args(ctx, args)
+
+    def collect_usage_pieces(self, ctx: click.Context) -> list[str]:
+        """Tell of the rest."""
+        return [*super().collect_usage_pieces(ctx), "[-- OPTIONS OF THE COMMAND]"]
+
+
+@click.command(
+    cls=WithRest,
+    help=f"""Calibrate many DRIVES, or verify one transform on them.
+
+    DRIVES are folders, drive files, patterns in quotes, text files (.txt) with one of these a line, or - for standard
+    input. Whatever follows -- goes to the command, as in: semcal batch 'drives/*' -o results -- --estimator mine
+
+    Results go to DIR: of each drive a folder with calibration.yaml (or verification.json), log.txt, times.json and
+    record.json, and of all summary.csv and summary.jsonl. A drive that fails, crashes or hangs is a line there.
+    A batch that was stopped goes on where it was; a drive is done again only if its files, the options or the version
+    changed. Exit code: the worst of all drives, 1 over 3 over 4 over 0.
+
+    FILE is {KNOWN_TRANSFORMS}.
+    """,
+)
+@click.argument("drives", nargs=-1, required=True)
+@click.option("-o", "--output", type=PATH, required=True, metavar="DIR", help="Where results go.")
+@click.option(
+    "--command",
+    type=click.Choice(list(COMMANDS)),
+    default="calibrate",
+    show_default=True,
+    help="What is done.",
+)
+@click.option("--calibration", type=PATH, metavar="FILE", help="With --command verify: the transform.")
+@click.option("--jobs", type=click.IntRange(1), metavar="N", help="Drives at a time.  [default: 1]")
+@click.option(
+    "--threads",
+    type=click.IntRange(1, MAX_THREADS),
+    metavar="N",
+    help="Threads of each.  [default: cores by jobs; with --dask, 1]",
+)
+@click.option(
+    "--timeout",
+    "timeout_s",
+    type=FiniteRange(0.0, min_open=True),
+    metavar="S",
+    help="Give a drive up after so long.",
+)
+@click.option("--force", is_flag=True, help="Do again what is done.")
+@click.option(
+    "--dask",
+    "address",
+    metavar="ADDRESS",
+    help="Run on this Dask cluster, tcp://HOST:PORT, on shared storage.",
+)
+@quiet_option
+def batch(
+    drives: tuple[str, ...],
+    output: Path,
+    command: str,
+    calibration: Path | None,
+    jobs: int | None,
+    threads: int | None,
+    timeout_s: float | None,
+    force: bool,
+    address: str | None,
+    quiet: bool,
+) -> None:
+    """Do many drives."""
+    from semcal_cli.batch.cluster import connect, execute_on
+    from semcal_cli.batch.drives import find_drives, folder_of
+    from semcal_cli.batch.run import execute_here, run_batch
+    from semcal_cli.batch.summary import worst
+    from semcal_cli.batch.tasks import Task
+    from semcal_cli.cli.board import Board
+
+    if (calibration is not None) != (command == "verify"):
+        raise click.UsageError("--calibration: goes with --command verify, which needs it")
+    if address is not None and jobs is not None:
+        raise click.UsageError(
+            "--jobs: is of this machine; with --dask, the cluster has as many as its workers' threads"
+        )
+    rest, also = _take_rest(command, calibration)
+    num_jobs = jobs or 1
+    num_threads = threads or (1 if address is not None else max(len(os.sched_getaffinity(0)) // num_jobs, 1))
+    folder = output.absolute()
+    tasks = [
+        Task(
+            drive,
+            str(Path(drive).absolute()),
+            str(folder / folder_of(drive)),
+            command,
+            tuple(rest),
+            tuple(also),
+            num_threads,
+            timeout_s,
+        )
+        for drive in find_drives(drives, sys.stdin)
+    ]
+    with ExitStack() as stack:
+        if address is None:
+            execute = execute_here(folder, num_jobs)
+        else:
+            execute = execute_on(stack.enter_context(connect(address)), folder)
+        show = stack.enter_context(Board(len(tasks), quiet))
+        try:
+            outcomes = run_batch(tasks, folder, execute, force=force, on_done=show.tell)
+        except KeyboardInterrupt:
+            stack.close()
+            click.echo(f"semcal: stopped: {show.num_done:,} of {len(tasks):,} drives are done", err=True)
+            sys.exit(EXIT_STOPPED)
+    sys.exit(worst(outcome.exit_code for outcome in outcomes))
+
+
+def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[str]]:
+    """Check what goes to the command, once for all drives; give it with absolute paths, and the files it names.
+
+    Raises:
+        click.UsageError: the command has no such options, or the batch gives them.
+        InputError: a transform is none.
+    """
+    from semcal_cli.drive import drive_file
+    from semcal_cli.formats import read_transform
+
+    rest: list[str] = click.get_current_context().meta.get(REST, [])
+    arguments = ["DRIVE"] if calibration is None else ["DRIVE", str(calibration)]
+    with COMMANDS[command].make_context(command, [*arguments, *rest]) as context:
+        for parameter in context.command.params:
+            is_given = (
+                context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
+            )
+            if is_given and isinstance(parameter, click.Option) and parameter.name in OURS:
+                raise click.UsageError(f"-- {parameter.opts[0]}: is not for many drives")
+        init: Path | None = context.params.get("init")
+    named = [path for path in (calibration, init) if path is not None]
+    for path in named:
+        read_transform(path)
+    if init is not None:
+        # Other machines have other working folders; of an option given twice, the last counts.
+        rest = [*rest, "--init", str(init.absolute())]
+    if calibration is not None:
+        rest = [str(calibration.absolute()), *rest]
+    return rest, [str(drive_file(path).absolute()) for path in named]

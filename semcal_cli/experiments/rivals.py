@@ -1,0 +1,236 @@
+"""Error against the number of pairs, and against wrong labels, beside SOIC and PMI from the same starts.
+
+After the box plots of Jiang, Osteen and Saripalli, arXiv 2104.12023.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from semcal_cli.cues import load_cues
+from semcal_cli.drive import read_drive
+from semcal_cli.errors import SemcalError
+from semcal_cli.experiments.accuracy import off
+from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, WITH_MINE, Scene
+from semcal_cli.experiments.runner import distribution, draw_boxes, machine, write_results
+from semcal_cli.formats import read_transform
+from semcal_cli.label_noise import with_wrong_labels
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import mend, read_observations
+from semcal_cli.poses import Pose
+from semcal_cli.synthesis import synthesize
+from semcal_cli.synthesis_config import SynthConfig
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+START_DEG, START_M = 2.0, 0.2
+"""Every method starts so far off."""
+MINE_SETTINGS = ("10", "20%")
+"""MINE takes longer, and is run in these settings ..."""
+MINE_EVERY = 5
+"""... on the drives of seeds that this divides."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A group of boxes: so many pairs, and so many wrong labels on both sides."""
+
+    name: str
+    num_pairs: int
+    wrong: float = 0.0
+
+
+EXPERIMENTS: dict[str, tuple[Setting, ...]] = {
+    "pairs": tuple(Setting(f"{n}", n) for n in (1, 10, 20, 50, 70)),
+    "noise": tuple(Setting(f"{share:.0%}", 20, share) for share in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)),
+}
+AXES = {"pairs": "pairs", "noise": "wrong labels"}
+"""What the settings of an experiment differ in."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """All settings on the drive of a seed."""
+
+    seed: int
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One calibration against the truth."""
+
+    setting: str
+    method: str
+    seed: int
+    rotation_deg: float
+    """Infinite, as the other error is, where the calibration failed."""
+    camera_center_cm: float
+    seconds: float
+    failure: str = ""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The settings that all cases have in common; calling it runs a case, and it can be sent to other processes."""
+
+    settings: tuple[Setting, ...]
+    scratch: Path
+    """Where drives are while they are needed."""
+    config: SynthConfig = field(default_factory=SynthConfig)
+    """Of the drives, but for frames and seed."""
+
+    def __call__(self, case: Case) -> list[Finding]:
+        """Make a drive, cut it down to each setting, and calibrate it with each method from the same start."""
+        num_frames = max(setting.num_pairs for setting in self.settings)
+        with TemporaryDirectory(dir=self.scratch) as folder:
+            path = Path(folder) / "drive"
+            synthesize(replace(self.config, num_frames=num_frames, seed=case.seed), path)
+            drive, truth = read_drive(path), read_transform(path)
+            labels, intensity = read_observations(drive), load_cues(drive, ("intensity",))
+        rng = np.random.default_rng(case.seed)
+        order, T_init = rng.permutation(num_frames), off(truth, START_DEG, START_M, rng)
+        found: list[Finding] = []
+        by_intensity: dict[tuple[str, int], Finding] = {}
+        for setting in self.settings:
+            chosen = sorted(order[: setting.num_pairs].tolist())
+            wrong = with_wrong_labels(labels.of_frames(chosen), setting.wrong, rng)
+            scene = Scene(drive, mend(wrong), intensity.of_frames(chosen))
+            # Made when first asked for: it is no method's time.
+            _ = scene.labels.core, scene.intensity.core
+            for method in METHODS:
+                if method in WITH_MINE and (setting.name not in MINE_SETTINGS or case.seed % MINE_EVERY):
+                    continue
+                # Wrong labels are nothing to what does not look at labels.
+                known = by_intensity.get((method, setting.num_pairs))
+                if known is None:
+                    found.append(_measure(setting, method, case.seed, scene, T_init, truth))
+                else:
+                    found.append(replace(known, setting=setting.name))
+                if method in BY_INTENSITY:
+                    by_intensity[method, setting.num_pairs] = found[-1]
+        return found
+
+
+def _measure(setting: Setting, method: str, seed: int, scene: Scene, T_init: Pose, truth: Pose) -> Finding:
+    start = perf_counter()
+    try:
+        error = compare_poses(METHODS[method](scene, T_init), truth)
+    except SemcalError as failure:
+        return Finding(setting.name, method, seed, math.inf, math.inf, perf_counter() - start, str(failure))
+    seconds = perf_counter() - start
+    return Finding(setting.name, method, seed, error.rotation_deg, error.camera_center_cm, seconds)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The distribution of errors over the seeds of one setting, by one method."""
+
+    setting: str
+    method: str
+    n: int
+    rotation_deg: tuple[float, float, float]
+    """Median, 95 % quantile, worst."""
+    camera_center_cm: tuple[float, float, float]
+    num_lost: int
+    """Ended no nearer to the truth than they began, or failed."""
+    seconds: float
+    """Median, from pairs in memory to a pose."""
+
+
+def summarise(findings: Sequence[Finding]) -> list[Summary]:
+    """Sum findings up, setting by setting and method by method, in the order in which they come."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.setting, finding.method), []).append(finding)
+    names = list(dict.fromkeys(finding.setting for finding in findings))
+    ordered = [(name, method) for name in names for method in METHODS if (name, method) in groups]
+    return [_summary(setting, method, groups[setting, method]) for setting, method in ordered]
+
+
+def _summary(setting: str, method: str, found: Sequence[Finding]) -> Summary:
+    lost = [f for f in found if f.rotation_deg >= START_DEG or f.camera_center_cm >= 100.0 * START_M]
+    return Summary(
+        setting,
+        method,
+        len(found),
+        distribution([f.rotation_deg for f in found]),
+        distribution([f.camera_center_cm for f in found]),
+        len(lost),
+        float(np.median([f.seconds for f in found])),
+    )
+
+
+def markdown(axis: str, summaries: Sequence[Summary]) -> str:
+    """Give the table of settings that differ in `axis`."""
+    lines = [
+        f"| {axis} | method | n | rotation, deg: median, 95 %, worst "
+        "| camera centre, cm: median, 95 %, worst | lost | s |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for s in summaries:
+        rotation = ", ".join(f"{x:.4f}" for x in s.rotation_deg)
+        center = ", ".join(f"{x:.2f}" for x in s.camera_center_cm)
+        lines.append(
+            f"| {s.setting} | {s.method} | {s.n} | {rotation} | {center} | {s.num_lost} | {s.seconds:.1f} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def write_rivals(name: str, findings: Sequence[Finding], num_jobs: int, folder: Path) -> str:
+    """Write CSV, JSON, table and plot into a folder; give the table."""
+    summaries = summarise(findings)
+    table = markdown(AXES[name], summaries)
+    document: dict[str, object] = {
+        "experiment": name,
+        "machine": machine(),
+        "jobs": num_jobs,
+        "start": {"rotation_deg": START_DEG, "camera_center_m": START_M},
+    }
+    write_results(document, findings, summaries, table, _plot(AXES[name], findings), folder)
+    return table
+
+
+def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
+    """Box plots as the paper's, a box a method in each setting."""
+    from matplotlib.figure import Figure
+
+    settings = list(dict.fromkeys(finding.setting for finding in findings))
+    # On a few seeds only: points in the table, no boxes.
+    methods = [name for name in METHODS if name not in WITH_MINE]
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    width = 0.8 / len(methods)
+    measures = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
+    for axes, (key, label) in zip(figure.subplots(1, 2), measures, strict=True):
+        for number, method in enumerate(methods):
+            groups = [
+                [getattr(f, key) for f in findings if (f.setting, f.method) == (setting, method)]
+                for setting in settings
+            ]
+            found = [[value for value in group if math.isfinite(value)] for group in groups]
+            places = [place + (number - 0.5 * (len(methods) - 1)) * width for place in range(len(settings))]
+            draw_boxes(axes, found, places, 0.8 * width, number, method, "vertical")
+            for place, group, finite in zip(places, groups, found, strict=True):
+                if num_failed := len(group) - len(finite):
+                    where = {
+                        "transform": axes.get_xaxis_transform(),
+                        "rotation": 90.0,
+                        "va": "top",
+                        "ha": "center",
+                    }
+                    axes.text(place, 1.0, f"{num_failed} failed", **where)
+        axes.set_yscale("log")
+        axes.set_xlabel(axis)
+        axes.set_ylabel(label)
+        axes.set_xticks(range(len(settings)), settings)
+        axes.grid(axis="y", alpha=0.3)
+    axes.legend()
+    return figure

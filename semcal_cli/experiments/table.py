@@ -1,0 +1,233 @@
+"""One drive with a reference, by every method from the same start: the tables of the paper, and its pictures.
+
+After Jiang, Osteen and Saripalli, arXiv 2104.12023, whose columns "roll, pitch, yaw" hold the rotation vector of
+T_camera_lidar in degrees.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from semcal_cli import _core
+from semcal_cli.calibration import Status
+from semcal_cli.cues import load_cues
+from semcal_cli.drive import Drive
+from semcal_cli.errors import CalibrationError, InputError, SemcalError
+from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
+from semcal_cli.experiments.runner import machine, write_results
+from semcal_cli.initialization import InitializationConfig
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations, read_image
+from semcal_cli.overlay import Overlays, add_caption, draw_legend
+from semcal_cli.pictures import write_picture
+from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.poses import Pose, mounting_rpy_deg, rotation_vector_deg
+from semcal_cli.soic import Soic, SoicConfig
+
+ORDER = ("SOIC", "PMI", "PMI, MINE", "semcal", "semcal, MINE")
+PICTURES = ("reference", "SOIC", "PMI", "semcal")
+"""In the paper's order, (a) to (d)."""
+PICTURE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", PICTURES, strict=True))
+FILES = ("results.csv", "summary.json", "table.md", *PICTURE_FILES)
+LEGEND = (
+    "Rotation vector and translation are T_camera_lidar's. Roll, pitch and yaw: the camera's body frame (x forward, "
+    "y left, z up) in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll). MI: of labels. Distance: from points to pixels "
+    "of their class, averaged over classes. s: from pairs in memory to a pose, semcal's with its assessment."
+)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """What every method made of a drive."""
+
+    drive: Drive
+    labels: Observations
+    poses: dict[str, Pose]
+    """T_camera_lidar (4, 4): `reference`, `start`, and what methods found."""
+    seconds: dict[str, float]
+    """By method, from pairs in memory to a pose; semcal's with its assessment."""
+    failures: dict[str, str]
+    """Why other methods found nothing."""
+    status: Status | None
+    """What semcal says of its own pose; the others say nothing."""
+    reasons: tuple[str, ...]
+
+
+def compare(
+    run: Run, T_reference: Pose, given: Given | None, frame: int, progress: Callable[[str], None]
+) -> Comparison:
+    """Calibrate a drive by every method.
+
+    Args:
+        run: Of the drive.
+        T_reference: (4, 4) T_camera_lidar to compare with.
+        given: Where to start; None starts where the initial calibration ends.
+        frame: Of which pictures will be drawn.
+        progress: Told what is being done.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says, or there is no such frame.
+        CalibrationError: labels cannot be compared at all.
+    """
+    labels = run.load()
+    _check_frame(run.drive, frame)
+    config = InitializationConfig()
+    # Without a given pose, the others start where semcal's initial calibration ends.
+    T_aligned = run.initialize(labels, config, given)[0].T_camera_lidar
+    T_init = T_aligned if given is None else given.T_camera_lidar
+    poses, seconds, failures = {"reference": T_reference, "start": T_init}, {}, {}
+    status: Status | None = None
+    reasons: tuple[str, ...] = ()
+    progress("reading intensities")
+    try:
+        intensity = load_cues(run.drive, ("intensity",))
+    except SemcalError as failure:
+        intensity = labels
+        failures = {method: str(failure) for method in BY_INTENSITY}
+    scene = Scene(run.drive, labels, intensity, is_initialized=given is None)
+    for method in ORDER:
+        if method in failures:
+            continue
+        progress(f"calibrating by {method}")
+        start = perf_counter()
+        try:
+            if method == "semcal":
+                poses[method] = run.refine(labels, T_aligned, RefinementConfig())
+                verdict = run.result(labels, poses[method], Path())
+                status, reasons = verdict.status, verdict.reasons
+            else:
+                poses[method] = METHODS[method](scene, T_init)
+        except SemcalError as failure:
+            failures[method] = str(failure)
+        seconds[method] = perf_counter() - start
+    return Comparison(run.drive, labels, poses, seconds, failures, status, reasons)
+
+
+def _check_frame(drive: Drive, frame: int) -> None:
+    """Check what pictures will be drawn on, before all the work."""
+    if frame >= len(drive.frames):
+        raise InputError(f"{drive.path}: found {len(drive.frames)} frames, needed one numbered {frame}")
+    read_image(drive, drive.frames[frame])
+
+
+@dataclass(frozen=True)
+class Row:
+    """A transform, and how far it is from the reference."""
+
+    method: str
+    rotation_vector_x_deg: float
+    """Of T_camera_lidar, as the translation."""
+    rotation_vector_y_deg: float
+    rotation_vector_z_deg: float
+    translation_x_m: float
+    translation_y_m: float
+    translation_z_m: float
+    roll_deg: float
+    """Of the camera's body frame in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    pitch_deg: float
+    yaw_deg: float
+    rotation_error_deg: float
+    camera_center_error_cm: float
+    mutual_information_nats: float
+    """Of labels."""
+    distance_px: float | None
+    """SOIC's cost: from points to pixels of their class; None where nothing has a class of the same name."""
+
+    @property
+    def cells(self) -> tuple[str, str, str]:
+        """Rotation vector, translation and angles for reading."""
+        found = list(vars(self).values())[1:10]
+        x, y, z = (", ".join(f"{v:.2f}" for v in np.round(found[k : k + 3], 2) + 0.0) for k in (0, 3, 6))
+        return x, y, z
+
+
+def describe(found: Comparison) -> list[Row]:
+    """Describe the reference, the start, and what each method found."""
+    try:
+        soic = Soic(found.labels, SoicConfig())
+    except CalibrationError:
+        soic = None
+    rows = []
+    for method, T in found.poses.items():
+        error = compare_poses(T, found.poses["reference"])
+        cost = math.inf if soic is None else soic.cost(T)
+        values: list[Any] = [
+            method,
+            *rotation_vector_deg(T).tolist(),
+            *T[:3, 3].tolist(),
+            *mounting_rpy_deg(T).tolist(),
+            error.rotation_deg,
+            error.camera_center_cm,
+            _core.agreement(found.labels.core, T).mutual_information,
+            cost if math.isfinite(cost) else None,
+        ]
+        rows.append(Row(*values))
+    return rows
+
+
+def markdown(found: Comparison, rows: Sequence[Row]) -> str:
+    """Give the table."""
+    lines = [
+        "| | rotation vector, deg | translation, m | roll, pitch, yaw, deg | off the reference | MI, nats "
+        "| distance, px | s |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in rows:
+        off = f"{row.rotation_error_deg:.3f} deg, {row.camera_center_error_cm:.1f} cm"
+        distance = "" if row.distance_px is None else f"{row.distance_px:.2f}"
+        seconds = f"{found.seconds[row.method]:.1f}" if row.method in found.seconds else ""
+        lines.append(
+            f"| {' | '.join([row.method, *row.cells])} | {'' if row.method == 'reference' else off} "
+            f"| {row.mutual_information_nats:.4f} | {distance} | {seconds} |"
+        )
+    lines += [f"| {method} | failed: {_cell(text)} | | | | | | |" for method, text in found.failures.items()]
+    verdict = f"semcal's own verdict: {'; '.join([found.status or 'failed', *found.reasons])}."
+    return "\n".join([*lines, "", LEGEND, "", verdict, ""])
+
+
+def _cell(text: str) -> str:
+    """Text that a table holds."""
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+def write_table(found: Comparison, frame: int, folder: Path) -> str:
+    """Write CSV, JSON, table and the pictures of a frame into a folder; give the table.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    rows = describe(found)
+    table = markdown(found, rows)
+    document: dict[str, object] = {
+        "experiment": "table",
+        "machine": machine(),
+        "drive": str(found.drive.path),
+        "status": found.status,
+        "reasons": found.reasons,
+        "seconds": found.seconds,
+        "failures": found.failures,
+    }
+    write_results(document, rows, rows, table, None, folder)
+    _write_pictures(found, frame, folder)
+    return table
+
+
+def _write_pictures(found: Comparison, frame: int, folder: Path) -> None:
+    """Draw the points of a frame at each pose, as the paper's (a) to (d), one picture each."""
+    pictures, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
+    swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
+    for file, method in zip(PICTURE_FILES, PICTURES, strict=True):
+        path = folder / file
+        # One of another time would be taken for this one's.
+        path.unlink(missing_ok=True)
+        if method in pictures:
+            picture = add_caption(pictures[method], f"({file[0]}) {method}", pictures[method].shape[1])
+            strip = draw_legend(list(legend), swatches, picture.shape[1])
+            write_picture(np.vstack([picture, strip]), path)

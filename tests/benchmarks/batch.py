@@ -1,0 +1,100 @@
+"""Time batches, as a Markdown table: two at a time, against bare runs, and the bookkeeping of very many drives.
+
+    python tests/benchmarks/batch.py --drives 200 --bookkeeping 10000
+
+The drives are of 5 pairs. Bare runs are the same commands one after another in one process, without any records. The
+bookkeeping is that of drives whose results are there already: folders, records, resuming, and the summary.
+"""
+
+from __future__ import annotations
+
+import resource
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import perf_counter
+
+import click
+
+from semcal_cli.batch.run import run_batch
+from semcal_cli.batch.tasks import Outcome, Task, read_inputs, write_record
+
+SEMCAL = (sys.executable, "-c", "from semcal_cli.cli import main; main()")
+BARE = """
+import sys
+from semcal_cli.cli import run
+for number, drive in enumerate(sys.argv[2:]):
+    run(["calibrate", drive, "--threads", "1", "-q", "-o", f"{sys.argv[1]}/{number}.yaml"])
+"""
+
+
+def seconds(arguments: Sequence[str]) -> float:
+    """Time a process, whatever its exit code says of the drives."""
+    start = perf_counter()
+    subprocess.run(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False)
+    return perf_counter() - start
+
+
+def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
+    """Seconds to keep the outcomes of so many drives, and to find them all done; and the peak memory in MiB."""
+    drive = folder / "drive"
+    subprocess.run(
+        [*SEMCAL, "synth", str(drive), "--frames", "1", "--width", "64", "--height", "48", "-q"], check=True
+    )
+    tasks = [
+        Task(f"drives/{n:06d}", str(drive), str(folder / f"out/{n:06d}"), "calibrate") for n in range(count)
+    ]
+    rows = tuple(tuple(0.1 * (i + j) for j in range(4)) for i in range(4))
+    covariance = tuple(tuple(0.1 * (i + j) for j in range(6)) for i in range(6))
+
+    inputs = read_inputs(tasks[0])
+
+    def stub(missing: Sequence[Task]) -> Iterator[Outcome]:
+        for task in missing:
+            Path(task.folder).mkdir(parents=True)
+            outcome = Outcome(task.drive, "trusted", 0, (), 1.5, rows, covariance, 2.0, "calibration.yaml")
+            task.result.write_text("recorded\n")
+            write_record(task, outcome, inputs, timed_out=False)
+            yield outcome
+
+    times = []
+    for _ in range(2):
+        start = perf_counter()
+        run_batch(tasks, folder / "out", stub)
+        times.append(perf_counter() - start)
+    return times[0], times[1], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+@click.command()
+@click.option("--drives", "num_drives", default=200)
+@click.option("--bookkeeping", "num_records", default=10_000)
+def main(num_drives: int, num_records: int) -> None:
+    """Print the table."""
+    print("| | measured |\n|---|---|")
+    with TemporaryDirectory() as name:
+        kept, resumed, memory_mib = bookkeeping(Path(name), num_records)
+        print(
+            f"| bookkeeping of {num_records:,} drives: first time, resumed | {kept:.1f} s, {resumed:.1f} s |"
+        )
+        print(f"| its peak memory | {memory_mib:.0f} MiB |", flush=True)
+    with TemporaryDirectory() as name:
+        folder = Path(name)
+        small = ("--frames", "5", "--width", "640", "--height", "360", "-q")
+        subprocess.run(
+            [*SEMCAL, "synth", str(folder / "drives"), "--drives", str(num_drives), *small], check=True
+        )
+        drives = sorted(map(str, (folder / "drives").iterdir()))
+        (folder / "bare").mkdir()
+        bare = seconds([sys.executable, "-c", BARE, str(folder / "bare"), *drives])
+        batch = [*SEMCAL, "batch", *drives]
+        one = seconds([*batch, "-o", str(folder / "one"), "--jobs", "1", "--threads", "1"])
+        two = seconds([*batch, "-o", str(folder / "two"), "--jobs", "2"])
+        print(f"| {num_drives} drives, bare runs in one process, one thread | {bare:.1f} s |")
+        print(f"| `--jobs 1 --threads 1` | {one:.1f} s, {one / bare - 1.0:+.1%} against bare runs |")
+        print(f"| `--jobs 2` | {two:.1f} s, {one / two:.2f} times as fast |")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,352 @@
+"""Many drives: what fails never stops the others, nothing is done twice, and nothing is lost."""
+
+import csv
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from semcal_cli.batch import worker
+from semcal_cli.batch.drives import find_drives, folder_of
+from semcal_cli.batch.summary import worst
+from semcal_cli.batch.tasks import Outcome
+from semcal_cli.cli import semcal
+from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.metrics import compare_poses
+from semcal_cli.synthesis import synthesize
+from semcal_cli.synthesis_config import SynthConfig
+
+TINY = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)
+QUICK = ("--", "--no-polish", "--search-deg", "5", "--init")
+NUM_DRIVES = 6
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Small drives of one rig, which tests do not write to."""
+    root = tmp_path_factory.mktemp("drives")
+    for number in range(NUM_DRIVES):
+        synthesize(
+            replace(
+                TINY, seed=70 + number, camera_azimuth_deg=0.0, camera_pitch_deg=0.0, camera_roll_deg=0.0
+            ),
+            root / f"{number:03d}",
+        )
+    return root
+
+
+@pytest.fixture
+def copies(drives: Path, tmp_path: Path) -> Path:
+    shutil.copytree(drives, tmp_path / "drives")
+    return tmp_path / "drives"
+
+
+def command(drives: Path, out: Path, *options: str) -> list[str]:
+    """Calibrate quickly, from about where the camera of each is."""
+    rest = [*QUICK, str(drives / "000")]
+    return ["batch", f"{drives}/*", "-o", str(out), *options, *rest]
+
+
+def run(arguments: list[str]) -> Result:
+    return CliRunner().invoke(semcal, arguments)
+
+
+def summary(out: Path) -> list[dict]:
+    return [json.loads(line) for line in (out / "summary.jsonl").read_text().splitlines()]
+
+
+def test_drives_in_a_row_and_two_at_a_time(drives: Path, tmp_path: Path) -> None:
+    found = run(command(drives, tmp_path / "one"))
+    assert found.exit_code in (0, 3), found.output
+    assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: " in found.stderr
+    outcomes = summary(tmp_path / "one")
+    assert [outcome["drive"] for outcome in outcomes] == [str(drives / f"{n:03d}") for n in range(NUM_DRIVES)]
+    for outcome in outcomes:
+        T = read_transform(tmp_path / "one" / outcome["result"])
+        assert outcome["T_camera_lidar"] == T.tolist()
+        assert compare_poses(T, read_transform(Path(outcome["drive"]))).rotation_deg < 2.0
+    assert found.exit_code == worst(outcome["exit_code"] for outcome in outcomes)
+    with (tmp_path / "one/summary.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["translation_x_m"]) for row in rows] == [o["T_camera_lidar"][0][3] for o in outcomes]
+    run(command(drives, tmp_path / "two", "--jobs", "2"))
+    for name in ("summary.csv", "summary.jsonl"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_the_result_is_that_of_calibrate(drives: Path, tmp_path: Path) -> None:
+    run([*command(drives, tmp_path)[:1], str(drives / "001"), *command(drives, tmp_path)[2:]])
+    alone = tmp_path / "alone.yaml"
+    rest = [option for option in QUICK if option != "--"]
+    CliRunner().invoke(
+        semcal, ["calibrate", str(drives / "001"), *rest, str(drives / "000"), "-o", str(alone)]
+    )
+    (result,) = (tmp_path / outcome["result"] for outcome in summary(tmp_path))
+    assert read_transform(result).tolist() == read_transform(alone).tolist()
+
+
+def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
+    arguments = command(copies, tmp_path / "out")
+    run(arguments)
+    results = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("calibration.yaml")}
+    assert len(results) == NUM_DRIVES
+
+    def redone() -> set[str]:
+        found = run(arguments)
+        assert found.exit_code in (0, 1, 3), found.output
+        changed = {path.parent.name for path, when in results.items() if path.stat().st_mtime_ns != when}
+        results.update({path: path.stat().st_mtime_ns for path in results})
+        return changed
+
+    before = (tmp_path / "out/summary.jsonl").read_bytes()
+    assert redone() == set()
+    os.utime(copies / "001/drive.yaml")  # touched, but the same
+    assert redone() == set()
+    cloud = copies / "002/points/000000.bin"
+    points = np.fromfile(cloud, np.float32)
+    points[0] += 0.01
+    points.tofile(cloud)
+    assert redone() == {"002"}
+    result = next(path for path in results if path.parent.name == "003")
+    result.write_text(result.read_text() + "# edited\n")
+    assert redone() == {"003"}
+    (result.parent / "record.json").write_text('{"asked": ')  # half a record is none
+    assert redone() == {"003"}
+    arguments[-1:] = [arguments[-1], "--seed", "1"]
+    assert redone() == {path.parent.name for path in results}
+    arguments.insert(1, "--force")
+    assert redone() == {path.parent.name for path in results}
+    assert (tmp_path / "out/summary.jsonl").read_bytes() != before
+
+
+HOSTILE = """
+import os, signal, time
+from semcal_cli.cli import worker
+real = worker.run
+def run(arguments):
+    name = os.path.basename(arguments[1])
+    if name == "000":
+        os.kill(os.getpid(), signal.SIGKILL)
+    if name == "001":
+        time.sleep(1000)
+    if name == "002":
+        os.write(1, b"no JSON at all\\n")
+        os._exit(7)
+    if name == "003":
+        raise RuntimeError("out of luck")
+    return real(arguments)
+worker.run = run
+worker.main()
+"""
+
+
+def test_who_crashes_or_hangs_does_not_stop_the_others(
+    copies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(worker, "COMMAND", (sys.executable, "-c", HOSTILE))
+    (copies / "004/drive.yaml").write_text("semcal_drive: 1\n")
+    found = run([*command(copies, tmp_path / "out", "--timeout", "30", "--jobs", "2")])
+    assert found.exit_code == 1
+    outcomes = summary(tmp_path / "out")
+    reasons = [outcome["reasons"] for outcome in outcomes]
+    assert [outcome["status"] == "failed" for outcome in outcomes] == [True] * 5 + [False]
+    assert reasons[0] == ["the process was ended by SIGKILL, as when memory runs out"]
+    assert reasons[1] == ["timed out after 30 s"]
+    assert reasons[3] == ["RuntimeError: out of luck"]
+    assert reasons[4][0].endswith("004/drive.yaml: camera: found nothing, needed a value")
+    assert "exit code 7" in reasons[2][0]
+    for outcome in outcomes[:5]:
+        assert Path(outcome["drive"]).name in found.stderr
+    assert (
+        "timed out after 30 s" in (tmp_path / "out" / folder_of(str(copies / "001")) / "log.txt").read_text()
+    )
+
+
+def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_path: Path) -> None:
+    one, other = (tmp_path / "out" / folder_of(str(drives / name)) for name in ("000", "001"))
+    one.parent.mkdir(parents=True)
+    one.write_text("a file")
+    found = run(command(drives, tmp_path / "out"))
+    assert found.exit_code == 1
+    outcomes = summary(tmp_path / "out")
+    assert outcomes[0]["reasons"][0].endswith("000: cannot be made: file exists")
+    assert [outcome["status"] == "failed" for outcome in outcomes] == [True, *[False] * (NUM_DRIVES - 1)]
+    assert (other / "calibration.yaml").exists()
+
+
+def test_more_time_is_a_reason_to_try_again(copies: Path, tmp_path: Path) -> None:
+    one = [*command(copies, tmp_path)[:1], str(copies / "000"), *command(copies, tmp_path)[2:]]
+    hurried = [*one[:2], "--timeout", "0.01", *one[2:]]
+    assert run(hurried).exit_code == 1
+    assert run(hurried).exit_code == 1
+    assert summary(tmp_path)[0]["reasons"] == ["timed out after 0.01 s"]
+    assert run(one).exit_code in (0, 3)
+    assert run(hurried).exit_code in (0, 3)  # done is done
+
+
+def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
+    """kill -9 at ten moments: the summary at the end is that of a batch that nothing happened to."""
+    run(command(drives, tmp_path / "whole", "--jobs", "2"))
+    rng = np.random.default_rng(5)
+    arguments = [sys.executable, "-c", "from semcal_cli.cli import main; main()"]
+    for _ in range(10):
+        process = subprocess.Popen(
+            [*arguments, *command(drives, tmp_path / "killed", "--jobs", "2")],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        time.sleep(rng.uniform(0.2, 3.0))
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    assert run(command(drives, tmp_path / "killed", "--jobs", "2")).exit_code in (0, 3)
+    for name in ("summary.csv", "summary.jsonl"):
+        assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "killed" / name).read_bytes()
+    assert not list((tmp_path / "killed").rglob("*.part"))
+
+
+def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None:
+    from semcal_cli.batch.run import _locked
+
+    with _locked(tmp_path):
+        found = run(command(drives, tmp_path))
+    assert found.exit_code == 1
+    assert "found another batch at work there" in str(found.exception)
+
+
+def test_verify_many(drives: Path, tmp_path: Path) -> None:
+    """Each against one transform, which is that of the first drive only."""
+    good = tmp_path / "good.yaml"
+    write_transform(read_transform(drives / "000"), good, "semcal")
+    limits = ("--", "--max-rotation-deg", "20", "--max-translation-m", "5")
+    found = run(["batch", f"{drives}/000", f"{drives}/001", "-o", str(tmp_path / "out"), "--command", "verify",
+                 "--calibration", str(good), *limits])  # fmt: skip
+    outcomes = summary(tmp_path / "out")
+    assert [outcome["status"] for outcome in outcomes] == ["pass", "pass"], found.output
+    document = json.loads((tmp_path / "out" / outcomes[0]["result"]).read_text())
+    assert document["verdict"] == "pass"
+    assert found.exit_code == 0
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--command", "verify"), "--calibration: goes with --command verify"),
+        (("--dask", "tcp://127.0.0.1:1", "--jobs", "2"), "--jobs: is of this machine"),
+        (("--", "-o", "x.yaml"), "-- -o: is not for many drives"),
+        (("--", "--estimater", "mine"), "No such option"),
+        (("--", "--threads", "2"), "-- --threads: is not for many drives"),
+    ],
+)
+def test_wrong_usage(drives: Path, tmp_path: Path, options: tuple[str, ...], complaint: str) -> None:
+    found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), *options])
+    assert found.exit_code == 2
+    assert complaint in found.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_where_drives_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("b/2", "b/10", "a"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "drive.yaml").touch()
+    (tmp_path / "list.txt").write_text("# of today\nb/2\n\nb/1*\n")
+    assert find_drives(["b/*"], []) == ["b/10", "b/2"]
+    assert find_drives(["list.txt"], []) == ["b/10", "b/2"]
+    assert find_drives(["-"], ["a\n", "./b/2/drive.yaml\n"]) == ["a", "b/2/drive.yaml"]
+    assert find_drives(["b/2", "./b/2/", "b/2/drive.yaml"], []) == ["b/2"]
+    assert find_drives(["missing"], []) == ["missing"]  # a line of the summary, not the end of all
+    for names in (["c/*"], ["-"]):
+        with pytest.raises(Exception, match="found no"):
+            find_drives(names, [])
+    folders = [folder_of(name) for name in ("b/2", "b/2/drive.yaml", "/data/x", "../y", ".")]
+    assert list(map(str, folders)) == ["b/2", "b/2", "data/x", "__/y", "_"]
+
+
+def test_the_worst_wins() -> None:
+    assert [worst(codes) for codes in ([0, 4, 3, 1], [0, 4, 3], [0, 4], [0, 0], [])] == [1, 3, 4, 0, 0]
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
+    """A scheduler and two workers, each a process of its own, on loopback."""
+    distributed = pytest.importorskip("distributed")
+    assert distributed is not None
+    environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+    file = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
+    scheduler = subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
+         "--no-dashboard", "--scheduler-file", str(file)], **quiet)  # fmt: skip
+    workers = [
+        subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "distributed.cli.dask_worker",
+                "--scheduler-file",
+                str(file),
+                "--nthreads",
+                "1",
+                "--no-nanny",
+                "--no-dashboard",
+                "--local-directory",
+                str(tmp_path / f"worker{number}"),
+            ],
+            **quiet,
+        )
+        for number in range(2)
+    ]
+    try:
+        for _ in range(600):
+            if file.exists() and file.read_text():
+                break
+            time.sleep(0.1)
+        yield json.loads(file.read_text())["address"], workers
+    finally:
+        for process in (scheduler, *workers):
+            process.kill()
+            process.wait()
+
+
+def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
+    drives: Path, tmp_path: Path, cluster: tuple[str, list[subprocess.Popen]]
+) -> None:
+    address, workers = cluster
+    run(command(drives, tmp_path / "local"))
+    process = subprocess.Popen(
+        [sys.executable, "-c", "from semcal_cli.cli import main; main()",
+         *command(drives, tmp_path / "cluster", "--dask", address)],
+        stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert process.stderr is not None
+    process.stderr.readline()  # one drive is done, others are under way
+    workers[0].send_signal(signal.SIGKILL)
+    _, rest = process.communicate(timeout=300)
+    assert process.returncode in (0, 3), rest
+    assert f"{NUM_DRIVES} of {NUM_DRIVES} drives" in rest
+    for name in ("summary.csv", "summary.jsonl"):
+        assert (tmp_path / "local" / name).read_bytes() == (tmp_path / "cluster" / name).read_bytes()
+
+
+def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from semcal_cli.batch import cluster
+
+    monkeypatch.setattr(cluster, "CONNECT_S", 1)
+    found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"])
+    assert found.exit_code == 1
+    assert "--dask tcp://127.0.0.1:1: found no scheduler there" in str(found.exception)
+
+
+def test_an_outcome_is_a_line_that_python_reads_back() -> None:
+    outcome = Outcome("d", "failed", 1, ("no overlap",))
+    assert Outcome(**json.loads(json.dumps(vars(outcome)))).reasons == ["no overlap"]

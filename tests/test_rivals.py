@@ -1,0 +1,259 @@
+"""Methods beside one another: over pairs, over wrong labels, and the tables of the paper."""
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from conftest import STREET
+from dataset_trees import KITTI_360_DRIVE, moved, numbers, write
+
+from semcal_cli import _core
+from semcal_cli.cli import semcal
+from semcal_cli.drive import read_drive
+from semcal_cli.experiments import rivals
+from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, WITH_MINE
+from semcal_cli.experiments.rivals import EXPERIMENTS, Case, Experiment, Finding, Setting
+from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.pictures import read_picture, write_picture
+from semcal_cli.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting, rotation_vector_deg
+
+
+def run_table(drive: Path, out: Path, *arguments: object) -> str:
+    found = CliRunner().invoke(
+        semcal, ["experiment", "table", str(drive), "-o", str(out), *map(str, arguments)]
+    )
+    assert found.exit_code == 0, found.output
+    return found.stdout
+
+
+def read_rows(folder: Path) -> dict[str, dict[str, str]]:
+    with (folder / "results.csv").open() as file:
+        return {row["method"]: row for row in csv.DictReader(file)}
+
+
+def test_the_row_of_the_paper_is_the_rotation_vector(rellis3d: Path) -> None:
+    """Jiang et al. (2021) print "roll pitch yaw" of RELLIS-3D's reference as these six numbers."""
+    T = read_transform(rellis3d)
+    assert np.round(rotation_vector_deg(T), 2).tolist() == [70.80, 67.78, -68.06]
+    assert np.round(T[:3, 3], 2).tolist() == [-0.04, -0.17, -0.13]
+
+
+def test_angles_of_the_table_are_those_of_a_mounting() -> None:
+    for rpy_deg in ([3.0, -20.0, 170.0], [-40.0, 10.0, -95.0]):
+        T = pose_from_mounting(rpy_deg, [0.3, -0.2, 0.1])
+        assert mounting_rpy_deg(T) == pytest.approx(rpy_deg)
+
+
+def test_every_method_on_a_real_frame(rellis3d: Path, tmp_path: Path) -> None:
+    """From the reference itself: the frame does not determine the pose, and semcal says so."""
+    table = run_table(rellis3d, tmp_path, "--init", rellis3d)
+    assert "| reference | 70.80, 67.78, -68.06 | -0.04, -0.17, -0.13 | 0.51, 0.29, 178.02 |  |" in table
+    assert (
+        "| start | 70.80, 67.78, -68.06 | -0.04, -0.17, -0.13 | 0.51, 0.29, 178.02 | 0.000 deg, 0.0 cm |"
+        in table
+    )
+    assert "semcal's own verdict: not_trusted; " in table
+    rows = read_rows(tmp_path / "table_rellis3d_000104")
+    assert set(rows) == {"reference", "start", *METHODS}
+    for method in ("SOIC", "semcal"):
+        assert float(rows[method]["rotation_error_deg"]) < 5.0
+    measure = {m: float(row["mutual_information_nats"]) for m, row in rows.items()}
+    assert measure["semcal"] == max(measure[m] for m in measure if m not in WITH_MINE)
+    distance = {m: float(row["distance_px"]) for m, row in rows.items()}
+    assert distance["SOIC"] == min(distance.values())
+    size = read_picture(rellis3d / "frame000104-1581624663_149.jpg").shape
+    for name in ("a_reference", "b_soic", "c_pmi", "d_semcal"):
+        picture = read_picture(tmp_path / f"table_rellis3d_000104/{name}.png")
+        assert picture.shape[0] > size[0]
+        assert picture.shape[1] == size[1]
+    assert (tmp_path / "table_rellis3d_000104/table.md").read_text() == table
+    assert json.loads((tmp_path / "table_rellis3d_000104/summary.json").read_text())["experiment"] == "table"
+
+
+IN_KITTI_360 = {
+    "road": 7, "sidewalk": 8, "building": 11, "wall": 12, "fence": 13, "pole": 17, "traffic_light": 19,
+    "traffic_sign": 20, "vegetation": 21, "terrain": 22, "sky": 23, "pedestrian": 24, "rider": 25, "car": 26,
+    "truck": 27, "bus": 28, "motorcycle": 32, "bicycle": 33, "static": 4, "dynamic": 5,
+}  # fmt: skip
+"""Ids of the names of CARLA, which synthetic drives have."""
+
+
+def make_kitti_360(street: Path, root: Path, truth: Pose) -> None:
+    """A synthetic drive in the layout of KITTI-360: labelled pictures, raw sweeps, and windows of labelled points."""
+    drive = read_drive(street)
+    camera = drive.camera
+    ids = np.zeros(256, np.uint8)
+    for value, name in _core.synthetic_classes():
+        ids[value] = IN_KITTI_360.get(name, 0)
+    write(root / "calibration/calib_cam_to_velo.txt", numbers(inverse(truth)[:3]) + "\n")
+    write(root / "calibration/calib_cam_to_pose.txt", f"image_00: {numbers(np.eye(4)[:3])}\n")
+    P = np.c_[np.array(camera.K), np.zeros(3)]
+    write(
+        root / "calibration/perspective.txt",
+        f"S_rect_00: {camera.width}.0 {camera.height}.0\nR_rect_00: {numbers(np.eye(3))}\nP_rect_00: {numbers(P)}\n",
+    )
+    poses = ""
+    for number, frame in enumerate(drive.frames):
+        name = f"{250 + number:010d}"
+        pictures, labels = (
+            root / f"{part}/{KITTI_360_DRIVE}/image_00/{kind}/{name}.png"
+            for part, kind in (("data_2d_raw", "data_rect"), ("data_2d_semantics/train", "semantic"))
+        )
+        for path in (pictures, labels):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        assert frame.image is not None
+        assert frame.image_labels is not None
+        pictures.write_bytes(drive.resolve(frame.image).read_bytes())
+        write_picture(ids[read_picture(drive.resolve(frame.image_labels))[..., 0]], labels)
+        cloud = np.fromfile(drive.resolve(frame.points), np.float32).reshape(-1, 4)
+        of_points = ids[np.fromfile(drive.resolve(str(frame.point_labels)), np.uint32) & 0xFFFF]
+        # The HDL-64E sees less of what is above and below.
+        elevation = np.degrees(np.arctan2(cloud[:, 2], np.hypot(cloud[:, 0], cloud[:, 1])))
+        seen = (elevation > -24.8) & (elevation < 2.0)
+        cloud, of_points = cloud[seen], of_points[seen]
+        sweep = root / f"data_3d_raw/{KITTI_360_DRIVE}/velodyne_points/data/{name}.bin"
+        sweep.parent.mkdir(parents=True, exist_ok=True)
+        cloud.tofile(sweep)
+        network = root / f"network/{name}.label"
+        network.parent.mkdir(exist_ok=True)
+        of_points.astype(np.uint32).tofile(network)
+        # Each frame has a window of its own, and a kilometre to itself.
+        T_world_pose = moved(np.eye(4), 1000.0 * number, 0.0, 0.0)
+        poses += f"{250 + number} {numbers(T_world_pose[:3])}\n"
+        write_window(
+            root / f"data_3d_semantics/train/{KITTI_360_DRIVE}/static/{name}_{name}.ply",
+            cloud[:, :3].astype(float) @ truth[:3, :3].T + truth[:3, 3] + T_world_pose[:3, 3],
+            of_points,
+        )
+    write(root / f"data_poses/{KITTI_360_DRIVE}/poses.txt", poses)
+
+
+def write_window(path: Path, world: np.ndarray, ids: np.ndarray) -> None:
+    vertices = np.zeros(len(world), dtype="<f4,<f4,<f4,<i4,u1")
+    vertices["f0"], vertices["f1"], vertices["f2"] = world.T
+    vertices["f3"], vertices["f4"] = ids, 1
+    properties = ("float x", "float y", "float z", "int semantic", "uchar visible")
+    header = "".join(f"property {name}\n" for name in properties)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(world)}\n{header}end_header\n"
+    path.write_bytes(head.encode() + vertices.tobytes())
+
+
+@pytest.mark.parametrize("clouds", ["windows", "sweeps"])
+def test_kitti_360_from_import_to_table(
+    street: Path, street_truth: Pose, tmp_path: Path, clouds: str
+) -> None:
+    make_kitti_360(street, tmp_path / "KITTI-360", street_truth)
+    arguments: list[str] = []
+    if clouds == "sweeps":
+        (tmp_path / "KITTI-360/data_3d_semantics").rename(tmp_path / "windows")
+        network = str(tmp_path / "KITTI-360/network")
+        arguments = ["--point-labels", network, "--point-classes", "kitti-360"]
+    drive = tmp_path / "drive"
+    found = CliRunner().invoke(
+        semcal, ["import", "kitti-360", str(tmp_path / "KITTI-360"), *arguments, "-o", str(drive)]
+    )
+    assert found.exit_code == 0, found.output
+    table = run_table(drive, tmp_path)
+    rows = read_rows(tmp_path / "table_drive")
+    assert float(rows["semcal"]["rotation_error_deg"]) < 0.2
+    assert float(rows["SOIC"]["rotation_error_deg"]) < 0.5
+    # Accumulated points have lost their intensity.
+    for method in BY_INTENSITY:
+        assert (method in rows) == (clouds == "sweeps")
+        assert (f"| {method} | failed: " in table) == (clouds == "windows")
+    assert (tmp_path / "table_drive/c_pmi.png").exists() == (clouds == "sweeps")
+
+
+def test_settings_are_those_of_the_paper() -> None:
+    assert [setting.num_pairs for setting in EXPERIMENTS["pairs"]] == [1, 10, 20, 50, 70]
+    assert [setting.wrong for setting in EXPERIMENTS["noise"]] == [0.0, 0.1, 0.2, 0.3, 0.4, 0.5]
+
+
+def test_a_drive_by_every_method(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wrong labels harm what looks at labels."""
+    monkeypatch.setattr(rivals, "MINE_SETTINGS", ("right",))
+    settings = Setting("right", 3), Setting("wrong", 3, 0.5)
+    found = Experiment(settings, tmp_path, STREET)(Case(15))
+    by = {(f.setting, f.method): f for f in found}
+    assert set(by) == {
+        (s.name, m) for s in settings for m in METHODS if m not in WITH_MINE or s.name == "right"
+    }
+    for method in ("semcal", "SOIC", "semcal, MINE"):
+        assert by["right", method].rotation_deg < 0.5
+    for method in ("semcal", "SOIC"):
+        assert by["wrong", method].rotation_deg > by["right", method].rotation_deg
+    table = rivals.write_rivals("noise", found, 1, tmp_path)
+    assert table.count("\n") == 2 + len(found)
+    assert (tmp_path / "plot.png").stat().st_size > 1000
+    assert json.loads((tmp_path / "summary.json").read_text())["start"]["rotation_deg"] == 2.0
+
+
+def test_what_is_lost_counts() -> None:
+    findings = [
+        *(Finding("10", "semcal", seed, 0.01 * seed, 0.1, 1.0) for seed in range(1, 4)),
+        Finding("10", "SOIC", 1, 2.5, 1.0, 1.0),
+        Finding("10", "SOIC", 2, 0.1, 25.0, 1.0),
+        Finding("10", "SOIC", 3, math.inf, math.inf, 1.0, "no overlap"),
+        Finding("10", "SOIC", 4, 0.1, 1.0, 1.0),
+    ]
+    summaries = {summary.method: summary for summary in rivals.summarise(findings)}
+    assert summaries["semcal"].rotation_deg == pytest.approx((0.02, 0.03, 0.03))
+    assert (summaries["semcal"].num_lost, summaries["SOIC"].num_lost) == (0, 3)
+    assert summaries["SOIC"].camera_center_cm == (13.0, math.inf, math.inf)
+
+
+def test_a_start_at_which_nothing_is_seen_fails_each_by_itself(street: Path, tmp_path: Path) -> None:
+    """Straight up, where nothing returns: no method has an answer, and the table says so of each."""
+    up = tmp_path / "up.yaml"
+    write_transform(pose_from_mounting([0.0, -90.0, 0.0], [0.0, 0.0, 0.0]), up, "semcal")
+    found = CliRunner().invoke(
+        semcal, ["experiment", "table", str(street), "--init", str(up), "-o", str(tmp_path)]
+    )
+    table = found.stdout
+    for method in METHODS:
+        assert f"| {method} | failed: " in table, found.output
+    assert "semcal's own verdict: failed." in table
+
+
+def test_a_frame_that_is_not_there_is_seen_at_once(street: Path, tmp_path: Path) -> None:
+    found = CliRunner().invoke(
+        semcal, ["experiment", "table", str(street), "--frame", "9", "-o", str(tmp_path)]
+    )
+    assert found.exit_code == 1
+    assert "found 4 frames, needed one numbered 9" in str(found.exception)
+
+
+def test_the_command_goes_on_where_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(EXPERIMENTS, "pairs", (Setting("1", 1),))
+    arguments = ["experiment", "pairs", "--seeds", "1", "--first-seed", "16", "-o", str(tmp_path)]
+    tables = [CliRunner().invoke(semcal, arguments) for _ in range(2)]
+    assert tables[0].exit_code == 0, tables[0].output
+    assert "| 1 | semcal | 1 | 0.0" in tables[0].stdout
+    assert tables[1].stdout == tables[0].stdout  # with the same seconds: nothing was run again
+    results = tmp_path / "pairs/results.jsonl"
+    assert len(results.read_text().splitlines()) == 1
+    assert list((tmp_path / "pairs/drives").iterdir()) == []
+    results.write_text("garbage\n")
+    found = CliRunner().invoke(semcal, arguments)
+    assert found.exit_code == 1
+    assert "results.jsonl: line 1: found 'garbage" in str(found.exception)
+
+
+def test_a_table_overwrites_nothing_that_it_reads(street: Path, tmp_path: Path) -> None:
+    folder = tmp_path / f"table_{street.name}"
+    folder.mkdir()
+    reference = folder / "summary.json"
+    write_transform(read_transform(street), reference, "semcal")
+    before = reference.read_bytes()
+    for option in ("--reference", "--init"):
+        found = CliRunner().invoke(
+            semcal, ["experiment", "table", str(street), option, str(reference), "-o", str(tmp_path)]
+        )
+        assert found.exit_code == 1
+        assert "found a file that this run reads or writes" in str(found.exception)
+    assert reference.read_bytes() == before

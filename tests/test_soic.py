@@ -1,0 +1,142 @@
+"""SOIC, the rival: as good as its idea, and clear about what it needs."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from semcal_cli import _core
+from semcal_cli.camera import core_camera
+from semcal_cli.cli import semcal
+from semcal_cli.errors import CalibrationError
+from semcal_cli.experiments.accuracy import off
+from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.label_noise import with_wrong_labels
+from semcal_cli.metrics import compare_poses
+from semcal_cli.observations import Observations
+from semcal_cli.poses import Pose, pose_from_mounting
+from semcal_cli.soic import Soic, SoicConfig
+
+
+@pytest.fixture(scope="module")
+def soic(street_observations: Observations) -> Soic:
+    return Soic(street_observations, SoicConfig())
+
+
+def calibrate(*arguments: object) -> tuple[int, str]:
+    found = CliRunner().invoke(semcal, ["calibrate", *map(str, arguments), "--method", "soic"])
+    return found.exit_code, found.output
+
+
+def test_comes_back_from_two_degrees(soic: Soic, street_truth: Pose) -> None:
+    for seed in range(2):
+        T_init = off(street_truth, 2.0, 0.2, np.random.default_rng(seed))
+        found = soic.minimize(T_init)
+        assert found.converged
+        assert found.cost_px == pytest.approx(soic.cost(found.T_camera_lidar))
+        assert found.cost_px < 0.2 * soic.cost(T_init)
+        error = compare_poses(found.T_camera_lidar, street_truth)
+        assert error.rotation_deg < 0.5
+        assert error.camera_center_cm < 10.0
+
+
+def test_semantic_centroids_are_a_start_from_nothing(soic: Soic, street_truth: Pose) -> None:
+    assert compare_poses(soic.initialize(3.0), street_truth).rotation_deg < 5.0
+
+
+@pytest.mark.parametrize("block_px", [1, 2])
+def test_the_cost_is_the_distance_to_the_pixels_of_the_class(
+    street_observations: Observations, street_truth: Pose, block_px: int
+) -> None:
+    """Of a few points, by brute force: distances of pixels, means of blocks, bilinear between their centres."""
+    from scipy.ndimage import distance_transform_edt, map_coordinates
+
+    seen = replace(
+        street_observations,
+        points=[points[::200] for points in street_observations.points],
+        point_classes=[ids[::200] for ids in street_observations.point_classes],
+    )
+    names = [name for name in seen.point_class_names if name in seen.image_class_names]
+    found: dict[str, list[float]] = {}
+    for points, ids, image in zip(seen.points, seen.point_classes, seen.image_classes, strict=True):
+        pixels, _, _ = _core.land(core_camera(seen.camera), points, street_truth)
+        for name in names:
+            place, of_pixels = seen.point_class_names.index(name), seen.image_class_names.index(name)
+            u, v = pixels[(ids == place) & np.isfinite(pixels).all(1)].T
+            if (image == of_pixels).any():
+                field = distance_transform_edt(image != of_pixels)
+                blocks = field.reshape(field.shape[0] // block_px, block_px, -1, block_px).mean((1, 3))
+                where = [(v + 0.5) / block_px - 0.5, (u + 0.5) / block_px - 0.5]
+                found.setdefault(name, []).extend(map_coordinates(blocks, where, order=1, mode="nearest"))
+    expected = np.mean([np.mean(of_class) for of_class in found.values() if of_class])
+    cost = Soic(seen, SoicConfig(block_px=block_px)).cost(street_truth)
+    assert cost == pytest.approx(expected, rel=1e-4)
+
+
+def test_wrong_labels_leave_no_better_place_unfound(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    """Where the cost is rugged, it is at least no higher than at the truth."""
+    wrong = with_wrong_labels(street_observations, 0.1, np.random.default_rng(2))
+    soic = Soic(wrong, SoicConfig())
+    found = soic.minimize(off(street_truth, 2.0, 0.2, np.random.default_rng(0)))
+    assert found.cost_px < 1.01 * soic.cost(street_truth)
+
+
+def test_a_pose_at_which_nothing_is_seen_is_an_error(street: Path, soic: Soic, street_truth: Pose) -> None:
+    with pytest.raises(CalibrationError, match="no overlap: no point of any class lands in the picture"):
+        soic.minimize(pose_from_mounting([0.0, -90.0, 0.0], [0.0, 0.0, 0.0]))
+
+
+def test_centroids_far_from_the_lidar_are_none(street_observations: Observations) -> None:
+    """In map coordinates, the pose that explains them is far away."""
+    far = [points + np.float32(4e5) for points in street_observations.points]
+    with pytest.raises(CalibrationError, match=r"no direction has 8 that agree on a pose within 3 m"):
+        Soic(replace(street_observations, points=far), SoicConfig()).initialize(3.0)
+
+
+def test_names_that_differ_are_an_error(street_observations: Observations) -> None:
+    others = [f"image {name}" for name in street_observations.image_class_names]
+    with pytest.raises(CalibrationError, match="found 0 classes of one name on both sides of a frame"):
+        Soic(replace(street_observations, image_class_names=others), SoicConfig())
+
+
+def test_the_command_writes_a_result_that_nobody_vouches_for(
+    street: Path, street_truth: Pose, tmp_path: Path
+) -> None:
+    """From a start and from nothing; the same bytes with any number of threads."""
+    start = tmp_path / "start.yaml"
+    write_transform(off(street_truth, 2.0, 0.2, np.random.default_rng(7)), start, "semcal")
+    results = [tmp_path / f"{threads}.yaml" for threads in (1, 2)]
+    for threads, result in enumerate(results, start=1):
+        assert calibrate(street, "--init", start, "-o", result, "--threads", threads)[0] == 0
+    assert results[0].read_bytes() == results[1].read_bytes()
+    written = yaml.safe_load(results[0].read_text())
+    assert written["status"] == "not_assessed"
+    assert written["uncertainty"] is None
+    assert list(written["stages"]) == ["initial", "refined"]
+    assert compare_poses(read_transform(results[0]), street_truth).rotation_deg < 0.5
+    code, output = calibrate(street, "-o", tmp_path / "nothing.yaml")
+    assert code == 0
+    assert "from semantic centroids" in output
+    assert compare_poses(read_transform(tmp_path / "nothing.yaml"), street_truth).rotation_deg < 0.5
+
+
+@pytest.mark.parametrize(
+    "option",
+    [
+        ("--estimator", "mine"),
+        ("--cue", "intensity"),
+        ("--no-polish",),
+        ("--repeat", "2"),
+        ("--roll", "any"),
+        ("--seed", "1"),
+    ],
+)
+def test_options_of_mutual_information_are_refused(street: Path, option: tuple[str, ...]) -> None:
+    code, output = calibrate(street, *option)
+    assert code == 2
+    assert f"{option[0]}: is of --method mi" in output
