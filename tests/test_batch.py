@@ -57,6 +57,10 @@ def command(drives: Path, out: Path, *options: str) -> list[str]:
     return ["batch", f"{drives}/*", "-o", str(out), *options, *rest]
 
 
+# In a process of its own, whose working folder is not the repository: there, Python finds the sources, not the package.
+SEMCAL = (sys.executable, "-c", "from semcal_cli.cli import main; main()")
+
+
 def run(arguments: list[str]) -> Result:
     return CliRunner().invoke(semcal, arguments)
 
@@ -198,16 +202,17 @@ def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
     """kill -9 at ten moments: the summary at the end is that of a batch that nothing happened to."""
     run(command(drives, tmp_path / "whole", "--jobs", "2"))
     rng = np.random.default_rng(5)
-    arguments = [sys.executable, "-c", "from semcal_cli.cli import main; main()"]
     for _ in range(10):
         process = subprocess.Popen(
-            [*arguments, *command(drives, tmp_path / "killed", "--jobs", "2")],
+            [*SEMCAL, *command(drives, tmp_path / "killed", "--jobs", "2")],
+            cwd=tmp_path,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
         time.sleep(rng.uniform(0.2, 3.0))
         process.send_signal(signal.SIGKILL)
         process.wait()
+    assert (tmp_path / "killed").exists()
     assert run(command(drives, tmp_path / "killed", "--jobs", "2")).exit_code in (0, 3)
     for name in ("summary.csv", "summary.jsonl"):
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "killed" / name).read_bytes()
@@ -283,7 +288,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
     assert distributed is not None
     environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
     file = tmp_path / "scheduler.json"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment}
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment, "cwd": tmp_path}
     scheduler = subprocess.Popen(
         [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
          "--no-dashboard", "--scheduler-file", str(file)], **quiet)  # fmt: skip
@@ -324,10 +329,11 @@ def test_a_cluster_gives_the_same_summary_though_a_worker_is_lost(
     address, workers = cluster
     run(command(drives, tmp_path / "local"))
     process = subprocess.Popen(
-        [sys.executable, "-c", "from semcal_cli.cli import main; main()",
-         *command(drives, tmp_path / "cluster", "--dask", address)],
-        stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+        [*SEMCAL, *command(drives, tmp_path / "cluster", "--dask", address)],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
     assert process.stderr is not None
     process.stderr.readline()  # one drive is done, others are under way
     workers[0].send_signal(signal.SIGKILL)

@@ -31,7 +31,13 @@ from semcal_cli.batch.tasks import (
 )
 from semcal_cli.errors import InputError
 
-COMMAND = (sys.executable, "-m", "semcal_cli.cli.worker")
+# It finds packages where this process does: `-m` would look in the working folder first, which may hold anything.
+COMMAND = (
+    sys.executable,
+    "-c",
+    "import sys; sys.path = sys.argv[1:]; from semcal_cli.cli.worker import main; main()",
+    *sys.path,
+)
 CHUNK = 65_536
 
 

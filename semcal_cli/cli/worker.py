@@ -69,7 +69,3 @@ def _execute(task: Task) -> dict[str, Any]:
     if output != os.devnull and code != 1:
         Path(output).replace(result)
     return {"exit_code": code, "error": error}
-
-
-if __name__ == "__main__":
-    main()
