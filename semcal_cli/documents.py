@@ -10,7 +10,7 @@ import os
 import re
 import secrets
 import stat
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
@@ -106,23 +106,37 @@ def read_list(path: Path) -> list[dict[Any, Any]]:
     return document
 
 
+def read_json_lines(path: Path) -> list[Any]:
+    """Read what the lines of a file hold, each a JSON document of its own.
+
+    Raises:
+        InputError: there is no such file, it is not UTF-8, or a line is not well-formed.
+    """
+    lines = read_text(path).removesuffix("\n").split("\n")
+    return [_parse(_parse_json, line, f"{path}: line {number}") for number, line in enumerate(lines, start=1)]
+
+
 def parse_any(text: str, path: Path) -> Any:
     """Read what the text of a JSON file (by its suffix) or a YAML file holds; `path` is for complaints.
 
     Raises:
         InputError: the text is not well-formed.
     """
+    return _parse(_parse_json if path.suffix.lower() == ".json" else _parse_yaml, text, str(path))
+
+
+def _parse(parse: Callable[[str], Any], text: str, where: str) -> Any:
     try:
-        document = _parse_json(text) if path.suffix.lower() == ".json" else yaml.load(text, _Loader)
+        document = parse(text)
         # Only an escape can stand for a lone surrogate.
         texts = _texts(document) if "\\" in text else iter(())
         text_found = next(filter(_is_no_text, texts), None)
     except RecursionError:
-        raise InputError(f"{path}: nested too deeply") from None
+        raise InputError(f"{where}: nested too deeply") from None
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        raise InputError(f"{path}: {_reason(error)}") from None
+        raise InputError(f"{where}: {_reason(error)}") from None
     if text_found is not None:
-        raise InputError(f"{path}: found {ascii(text_found)[:60]}, needed text without lone surrogates")
+        raise InputError(f"{where}: found {ascii(text_found)[:60]}, needed text without lone surrogates")
     return document
 
 
@@ -283,6 +297,10 @@ def _os_reason(error: OSError) -> str:
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return "no such file or folder"
     return (error.strerror or str(error)).lower()
+
+
+def _parse_yaml(text: str) -> Any:
+    return yaml.load(text, _Loader)
 
 
 def _parse_json(text: str) -> Any:

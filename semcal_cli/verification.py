@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
 
 import numpy as np
 
 from semcal_cli.errors import CalibrationError
 from semcal_cli.initialization import InitializationConfig
+from semcal_cli.limits import Check, Limits, Verdict, judge, together
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations
 from semcal_cli.pipeline import Given, RefinementConfig, Run
 from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 
-Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
-Unit: TypeAlias = Literal["cm", "deg"]
-
-MAX_ROTATION_DEG = 0.3
-MAX_TRANSLATION_M = 0.05
 NEAR_DEG = 5.0
 """An estimate that is farther from the transform than this is searched for from nothing ..."""
 NEAR_M = 0.5
@@ -28,22 +22,7 @@ SAME_DEG = 3.0
 """A mistake is recognised if, made good, it leads so near to the estimate ..."""
 SAME_M = 0.3
 """... and so near."""
-AXES = ("x", "y", "z")
 REFINEMENT = RefinementConfig(with_label_bleed=False)
-
-
-@dataclass(frozen=True)
-class Check:
-    """One figure that is judged."""
-
-    name: str
-    unit: Unit
-    offset: float
-    """The transform less the estimate."""
-    half_width: float | None
-    """Of its 95 % interval; None if nothing is known of it."""
-    allowed: float
-    verdict: Verdict
 
 
 @dataclass(frozen=True)
@@ -52,21 +31,11 @@ class Verification:
 
     verdict: Verdict
     checks: tuple[Check, ...]
-    """The camera's place and its rotation along its axes, then the length of either."""
+    """The transform less the estimate: the camera's place and its rotation, along its axes and in all."""
     reasons: tuple[str, ...]
     """Why it is not more certain, or what the transform looks like."""
     T_camera_lidar: Pose
     """The estimate."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """How far a transform may be off."""
-
-    rotation_deg: float = MAX_ROTATION_DEG
-    """About each axis of the camera, and in all."""
-    translation_m: float = MAX_TRANSLATION_M
-    """Along each axis of the camera, and in all."""
 
 
 def verify(run: Run, given: Given, limits: Limits, observations: Observations | None = None) -> Verification:
@@ -98,13 +67,12 @@ def verify(run: Run, given: Given, limits: Limits, observations: Observations | 
         if uncertainty
         else None
     )
-    checks = _checks(given.T_camera_lidar, estimate, half_widths, limits)
+    error = compare_poses(given.T_camera_lidar, estimate)
+    center_m = [0.01 * x for x in error.camera_center_xyz_cm]
+    checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits)
     if run.reasons or uncertainty is None:
         return Verification("inconclusive", checks, tuple(run.reasons), estimate)
-    verdicts = [check.verdict for check in checks]
-    verdict: Verdict = (
-        "fail" if "fail" in verdicts else "inconclusive" if "inconclusive" in verdicts else "pass"
-    )
+    verdict = together(check.verdict for check in checks)
     looks = recognise(given.T_camera_lidar, estimate) if verdict == "fail" else []
     return Verification(verdict, checks, tuple(looks), estimate)
 
@@ -123,40 +91,6 @@ def _nearby(run: Run, observations: Observations, given: Given) -> Pose | None:
 def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
     error = compare_poses(T_a, T_b)
     return error.rotation_deg <= angle_deg and error.camera_center_cm <= 100.0 * distance_m
-
-
-def _checks(
-    T_given: Pose, T_estimate: Pose, half_widths: Sequence[float] | None, limits: Limits
-) -> tuple[Check, ...]:
-    """Judge the camera's place and its rotation, each along the three axes and in all."""
-    error = compare_poses(T_given, T_estimate)
-    found = np.array([*error.camera_center_xyz_cm, *error.rotation_xyz_deg])
-    half = None if half_widths is None else np.array(half_widths) * ([100.0] * 3 + [1.0] * 3)
-    parts: tuple[tuple[str, Unit, slice, float], ...] = (
-        ("camera centre", "cm", slice(0, 3), 100.0 * limits.translation_m),
-        ("rotation", "deg", slice(3, 6), limits.rotation_deg),
-    )
-    checks = []
-    for name, unit, part, allowed in parts:
-        offsets = found[part]
-        widths = None if half is None else half[part]
-        for index, axis in enumerate(AXES):
-            width = None if widths is None else float(widths[index])
-            checks.append(_check(f"{name} {axis}", unit, float(offsets[index]), width, allowed))
-        length = float(np.linalg.norm(offsets))
-        along = offsets / length if length > 0.0 else np.full(3, 3**-0.5)
-        width = None if widths is None else float(np.linalg.norm(along * widths))
-        checks.append(_check(f"{name} in all", unit, length, width, allowed))
-    return tuple(checks)
-
-
-def _check(name: str, unit: Unit, offset: float, half_width: float | None, allowed: float) -> Check:
-    verdict: Verdict = "inconclusive"
-    if half_width is not None and abs(offset) - half_width > allowed:
-        verdict = "fail"
-    if half_width is not None and abs(offset) + half_width <= allowed:
-        verdict = "pass"
-    return Check(name, unit, offset, half_width, allowed, verdict)
 
 
 def recognise(T_given: Pose, T_estimate: Pose) -> list[str]:

@@ -9,7 +9,7 @@ PACKAGE = Path(semcal_cli.__file__).parent
 LAYERS = [
     {"errors", "_core"},
     {"documents", "poses", "se3", "synthesis_config", "classes"},
-    {"validation", "metrics", "pictures"},
+    {"validation", "metrics", "pictures", "limits"},
     {"drive"},
     {"calibration", "camera", "point_clouds"},
     {"formats", "motion", "projection", "provenance", "schemas"},

@@ -19,6 +19,7 @@ from semcal_cli.cli.convert import convert
 from semcal_cli.cli.demo import demo
 from semcal_cli.cli.evaluate import evaluate
 from semcal_cli.cli.experiment import experiment
+from semcal_cli.cli.fleet import fleet
 from semcal_cli.cli.import_ import import_
 from semcal_cli.cli.initialize import initialize
 from semcal_cli.cli.inspect import inspect
@@ -40,7 +41,7 @@ def semcal() -> None:
 
 
 COMMANDS = (
-    *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch),
+    *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch, fleet),
     *(overlay, report, inspect, import_, synth, experiment, demo),
 )
 for command in COMMANDS:

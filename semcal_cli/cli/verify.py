@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from semcal_cli.cli.ci import EXIT_CODES, annotate, check_line, write_junit
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
@@ -23,9 +23,7 @@ from semcal_cli.cli.options import (
 
 if TYPE_CHECKING:
     from semcal_cli.cues import Cue
-    from semcal_cli.verification import Check, Verification
-
-EXIT_CODES = {"pass": 0, "fail": 3, "inconclusive": 4}
+    from semcal_cli.verification import Verification
 
 
 @click.command(
@@ -62,8 +60,8 @@ def verify(
     """Verify a transform on a drive."""
     from semcal_cli.cli.session import Session
     from semcal_cli.formats import read_transform
+    from semcal_cli.limits import Limits
     from semcal_cli.pipeline import Given
-    from semcal_cli.verification import Limits
     from semcal_cli.verification import verify as check
 
     if "features" in cues:
@@ -85,10 +83,9 @@ def verify(
     with session:
         found = check(session.run, given, Limits(max_rotation_deg, max_translation_m))
     if junit is not None:
-        _write_junit(found, junit)
+        write_junit("verify", found.checks, found.reasons, junit)
     _print(found, as_json)
-    if os.environ.get("GITHUB_ACTIONS") == "true":
-        _annotate(found)
+    annotate("verify", found.verdict, found.checks, found.reasons)
     sys.exit(EXIT_CODES[found.verdict])
 
 
@@ -102,50 +99,7 @@ def _print(found: Verification, as_json: bool) -> None:
         )
         return
     for check in found.checks:
-        click.echo(_line(check))
+        click.echo(check_line(check))
     for reason in found.reasons:
         click.echo(reason)
     click.echo(found.verdict)
-
-
-def _line(check: Check) -> str:
-    half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
-    return f"{check.name:<21}{check.offset:10.4f} {half} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"
-
-
-def _write_junit(found: Verification, path: Path) -> None:
-    """Write a test case for each check: a failure fails, what cannot be decided is skipped."""
-    from xml.etree import ElementTree
-
-    from semcal_cli.documents import write_text
-
-    verdicts = [check.verdict for check in found.checks]
-    suite = ElementTree.Element(
-        "testsuite",
-        name="semcal verify",
-        tests=str(len(verdicts)),
-        failures=str(verdicts.count("fail")),
-        skipped=str(verdicts.count("inconclusive")),
-        errors="0",
-    )
-    for check in found.checks:
-        case = ElementTree.SubElement(suite, "testcase", classname="semcal.verify", name=check.name)
-        kind = {"fail": "failure", "inconclusive": "skipped"}.get(check.verdict)
-        if kind is not None:
-            message = "; ".join([" ".join(_line(check).split()), *found.reasons])
-            ElementTree.SubElement(case, kind, message=message)
-    ElementTree.indent(suite)
-    write_text(
-        '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(suite, encoding="unicode") + "\n",
-        path,
-    )
-
-
-def _annotate(found: Verification) -> None:
-    """Put the verdict where GitHub shows it; on stderr, which it reads as well."""
-    kind = {"pass": "notice", "fail": "error", "inconclusive": "warning"}[found.verdict]
-    lines = [check.name for check in found.checks if check.verdict == found.verdict != "pass"]
-    text = "; ".join([found.verdict, *lines, *found.reasons])
-    for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
-        text = text.replace(character, code)
-    click.echo(f"::{kind} title=semcal verify::{text}", err=True)

@@ -20,11 +20,12 @@ from semcal_cli.experiments.runner import Pool, machine, write_results
 from semcal_cli.formats import read_transform
 from semcal_cli.initialization import InitializationConfig
 from semcal_cli.label_noise import with_wrong_labels
+from semcal_cli.limits import Limits
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations, mend, read_observations
 from semcal_cli.pipeline import Given, RefinementConfig, Run
 from semcal_cli.poses import Pose
-from semcal_cli.verification import Limits, verify
+from semcal_cli.verification import verify
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,9 +1,9 @@
-"""Whether a rig has changed: change points in a series of transforms, and a steady drift.
+"""Whether a rig has changed: change points in a series of transforms, or a steady drift.
 
 Change points are found by binary segmentation (Scott and Knott, 1974): a series is split where two means explain it
 best, if they explain it better than chance does, and then each part again. The gain of a split is the statistic of the
-likelihood ratio; the best of n splits of nothing but noise exceeds the quantile of chi squared with six degrees of
-freedom at 1 - alpha / n no more often than alpha (Bonferroni).
+likelihood ratio; the best of n splits of nothing but noise exceeds the quantile of its distribution at 1 - alpha / n no
+more often than alpha (Bonferroni).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
+from scipy.stats import f as fisher
 
 from semcal_cli.fleet.consensus import STUDENT_DOF, Matrices, Vectors
 
@@ -25,35 +25,62 @@ WINDOW = 5
 
 @dataclass(frozen=True)
 class Drift:
-    """A steady change over the whole series."""
+    """A steady change over the whole series, a straight line of (rho, phi) over time."""
 
     per_unit: npt.NDArray[np.float64]
-    """(6,) of (rho, phi) a unit of time, or a drive."""
+    """(6,) a unit of time."""
     covariance: npt.NDArray[np.float64]
+    """(6, 6) of that."""
+    level: npt.NDArray[np.float64]
+    """(6,) at the middle of the series, where it is hardly correlated with the slope."""
+    level_covariance: npt.NDArray[np.float64]
+    """(6, 6) of that."""
+    middle: float
     is_significant: bool
 
+    def at(self, times: npt.NDArray[np.float64]) -> Vectors:
+        """Give the line (N, 6) at some times."""
+        return self.level + (times - self.middle)[:, None] * self.per_unit
 
-def change_points(series: Vectors, covariances: Matrices) -> list[int]:
-    """Find the places, ascending, at which a part of a series begins that differs from the one before."""
+    def covariance_at(self, time: float) -> npt.NDArray[np.float64]:
+        """Give the covariance (6, 6) of the line at a time."""
+        covariance: npt.NDArray[np.float64] = (
+            self.level_covariance + (time - self.middle) ** 2 * self.covariance
+        )
+        return covariance
+
+
+def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: float) -> list[int]:
+    """Find the places, ascending, at which a part of a series begins that differs from the one before.
+
+    Args:
+        series: In the order of time.
+        covariances: Of each, with what they scatter beyond what they say.
+        degrees_of_freedom: That this scatter is known with.
+    """
     weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
     found: list[int] = []
     parts = [(0, len(series))]
     while parts:
         begin, end = parts.pop()
-        split = _split(series[begin:end], weighted[begin:end], len(series))
+        threshold = quantile(ALPHA / len(series), degrees_of_freedom)
+        split = _split(series[begin:end], weighted[begin:end], threshold)
         if split is not None:
             found.append(begin + split)
             parts += [(begin, begin + split), (begin + split, end)]
     return sorted(found)
 
 
-def drift(times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices) -> Drift:
-    """Fit a straight line by weighted least squares."""
+def drift(
+    times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices, degrees_of_freedom: float
+) -> Drift:
+    """Fit a straight line by weighted least squares; arguments as of `change_points`, and times in any unit."""
     weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
     total = weighted.sum(0)
     # Times are counted from their weighted mean, per axis alike: slope and level are then hardly correlated.
     share = np.trace(weighted, axis1=1, axis2=2)
-    centered = times - np.average(times, weights=share)
+    middle = float(np.average(times, weights=share))
+    centered = times - middle
     design = np.block(
         [
             [total, np.einsum("n,nij->ij", centered, weighted)],
@@ -64,12 +91,33 @@ def drift(times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices
         [np.einsum("nij,nj->i", weighted, series), np.einsum("n,nij,nj->i", centered, weighted, series)]
     )
     inverse = np.linalg.pinv(design, hermitian=True)
-    slope, covariance = (inverse @ right)[6:], inverse[6:, 6:]
+    solution = inverse @ right
+    level, slope, covariance = solution[:6], solution[6:], inverse[6:, 6:]
     statistic = float(slope @ np.linalg.pinv(covariance, hermitian=True) @ slope)
-    return Drift(slope, covariance, bool(statistic > chi2.ppf(1.0 - ALPHA, 6)))
+    is_significant = bool(statistic > quantile(ALPHA, degrees_of_freedom))
+    return Drift(slope, covariance, level, inverse[:6, :6], middle, is_significant)
 
 
-def _split(series: Vectors, weighted: Matrices, num_all: int) -> int | None:
+def quantile(alpha: float, degrees_of_freedom: float) -> float:
+    """Give what the squared length of a vector of six, in its standard errors, exceeds by chance so often.
+
+    Hotelling's, which is chi squared where standard errors are known.
+    """
+    return 6.0 * float(fisher.isf(alpha, 6, degrees_of_freedom))
+
+
+def misfit(series: Vectors, model: Vectors, covariances: Matrices, num_parameters: int) -> float:
+    """Give the Bayesian information criterion (Schwarz, 1978) of a model of a series: the smallest is the best.
+
+    Weights are those of the series, whatever the model.
+    """
+    weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
+    off = series - model
+    squared = float(np.einsum("ni,nij,nj->", off, weighted, off))
+    return squared + num_parameters * float(np.log(len(series)))
+
+
+def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:
     """The best place to split, if it is better than chance."""
     count = len(series)
     if count < 2 * MIN_LENGTH:
@@ -82,7 +130,6 @@ def _split(series: Vectors, weighted: Matrices, num_all: int) -> int | None:
     gain = _explained(left, of_left) + _explained(right, of_right)
     gain -= _explained(information[-1:], pull[-1:])
     best = int(np.argmax(gain))
-    threshold = chi2.ppf(1.0 - ALPHA / num_all, 6)
     return int(places[best]) if gain[best] > threshold else None
 
 

@@ -28,6 +28,13 @@ Matrices = npt.NDArray[np.float64]
 """(N, 6, 6) covariances of them."""
 
 STUDENT_DOF = 4.0
+WIDENING = 1.23
+"""Of the inverse of the weighted information: makes it the covariance of this mean of normal transforms (the
+sandwich of an M-estimator: E[w^2 d^2] / 6 by the square of E[w + w' d^2 / 3], times E[w]; d^2 is chi squared)."""
+MAX_SQUARE = 4.0
+"""Of a difference of neighbours, in variances."""
+EFFICIENCY = 0.6
+"""Of the variance of neighbours' differences, beside the variance about a mean that is known."""
 MAX_ROUNDS = 50
 SETTLED = 1e-12
 """Metres and radians of the last step."""
@@ -62,25 +69,40 @@ def moved(T_reference: Pose, coordinates: npt.NDArray[np.float64]) -> Pose:
     return T
 
 
-def extra_variance(series: Vectors, covariances: Matrices) -> npt.NDArray[np.float64]:
-    """Tell by how much a series scatters more than its covariances say, as a variance (6,) along each axis.
+@dataclass(frozen=True)
+class Scatter:
+    """By how much a series scatters more than its covariances say."""
 
-    With it, the median squared difference of neighbours is what it would be for a normal distribution.
+    variances: npt.NDArray[np.float64]
+    """(6,) along each axis."""
+    degrees_of_freedom: npt.NDArray[np.float64]
+    """(6,) that the whole scatter is known with, stated and extra together (Satterthwaite)."""
+
+
+def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
+    """Tell how much a series scatters beyond what is stated.
+
+    With it, differences of neighbours are as large as a normal distribution's, by Huber's second proposal (1964): their
+    squares count up to a limit, so that what lies alone, or a change, counts as little as anything that is far.
     """
-    if len(series) < 3:
-        return np.zeros(6)
+    num_differences = len(series) - 1
+    if num_differences < 2:
+        return Scatter(np.zeros(6), np.ones(6))
     squared = np.diff(series, axis=0) ** 2
     variances = np.diagonal(covariances, axis1=1, axis2=2)
     stated = variances[1:] + variances[:-1]
-    median = float(chi2.ppf(0.5, 1))
-    low, high = np.zeros(6), squared.max(axis=0) / median
+    mean = float(chi2.cdf(MAX_SQUARE, 3) + MAX_SQUARE * chi2.sf(MAX_SQUARE, 1))
+    low, high = np.zeros(6), squared.max(axis=0) / (2.0 * mean) * num_differences
     for _ in range(60):
         middle = 0.5 * (low + high)
-        is_too_small = np.median(squared / (stated + 2.0 * middle), axis=0) > median
+        clipped = np.minimum(squared / (stated + 2.0 * middle), MAX_SQUARE)
+        is_too_small = clipped.mean(axis=0) > mean
         low, high = np.where(is_too_small, middle, low), np.where(is_too_small, high, middle)
     # Where stated variances are enough, the search ends at nothing.
     found: npt.NDArray[np.float64] = 0.5 * (low + high)
-    return found
+    share = np.maximum(found / (found + variances.mean(axis=0)), np.finfo(float).tiny)
+    # That there is none is not known any better than by so many drives.
+    return Scatter(found, np.minimum(EFFICIENCY * num_differences / share**2, num_differences))
 
 
 def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
@@ -103,7 +125,7 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
         T = moved(T, step)
         if np.abs(step).max() < SETTLED:
             break
-    return Mean(T, np.linalg.inv(normal), weights)
+    return Mean(T, WIDENING * np.linalg.inv(normal), weights)
 
 
 def _medoid(poses: Sequence[Pose]) -> int:

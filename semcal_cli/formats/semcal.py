@@ -1,6 +1,6 @@
 """semcal's own files: p_camera = T_camera_lidar * p_lidar, as stored.
 
-A calibration, a drive with its reference, or a bare transform, as `convert` writes it.
+A calibration, a drive with its reference, what `fleet` writes, or a bare transform, as `convert` writes it.
 """
 
 from __future__ import annotations
@@ -18,10 +18,18 @@ from semcal_cli.poses import Pose
 from semcal_cli.validation import StrictModel, Transform, Version, validate
 
 CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_transform"
+FLEET = "semcal_fleet"
 
 
 class _Transform(StrictModel):
     semcal_transform: Version
+    T_camera_lidar: Transform
+
+
+class _Fleet(StrictModel):
+    """Of which the rest is for readers."""
+
+    semcal_fleet: Version
     T_camera_lidar: Transform
 
 
@@ -46,13 +54,16 @@ def _read(source: Source, asked: Asked) -> Pose:
             needed = "needed the drive's reference transform"
             raise InputError(f"{source.path}: T_camera_lidar: found nothing, {needed}")
         return np.array(drive.T_camera_lidar)
+    if FLEET in source.mapping:
+        kept = {name: source.mapping[name] for name in _Fleet.model_fields if name in source.mapping}
+        return np.array(validate(_Fleet, kept, source.path).T_camera_lidar)
     return np.array(validate(_Transform, source.document, source.path).T_camera_lidar)
 
 
 def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    if CALIBRATION in document:
+    if CALIBRATION in document or FLEET in document:
         raise InputError(
-            "--into: found a calibration, which says how sure its own transform is, needed another file"
+            "--into: found a result, which says how sure its own transform is, needed another file"
         )
     if DRIVE not in document:
         document.setdefault(TRANSFORM, 1)
@@ -61,8 +72,8 @@ def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
 
 FORMAT = Format(
     "semcal",
-    "p_camera = T p_lidar: T_camera_lidar of a calibration, a drive or a bare transform",
-    lambda source: bool({CALIBRATION, DRIVE, TRANSFORM} & source.mapping.keys()),
+    "p_camera = T p_lidar: T_camera_lidar of a calibration, a drive, a fleet or a bare transform",
+    lambda source: bool({CALIBRATION, DRIVE, FLEET, TRANSFORM} & source.mapping.keys()),
     _read,
     document_writer(_put),
     _put,

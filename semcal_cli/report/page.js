@@ -1,25 +1,3 @@
-"use strict";
-
-for (const button of document.querySelectorAll("button.copy")) {
-  button.addEventListener("click", async () => {
-    const source = document.getElementById(button.dataset.copy);
-    let copied = true;
-    try {
-      await navigator.clipboard.writeText(source.textContent);
-    } catch {
-      // Pages from a plain http server have no clipboard: the selection is copied instead.
-      getSelection().selectAllChildren(source);
-      copied = document.execCommand("copy");
-    }
-    button.textContent = copied ? "Copied" : "Selected";
-    button.classList.add("done");
-    setTimeout(() => {
-      button.textContent = "Copy";
-      button.classList.remove("done");
-    }, 1500);
-  });
-}
-
 for (const input of document.querySelectorAll(".slider input")) {
   const show = () => input.parentElement.style.setProperty("--at", `${input.value}%`);
   input.addEventListener("input", show);

@@ -7,8 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
 
 from semcal_cli import _core
 from semcal_cli.calibration import Calibration
@@ -23,16 +21,8 @@ from semcal_cli.report.frames import frame_pictures
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.plots import BOX, plots
 from semcal_cli.report.subject import Subject
+from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import runner_up_sentence, uncertainty_sentences, verdict
-
-ENVIRONMENT = Environment(
-    loader=PackageLoader("semcal_cli.report", "."),
-    autoescape=True,
-    undefined=StrictUndefined,
-    trim_blocks=True,
-    lstrip_blocks=True,
-    keep_trailing_newline=True,
-)
 
 
 @dataclass(frozen=True)
@@ -84,9 +74,9 @@ def report_html(subject: Subject, progress: Callable[[str], None]) -> str:
     progress("following the mutual information along six axes")
     curves = information_curves(observations, T, record.uncertainty if record else None)
     progress("writing the page")
-    return ENVIRONMENT.get_template("page.html").render(
-        style=_source("page.css"),
-        script=_source("page.js"),
+    return ENVIRONMENT.get_template("report/page.html").render(
+        style=source("page.css"),
+        script=source("copy.js", "page.js"),
         subject=subject,
         record=record,
         verdict=verdict(subject),
@@ -110,11 +100,6 @@ def report_html(subject: Subject, progress: Callable[[str], None]) -> str:
         versions=record.settings.versions if record else versions(),
         hashes=(record.input if record else describe_input(subject.drive, None, Path())).sha256,
     )
-
-
-def _source(name: str) -> Markup:
-    """A file of ours that goes in as it is."""
-    return Markup((Path(__file__).parent / name).read_text())
 
 
 def _stage_rows(record: Calibration) -> list[StageRow]:

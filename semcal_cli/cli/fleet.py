@@ -1,0 +1,115 @@
+"""`semcal fleet`: what many drives say of one rig."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from semcal_cli.cli.ci import EXIT_CODES, annotate, check_line, write_junit
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options, output_option, quiet_option
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from semcal_cli.fleet.assessment import Fleet
+
+MAX_LINES = 20
+"""So many drives that disagree or are left out are named on the terminal; files name all."""
+PLOTS = (".png", ".svg")
+
+
+@click.command(
+    help=f"""Put the drives of one rig together: what they agree on, which do not, whether the rig moved.
+
+    RESULTS are folders that semcal batch wrote, and single calibrations of semcal. Drives are ordered by the stamps of
+    their first frames, or by their names. Those that are not trusted are left out, and named.
+    Exit code 0: drives agree, and nothing moved by more than is allowed. 3: a change, a drift, or a drive lies beyond
+    that with its whole 95 % interval. 4: the drives cannot decide. The transform of the result is the last that
+    holds: other commands read it.
+
+    FILE of --reference is {KNOWN_TRANSFORMS}.
+    """
+)
+@click.argument("results", nargs=-1, required=True, type=PATH)
+@output_option
+@click.option(
+    "--reference", type=PATH, metavar="FILE", help="Judge, too, how far the rig is from this transform."
+)
+@limit_options(may_be_zero=False)
+@click.option("--report", "page", type=PATH, metavar="FILE", help="Write a page about it, too: .html.")
+@click.option("--plot", type=PATH, metavar="FILE", help="Write only the page's plot: .png or .svg.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Write a JUnit XML file, too.")
+@quiet_option
+def fleet(
+    results: tuple[Path, ...],
+    output: Path | None,
+    reference: Path | None,
+    max_rotation_deg: float,
+    max_translation_m: float,
+    page: Path | None,
+    plot: Path | None,
+    junit: Path | None,
+    quiet: bool,
+) -> None:
+    """Put the drives of a rig together."""
+    from semcal_cli.cli.session import check_outputs, check_page, make_console
+    from semcal_cli.documents import document_text, is_folder, output_format, write_bytes, write_text
+    from semcal_cli.drive import drive_file
+    from semcal_cli.errors import InputError
+    from semcal_cli.fleet.assessment import assess
+    from semcal_cli.fleet.members import SUMMARY, read_members
+    from semcal_cli.fleet.page import write_page
+    from semcal_cli.fleet.plot import plot_fleet
+    from semcal_cli.fleet.record import describe_fleet
+    from semcal_cli.formats import read_transform
+    from semcal_cli.limits import Limits
+
+    read = [path / SUMMARY if is_folder(path) else path for path in results]
+    read += [drive_file(reference)] if reference is not None else []
+    check_outputs(read, [path for path in (output, page, plot, junit) if path is not None])
+    form = "yaml" if output is None else output_format(output)
+    if page is not None:
+        check_page(page)
+    if plot is not None and plot.suffix.lower() not in PLOTS:
+        raise InputError(f"{plot}: found suffix {plot.suffix!r}, needed {' or '.join(PLOTS)}")
+    T_reference = None if reference is None else read_transform(reference)
+    given = [str(path) for path in results]
+
+    found = assess(read_members(results), Limits(max_rotation_deg, max_translation_m), T_reference)
+    text = document_text(
+        describe_fleet(found, given=given, reference=None if reference is None else str(reference)), form
+    )
+    if output is None:
+        click.echo(text, nl=False)
+    else:
+        write_text(text, output)
+    if page is not None:
+        write_page(found, given, page)
+    if plot is not None:
+        write_bytes(plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png"), plot)
+    if junit is not None:
+        write_junit("fleet", found.checks, found.reasons, junit)
+    _summarise(found, make_console(quiet))
+    annotate("fleet", found.verdict, found.checks, found.reasons)
+    sys.exit(EXIT_CODES[found.verdict])
+
+
+def _summarise(found: Fleet, console: Console) -> None:
+    width = max(len(check.name) for check in found.checks) + 2
+    lines = [check_line(check, width) for check in found.checks]
+    off = [
+        f"{standing.member.drive}: disagrees by {standing.offset.words}"
+        for standing in found.standings
+        if standing.disagrees
+    ]
+    out = [f"{member.drive}: left out: {member.left_out}" for member in found.left_out]
+    for each in (off, out):
+        lines += each[:MAX_LINES]
+        lines += [f"and {len(each) - MAX_LINES:,} more"] if len(each) > MAX_LINES else []
+    num_all = len(found.standings) + len(found.left_out)
+    lines += [f"{len(found.standings):,} of {num_all:,} drives used", *found.reasons, found.verdict]
+    for line in lines:
+        console.print(line, markup=False)

@@ -1,0 +1,351 @@
+"""What a fleet of drives says of one rig: where the camera is, who disagrees, whether something moved, and a verdict.
+
+A rig stays as it is, changes now and then, or drifts; which of the three explains the drives best is told by the
+Bayesian information criterion. Every drive is compared with what holds at its time, and the last is what holds now.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.documents import listed
+from semcal_cli.errors import CalibrationError
+from semcal_cli.fleet.changes import Drift, change_points, drift, misfit, quantile
+from semcal_cli.fleet.consensus import (
+    Matrices,
+    Vectors,
+    extra_scatter,
+    local_coordinates,
+    moved,
+    robust_mean,
+)
+from semcal_cli.fleet.members import Member
+from semcal_cli.limits import Check, Limits, Verdict, judge, together
+from semcal_cli.poses import Pose
+
+ALPHA = 0.01
+"""A fleet that agrees has a drive that is said to disagree no more often than this (Bonferroni)."""
+MIN_DRIVES = 3
+"""Fewer do not tell how they scatter."""
+MIN_USED = 0.5
+"""Share of the drives; of a fleet that mostly could not be calibrated the rest says little."""
+MIN_DRIFT_DRIVES = 6
+"""Fewer do not tell a line from chance."""
+DAY_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class Offset:
+    """How far a transform is from another, along and about the axes of the other's camera."""
+
+    center_m: npt.NDArray[np.float64]
+    """(3,) of the camera's place."""
+    rotation_deg: npt.NDArray[np.float64]
+    """(3,)"""
+    half_widths: npt.NDArray[np.float64]
+    """(6,) of the 95 % intervals, metres and degrees."""
+
+    @property
+    def words(self) -> str:
+        """How far it is in all."""
+        center_cm, rotation_deg = 100.0 * np.linalg.norm(self.center_m), np.linalg.norm(self.rotation_deg)
+        return f"{center_cm:.2f} cm and {rotation_deg:.3f} deg"
+
+    def judge(self, limits: Limits) -> tuple[Check, ...]:
+        """Judge it along and about each axis, and in all."""
+        return judge(self.center_m.tolist(), self.rotation_deg.tolist(), self.half_widths.tolist(), limits)
+
+
+@dataclass(frozen=True)
+class Standing:
+    """A drive beside what holds at its time."""
+
+    member: Member
+    time: float
+    part: int
+    course: npt.NDArray[np.float64]
+    """(6,) what holds then relative to what holds at the last drive: the camera's place and rotation, metres and
+    degrees."""
+    offset: Offset
+    disagrees: bool
+    """By more than chance explains."""
+    verdict: Verdict
+    """`fail` if the offset is surely beyond a limit."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A stretch of time in which the rig stayed as it was, or the whole of a fleet that drifts."""
+
+    first: str
+    last: str
+    num_drives: int
+    T_camera_lidar: Pose
+    """At its end."""
+    half_widths: npt.NDArray[np.float64]
+    """(6,) of the 95 % intervals of the camera's place and rotation, metres and degrees."""
+    change: Offset | None
+    """From the part before."""
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """What the drives of a rig say together."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+    checks: tuple[Check, ...]
+    """Of what they agree on; single drives are judged beside."""
+    T_camera_lidar: Pose
+    """At the last drive."""
+    covariance: npt.NDArray[np.float64]
+    """(6, 6) of a twist on its left, (rho, phi)."""
+    scatter: npt.NDArray[np.float64]
+    """(6,) standard deviation of the camera's place and rotation beyond what drives say of themselves, metres and
+    degrees."""
+    time_unit: str
+    """`day`, or `drive` where stamps are missing."""
+    parts: tuple[Part, ...]
+    drift: Offset | None
+    """From the first drive to the last, if it explains them better than changes do."""
+    standings: tuple[Standing, ...]
+    """In the order of time."""
+    left_out: tuple[Member, ...]
+    limits: Limits
+
+
+def assess(members: Sequence[Member], limits: Limits, T_reference: Pose | None = None) -> Fleet:
+    """Put the drives of one rig together.
+
+    Args:
+        members: The drives, in any order: their stamps give it, or without stamps their names.
+        limits: What drives may be off, and the rig may move.
+        T_reference: T_camera_lidar that the rig should have.
+
+    Raises:
+        CalibrationError: no drive can be used.
+    """
+    usable = [member for member in members if member.left_out is None]
+    left_out = tuple(sorted((m for m in members if m.left_out is not None), key=lambda m: m.drive))
+    if not usable:
+        raise CalibrationError(
+            f"found no drive of {len(members):,} that can be used, needed {MIN_DRIVES}; the first, "
+            f"{left_out[0].drive}: {left_out[0].left_out}"
+            if left_out
+            else f"found no drives, needed {MIN_DRIVES}"
+        )
+    used, times, time_unit = _in_order(usable)
+    poses = [member.T_camera_lidar for member in used if member.T_camera_lidar is not None]
+    stated = np.array([member.covariance for member in used])
+    T_middle = robust_mean(poses, stated).T_camera_lidar
+    extra = extra_scatter(local_coordinates(poses, T_middle), stated)
+    covariances = stated + np.diag(extra.variances)
+    T_middle = robust_mean(poses, covariances).T_camera_lidar
+    series = local_coordinates(poses, T_middle)
+    least = float(extra.degrees_of_freedom.min())
+    course = _explain(times, series, covariances, least)
+
+    factors = np.array([_core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
+    standings = _standings(used, times, series, covariances, course, factors, least, limits)
+    parts = _parts(used, course, T_middle, factors)
+    T_now, covariance = moved(T_middle, course.expected[-1]), course.covariances[-1]
+    drifted = None if course.drift is None else _total_drift(course.drift, times, factors)
+
+    nothing = Offset(np.zeros(3), np.zeros(3), _half_widths(covariance, factors))
+    checks = _named("known to", nothing.judge(limits))
+    if T_reference is not None:
+        (off,) = local_coordinates([T_now], T_reference)
+        checks += _named("from the reference", _offset(off, covariance, factors).judge(limits))
+    for part in parts[1:]:
+        assert part.change is not None
+        checks += _named(f"change at {part.first}", part.change.judge(limits))
+    if drifted is not None:
+        checks += _named("drift", drifted.judge(limits))
+    verdict, reasons = _conclude(checks, standings, left_out, parts, drifted)
+    return Fleet(
+        verdict,
+        reasons,
+        tuple(checks),
+        T_now,
+        covariance,
+        _half_widths(np.diag(extra.variances), np.ones(6)),
+        time_unit,
+        parts,
+        drifted,
+        standings,
+        left_out,
+        limits,
+    )
+
+
+@dataclass(frozen=True)
+class _Course:
+    """How a rig went, in local coordinates."""
+
+    expected: Vectors
+    """(N, 6) at each drive."""
+    covariances: Matrices
+    """(N, 6, 6) of that."""
+    starts: tuple[int, ...] = (0,)
+    """Where parts begin."""
+    drift: Drift | None = None
+
+
+def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], str]:
+    """Sort drives by their stamps, days since the first, or where one is missing by their names."""
+    by_name = sorted(used, key=lambda member: member.drive)
+    stamps = [member.stamp for member in by_name if member.stamp is not None]
+    if len(stamps) < len(used) or len(set(stamps)) == 1:
+        return by_name, np.arange(len(used), dtype=np.float64), "drive"
+    order = np.argsort(stamps, kind="stable")
+    return [by_name[i] for i in order], (np.sort(stamps) - min(stamps)) / DAY_S, "day"
+
+
+def _explain(
+    times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices, degrees_of_freedom: float
+) -> _Course:
+    """Find what explains the drives best: nothing happened, changes, or a drift."""
+    steady = _in_parts(series, covariances, (0,))
+    found = [(misfit(series, steady.expected, covariances, 6), steady)]
+    if starts := change_points(series, covariances, degrees_of_freedom):
+        steps = _in_parts(series, covariances, (0, *starts))
+        num_parameters = 6 * (len(starts) + 1) + len(starts)
+        found.append((misfit(series, steps.expected, covariances, num_parameters), steps))
+    line = drift(times, series, covariances, degrees_of_freedom) if len(series) >= MIN_DRIFT_DRIVES else None
+    if line is not None and line.is_significant:
+        along = np.array([line.covariance_at(time) for time in times])
+        drifting = _Course(line.at(times), along, drift=line)
+        found.append((misfit(series, drifting.expected, covariances, 12), drifting))
+    return min(found, key=lambda pair: pair[0])[1]
+
+
+def _in_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -> _Course:
+    """Take the robust mean of each part for what holds in it."""
+    expected, known = np.zeros_like(series), np.zeros_like(covariances)
+    for begin, end in zip(starts, (*starts[1:], len(series)), strict=True):
+        # Local coordinates are far smaller than what would make their own frame matter.
+        poses = [moved(np.eye(4), each) for each in series[begin:end]]
+        mean = robust_mean(poses, covariances[begin:end])
+        expected[begin:end] = local_coordinates([mean.T_camera_lidar], np.eye(4))
+        known[begin:end] = mean.covariance
+    return _Course(expected, known, starts)
+
+
+def _standings(
+    used: Sequence[Member],
+    times: npt.NDArray[np.float64],
+    series: Vectors,
+    covariances: Matrices,
+    course: _Course,
+    factors: npt.NDArray[np.float64],
+    degrees_of_freedom: float,
+    limits: Limits,
+) -> tuple[Standing, ...]:
+    off = series - course.expected
+    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
+    disagrees = squared > quantile(ALPHA / len(used), degrees_of_freedom)
+    parts = np.searchsorted(course.starts, np.arange(len(used)), side="right") - 1
+    relative = course.expected - course.expected[-1]
+    course_off = np.hstack([-relative[:, :3], np.degrees(relative[:, 3:])])
+    standings = []
+    for index, member in enumerate(used):
+        offset = _offset(off[index], covariances[index], factors)
+        verdict = together(check.verdict for check in offset.judge(limits))
+        standings.append(
+            Standing(
+                member,
+                float(times[index]),
+                int(parts[index]),
+                course_off[index],
+                offset,
+                bool(disagrees[index]),
+                verdict,
+            )
+        )
+    return tuple(standings)
+
+
+def _parts(
+    used: Sequence[Member], course: _Course, T_middle: Pose, factors: npt.NDArray[np.float64]
+) -> tuple[Part, ...]:
+    ends = (*course.starts[1:], len(used))
+    parts = []
+    for begin, end in zip(course.starts, ends, strict=True):
+        change = None
+        if begin > 0:
+            step = course.expected[begin] - course.expected[begin - 1]
+            change = _offset(step, course.covariances[begin] + course.covariances[begin - 1], factors)
+        parts.append(
+            Part(
+                used[begin].drive,
+                used[end - 1].drive,
+                end - begin,
+                moved(T_middle, course.expected[end - 1]),
+                _half_widths(course.covariances[end - 1], factors),
+                change,
+            )
+        )
+    return tuple(parts)
+
+
+def _total_drift(line: Drift, times: npt.NDArray[np.float64], factors: npt.NDArray[np.float64]) -> Offset:
+    span = float(times[-1] - times[0])
+    return _offset(span * line.per_unit, span**2 * line.covariance, factors)
+
+
+def _offset(
+    coordinates: npt.NDArray[np.float64],
+    covariance: npt.NDArray[np.float64],
+    factors: npt.NDArray[np.float64],
+) -> Offset:
+    """Give what local coordinates say of the camera: rho moves its centre the other way."""
+    return Offset(-coordinates[:3], np.degrees(coordinates[3:]), _half_widths(covariance, factors))
+
+
+def _half_widths(
+    covariance: npt.NDArray[np.float64], factors: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Give (6,) standard errors times factors (6,), metres and degrees."""
+    sigmas = factors * np.sqrt(np.diag(covariance))
+    return np.concatenate([sigmas[:3], np.degrees(sigmas[3:])])
+
+
+def _named(subject: str, checks: Sequence[Check]) -> list[Check]:
+    return [replace(check, name=f"{subject}: {check.name}") for check in checks]
+
+
+def _conclude(
+    checks: Sequence[Check],
+    standings: Sequence[Standing],
+    left_out: Sequence[Member],
+    parts: Sequence[Part],
+    drifted: Offset | None,
+) -> tuple[Verdict, tuple[str, ...]]:
+    """Give the verdict on all, and sentences on what happened and what is missing."""
+    num_used, num_all = len(standings), len(standings) + len(left_out)
+    reasons = [f"changed at {part.first} by {part.change.words}" for part in parts if part.change is not None]
+    if drifted is not None:
+        reasons.append(f"drifted by {drifted.words} from the first drive to the last")
+    off = [standing for standing in standings if standing.disagrees]
+    far = [standing for standing in off if standing.verdict == "fail"]
+    if off:
+        beyond = f", {len(far):,} by more than is allowed" if far else ", none by more than is allowed"
+        reasons.append(
+            f"{len(off):,} of {num_used:,} drives disagree{beyond}: {listed(s.member.drive for s in off)}"
+        )
+    too_few = []
+    if num_used < MIN_DRIVES:
+        too_few.append(
+            f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to tell how they scatter"
+        )
+    elif num_used < MIN_USED * num_all:
+        too_few.append(f"{num_used:,} of {num_all:,} drives can be used, needed {MIN_USED:.0%}")
+    verdicts: list[Verdict] = [check.verdict for check in checks]
+    verdicts += ["fail" for _ in far]
+    verdicts += ["inconclusive" for _ in too_few]
+    return together(verdicts), (*reasons, *too_few)

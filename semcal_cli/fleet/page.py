@@ -1,0 +1,89 @@
+"""A fleet as one page that needs no network."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli.documents import write_text
+from semcal_cli.fleet.assessment import Fleet, Standing
+from semcal_cli.fleet.plot import plot_fleet
+from semcal_cli.poses import camera_center
+from semcal_cli.provenance import versions
+from semcal_cli.report.notations import notations
+from semcal_cli.report.template import ENVIRONMENT, source
+
+TITLES = {
+    "pass": "The rig holds",
+    "fail": "The rig does not hold",
+    "inconclusive": "The drives cannot decide",
+}
+SENTENCES = {
+    "pass": "All that drives agree on lies within what is allowed.",
+    "fail": "Something is surely beyond what is allowed.",
+    "inconclusive": "Nothing is surely beyond what is allowed, and not all is surely within.",
+}
+
+
+@dataclass(frozen=True)
+class DriveRow:
+    """A drive, as text."""
+
+    drive: str
+    time: str
+    center: str
+    center_half: str
+    rotation: str
+    rotation_half: str
+    verdict: str
+
+
+def write_page(fleet: Fleet, given: Sequence[str], path: Path) -> None:
+    """Write the page.
+
+    Args:
+        fleet: What was found.
+        given: What it was read from.
+        path: Where it goes.
+
+    Raises:
+        InputError: the file cannot be written. An existing one is untouched then.
+    """
+    known, scatter = fleet.parts[-1].half_widths, fleet.scatter
+    page = ENVIRONMENT.get_template("fleet/page.html").render(
+        style=source("page.css"),
+        script=source("copy.js"),
+        version=versions()["semcal"],
+        fleet=fleet,
+        given=given,
+        title=TITLES[fleet.verdict],
+        sentence=SENTENCES[fleet.verdict],
+        camera_center=camera_center(fleet.T_camera_lidar).tolist(),
+        known_cm=(100.0 * known[:3]).tolist(),
+        known_deg=known[3:].tolist(),
+        scatter_cm=(100.0 * scatter[:3]).tolist(),
+        scatter_deg=scatter[3:].tolist(),
+        plot=base64.b64encode(plot_fleet(fleet, "svg")).decode(),
+        notations=notations(fleet.T_camera_lidar),
+        rows=[_row(standing) for standing in fleet.standings],
+    )
+    write_text(page, path)
+
+
+def _row(standing: Standing) -> DriveRow:
+    offset = standing.offset
+    center, rotation = 100.0 * offset.center_m, offset.rotation_deg
+    beyond = " beyond what is allowed" if standing.verdict == "fail" else ""
+    return DriveRow(
+        drive=standing.member.drive,
+        time=f"{standing.time:g}",
+        center=f"{np.linalg.norm(center):.3f}",
+        center_half=f"{100.0 * np.linalg.norm(offset.half_widths[:3]) / 3**0.5:.3f}",
+        rotation=f"{np.linalg.norm(rotation):.4f}",
+        rotation_half=f"{np.linalg.norm(offset.half_widths[3:]) / 3**0.5:.4f}",
+        verdict=f"disagrees{beyond}" if standing.disagrees else "agrees",
+    )

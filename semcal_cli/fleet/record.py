@@ -1,0 +1,85 @@
+"""What is written of a fleet: YAML or JSON, the same content."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.fleet.assessment import Fleet, Offset, Part, Standing
+from semcal_cli.poses import inverse, quaternion_xyzw
+
+
+def describe_fleet(fleet: Fleet, *, given: Sequence[str], reference: str | None) -> dict[str, Any]:
+    """Make the document of a fleet.
+
+    Args:
+        fleet: What was found.
+        given: What it was read from.
+        reference: The file of the transform that the rig should have.
+    """
+    T = fleet.T_camera_lidar
+    return {
+        "semcal_fleet": 1,
+        "status": fleet.verdict,
+        "reasons": list(fleet.reasons),
+        "T_camera_lidar": T.tolist(),
+        "T_lidar_camera": inverse(T).tolist(),
+        "translation_m": T[:3, 3].tolist(),
+        "quaternion_xyzw": quaternion_xyzw(T).tolist(),
+        "uncertainty": {"covariance": fleet.covariance.tolist(), **_widths(fleet.parts[-1].half_widths)},
+        "scatter": {
+            "camera_center_m": fleet.scatter[:3].tolist(),
+            "rotation_deg": fleet.scatter[3:].tolist(),
+        },
+        "checks": [asdict(check) for check in fleet.checks],
+        "parts": [_part(part) for part in fleet.parts],
+        "drift": None if fleet.drift is None else _describe_offset(fleet.drift),
+        "time_unit": fleet.time_unit,
+        "drives": [
+            *map(_drive, fleet.standings),
+            *({"drive": m.drive, "status": "left_out", "reason": m.left_out} for m in fleet.left_out),
+        ],
+        "limits": asdict(fleet.limits),
+        "input": {"given": list(given), "reference": reference},
+    }
+
+
+def _part(part: Part) -> dict[str, Any]:
+    return {
+        "first": part.first,
+        "last": part.last,
+        "num_drives": part.num_drives,
+        "T_camera_lidar": part.T_camera_lidar.tolist(),
+        **_widths(part.half_widths),
+        "change": None if part.change is None else _describe_offset(part.change),
+    }
+
+
+def _drive(standing: Standing) -> dict[str, Any]:
+    return {
+        "drive": standing.member.drive,
+        "status": "disagrees" if standing.disagrees else "agrees",
+        "stamp": standing.member.stamp,
+        "time": standing.time,
+        "part": standing.part,
+        **_describe_offset(standing.offset),
+    }
+
+
+def _describe_offset(offset: Offset) -> dict[str, Any]:
+    return {
+        "camera_center_m": offset.center_m.tolist(),
+        "rotation_deg": offset.rotation_deg.tolist(),
+        **_widths(offset.half_widths),
+    }
+
+
+def _widths(half_widths: npt.NDArray[np.float64]) -> dict[str, Any]:
+    return {
+        "half_width_95_camera_center_m": half_widths[:3].tolist(),
+        "half_width_95_rotation_deg": half_widths[3:].tolist(),
+    }

@@ -1,0 +1,23 @@
+"""Pages are made of templates and of files that go into them as they are, so that a page is one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+ENVIRONMENT = Environment(
+    loader=PackageLoader("semcal_cli", "."),
+    autoescape=True,
+    undefined=StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+"""Templates by their place in the package."""
+
+
+def source(*names: str) -> Markup:
+    """Give files of this folder, one after another."""
+    return Markup("\n").join(Markup((Path(__file__).parent / name).read_text()) for name in names)
