@@ -16,6 +16,7 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.features import FeaturesConfig, observe_features
 from semcal_cli.intensity import IntensityConfig, observe_intensity
 from semcal_cli.observations import Observations, load_observations
+from semcal_cli.point_clouds import Sweeps
 from semcal_cli.selection import evenly_spaced, select_frames
 
 Classes: TypeAlias = npt.NDArray[np.uint8]
@@ -26,14 +27,15 @@ LABELS: tuple[Cue, ...] = ("labels",)
 INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
 
 
-def load_cues(drive: Drive, cues: Sequence[Cue]) -> Observations:
-    """Load every frame of a drive, with what the cues say of points and pixels.
+def load_cues(drive: Drive, cues: Sequence[Cue], sweeps: Sweeps | None = None) -> Observations:
+    """Load every frame of a drive, with what the cues say of points and pixels; sweeps are read once.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or a cue needs one that is not given.
         CalibrationError: one side says nothing.
     """
-    found = [_load(drive, cue) for cue in cues]
+    sweeps = Sweeps() if sweeps is None else sweeps
+    found = [_load(drive, cue, sweeps) for cue in cues]
     return found[0] if len(found) == 1 else summed(*found)
 
 
@@ -60,14 +62,14 @@ def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:
     return {cue: settings.get(cue, {}) for cue in cues}
 
 
-def _load(drive: Drive, cue: Cue) -> Observations:
+def _load(drive: Drive, cue: Cue, sweeps: Sweeps) -> Observations:
     match cue:
         case "labels":
-            return load_observations(drive)
+            return load_observations(drive, sweeps)
         case "intensity":
-            return observe_intensity(drive, INTENSITY)
+            return observe_intensity(drive, INTENSITY, sweeps)
         case "features":
-            return observe_features(drive, FEATURES)
+            return observe_features(drive, FEATURES, sweeps)
 
 
 def summed(first: Observations, second: Observations) -> Observations:

@@ -23,6 +23,8 @@ from semcal_cli.validation import (
 )
 
 DRIVE_FILE = "drive.yaml"
+RIG_FILE = "rig.yaml"
+"""Of several cameras: see `semcal_cli.rig`."""
 
 CameraModel: TypeAlias = Literal[
     "plumb_bob",

@@ -22,6 +22,7 @@ from semcal_cli.drive import Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.motion import compensated, motion_error_px
 from semcal_cli.observations import Observations, read_clouds
+from semcal_cli.point_clouds import Sweeps
 
 Vectors = npt.NDArray[np.float16]
 
@@ -38,14 +39,14 @@ class FeaturesConfig:
     iterations: int = 20
 
 
-def observe_features(drive: Drive, config: FeaturesConfig) -> Observations:
+def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None = None) -> Observations:
     """Load every frame of a drive with its features, each channel scaled to unit variance, and their codes for classes.
 
     Raises:
         InputError: a file is missing or is not what the drive needs.
         CalibrationError: one side's features are all the same.
     """
-    clouds = read_clouds(drive)
+    clouds = read_clouds(drive, sweeps)
     points, twists_per_s = compensated(drive, clouds)
     of_points = [_of_points(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
     of_images = [_of_image(drive, frame) for frame in drive.frames]

@@ -26,6 +26,7 @@ from semcal_cli.drive import Camera, Drive, Frame
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.motion import compensated, motion_error_px
 from semcal_cli.observations import Observations, read_clouds, read_image
+from semcal_cli.point_clouds import Sweeps
 
 Values = npt.NDArray[np.float64]
 
@@ -53,7 +54,7 @@ class IntensityConfig:
     """Standard deviation of the weights of what lies around."""
 
 
-def observe_intensity(drive: Drive, config: IntensityConfig) -> Observations:
+def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None) -> Observations:
     """Load every frame of a drive, with levels of intensity for classes.
 
     Raises:
@@ -61,7 +62,7 @@ def observe_intensity(drive: Drive, config: IntensityConfig) -> Observations:
             intensity.
         CalibrationError: one side is the same everywhere.
     """
-    clouds = read_clouds(drive)
+    clouds = read_clouds(drive, sweeps)
     points, twists_per_s = compensated(drive, clouds)
     seen = lens_mask(drive.camera)
     with ThreadPoolExecutor() as pool:

@@ -18,7 +18,7 @@ from semcal_cli.drive import Camera, Drive, Frame, Lidar
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.motion import compensated, motion_error_px
 from semcal_cli.pictures import read_picture
-from semcal_cli.point_clouds import read_point_clouds
+from semcal_cli.point_clouds import Sweeps
 
 Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
 """Raw ids of pixels or points as read, or their probabilities."""
@@ -90,17 +90,17 @@ class Observations:
         )
 
 
-def load_observations(drive: Drive) -> Observations:
-    """Load every frame of a drive, in parallel, and mend isolated pixels.
+def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
+    """Load every frame of a drive, in parallel, and mend isolated pixels; sweeps that were read are not read again.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
-    return mend(read_observations(drive))
+    return mend(read_observations(drive, sweeps))
 
 
-def read_observations(drive: Drive) -> Observations:
+def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
     """Load every frame of a drive, in parallel, with labels as they are.
 
     Raises:
@@ -108,7 +108,7 @@ def read_observations(drive: Drive) -> Observations:
         CalibrationError: one side carries a single class.
     """
     pictures = read_pictures(drive)
-    clouds = read_clouds(drive)
+    clouds = read_clouds(drive, sweeps)
     points, twists_per_s = compensated(drive, clouds)
     point_labels = _point_labels(drive, clouds)
     point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
@@ -222,7 +222,7 @@ def mend(observations: Observations) -> Observations:
     return replace(observations, image_classes=images, speckle=num_mended / num_pixels)
 
 
-def read_clouds(drive: Drive) -> list[_core.PointCloud]:
+def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[_core.PointCloud]:
     """Read the sweep of every frame, in parallel, with labels where there are some.
 
     Raises:
@@ -230,7 +230,7 @@ def read_clouds(drive: Drive) -> list[_core.PointCloud]:
     """
     labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
     points = [drive.resolve(frame.points) for frame in drive.frames]
-    return read_point_clouds(list(zip(points, labels, strict=True)))
+    return (Sweeps() if sweeps is None else sweeps).read(list(zip(points, labels, strict=True)))
 
 
 def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labels]:

@@ -36,6 +36,7 @@ from semcal_cli.initialization import (
 )
 from semcal_cli.metrics import PoseError, compare_poses
 from semcal_cli.observations import Observations
+from semcal_cli.point_clouds import Sweeps
 from semcal_cli.polish import Polish, PolishConfig, polish
 from semcal_cli.poses import Pose, rotation_error_deg
 from semcal_cli.prior import Fused, Prior, fuse, hold
@@ -112,6 +113,10 @@ class Run:
     """Of a longer drive, so many frames are used."""
     cues: tuple[Cue, ...] = LABELS
     """What points and pixels are compared by."""
+    sweeps: Sweeps | None = None
+    """Sweeps that other cameras of a rig have read; None: they are read for this run alone ..."""
+    hashes: dict[str, str] = field(default_factory=dict)
+    """... and hashes of files."""
     report: Callable[[StageReport], None] = lambda report: None
     progress: Callable[[str], None] = lambda doing: None
     stages: dict[str, Stage] = field(default_factory=dict)
@@ -235,7 +240,7 @@ class Run:
         self.drive = choose_frames(self.drive, self.cues, self.max_frames)
         self.options["max_frames"] = self.max_frames
         self.progress(f"reading {len(self.drive.frames)} frames")
-        observations = load_cues(self.drive, self.cues)
+        observations = load_cues(self.drive, self.cues, self.sweeps)
         num_used = len(self.drive.frames)
         # With several cues frames are there several times.
         num_points = sum(map(len, observations.points[:num_used]))
@@ -470,6 +475,7 @@ class Run:
                 self.given.source if self.given else None,
                 folder,
                 files_of(self.cues),
+                self.hashes,
             ),
             settings=Settings.model_validate(
                 {"options": _plain(self.options), "seed": self.seed, "versions": versions()}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
@@ -56,6 +57,27 @@ def read_point_clouds(files: Sequence[tuple[Path, Path | None]]) -> list[_core.P
     """
     others = iter(_core.read_point_clouds([file for file in files if not _is_las(file[0])]))
     return [_read_las(*file) if _is_las(file[0]) else next(others) for file in files]
+
+
+class Sweeps:
+    """Reads each sweep once, however many cameras or cues need it, and keeps it."""
+
+    def __init__(self) -> None:
+        self._clouds: dict[tuple[str, str | None], _core.PointCloud] = {}
+
+    def read(self, files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
+        """Give sweeps as `read_point_clouds` does; arguments and errors are the same."""
+        keys = [
+            (os.path.realpath(points), None if labels is None else os.path.realpath(labels))
+            for points, labels in files
+        ]
+        missing = {key: file for key, file in zip(keys, files, strict=True) if key not in self._clouds}
+        self._clouds.update(zip(missing, read_point_clouds(list(missing.values())), strict=True))
+        return [self._clouds[key] for key in keys]
+
+    def __len__(self) -> int:
+        """How many were read."""
+        return len(self._clouds)
 
 
 def _is_las(path: Path) -> bool:

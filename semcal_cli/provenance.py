@@ -16,7 +16,13 @@ LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
 """Whose versions may change the answer."""
 
 
-def describe_input(drive: Drive, init: Path | None, relative_to: Path, also: Sequence[str] = ()) -> Input:
+def describe_input(
+    drive: Drive,
+    init: Path | None,
+    relative_to: Path,
+    also: Sequence[str] = (),
+    known: dict[str, str] | None = None,
+) -> Input:
     """List the drive, its camera and frames, and the SHA-256 of each file that was read.
 
     Args:
@@ -24,15 +30,24 @@ def describe_input(drive: Drive, init: Path | None, relative_to: Path, also: Seq
         init: The file (or drive) of the transform that was started at.
         relative_to: The folder that paths are given relative to, but for files of the drive: where the result goes.
         also: Files of a frame that were read beside its cloud and its labels.
+        known: Hashes by the files' real paths; those that are missing are added.
     """
     keys = ("points", "point_labels", "image_labels", *also)
     frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
-    hashes = {drive.path.name: _sha256(drive.path)}
+    known = {} if known is None else known
+
+    def sha256(path: Path) -> str:
+        real = os.path.realpath(path)
+        if real not in known:
+            known[real] = hashlib.sha256(read_bytes(path)).hexdigest()
+        return known[real]
+
+    hashes = {drive.path.name: sha256(drive.path)}
     more = [name for frame in drive.frames for key in also if (name := getattr(frame, key)) is not None]
-    hashes |= {name: _sha256(drive.resolve(name)) for name in (*drive.input_files(), *more)}
+    hashes |= {name: sha256(drive.resolve(name)) for name in (*drive.input_files(), *more)}
     if init is not None:
         file = drive_file(init)
-        hashes[os.path.relpath(file, relative_to)] = _sha256(file)
+        hashes[os.path.relpath(file, relative_to)] = sha256(file)
     return Input(
         drive=os.path.relpath(drive.path, relative_to),
         camera=drive.camera,
@@ -44,7 +59,3 @@ def describe_input(drive: Drive, init: Path | None, relative_to: Path, also: Seq
 def versions() -> dict[str, str]:
     """The versions of semcal and of the libraries that compute."""
     return {name: version(name) for name in LIBRARIES}
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(read_bytes(path)).hexdigest()

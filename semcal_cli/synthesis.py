@@ -16,7 +16,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.camera import core_camera
 from semcal_cli.documents import document_text, write_text
-from semcal_cli.drive import DRIVE_FILE, Camera, CameraModel
+from semcal_cli.drive import DRIVE_FILE, RIG_FILE, Camera, CameraModel
 from semcal_cli.errors import InputError
 from semcal_cli.label_noise import mislabel
 from semcal_cli.pictures import write_picture
@@ -50,6 +50,7 @@ LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
 LENS_PARAMETERS: dict[Lens, dict[str, float]] = {"omnidirectional": {"xi": 1.2}}
 
 FOLDERS = {"points": "bin", "point_labels": "label", "image_labels": "png", "images": "png"}
+SWEEP_FOLDERS = ("points", "point_labels")
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,12 @@ class _Written:
 
 
 def synthesize(
-    config: SynthConfig, out: Path, progress: Callable[[int], None] | None = None, *, force: bool = False
+    config: SynthConfig,
+    out: Path,
+    progress: Callable[[int], None] | None = None,
+    *,
+    force: bool = False,
+    sweeps: str | None = None,
 ) -> SynthSummary:
     """Write a drive with its true transform. The same config gives the same bytes.
 
@@ -80,27 +86,64 @@ def synthesize(
         out: The folder to write, which is made if there is none.
         progress: Called with the number of frames that are done.
         force: Write into a folder that is not empty; files of other names stay.
+        sweeps: The folder, relative to `out`, of another camera's drive of the same world and LiDAR, whose clouds are
+            named instead of written.
 
     Raises:
         InputError: the folder is not empty or cannot be written, or no such rig can be.
     """
     T_camera_lidar = mounting(config)
     renderer = make_renderer(config, T_camera_lidar)
-    _prepare_folder(out, force)
+    _prepare_folder(out, force, sweeps)
     ids = image_ids(config)
     # Rust renders one frame at a time, on all cores; meanwhile the other thread writes the frame before.
     with ThreadPoolExecutor(max_workers=2) as threads:
         frames = []
-        for frame in threads.map(partial(_write_frame, config, renderer, ids, out), range(config.num_frames)):
+        for frame in threads.map(
+            partial(_write_frame, config, renderer, ids, out, sweeps), range(config.num_frames)
+        ):
             frames.append(frame)
             if progress is not None:
                 progress(len(frames))
-    write_text(document_text(_drive_document(config, T_camera_lidar), "yaml"), out / DRIVE_FILE)
+    write_text(document_text(_drive_document(config, T_camera_lidar, sweeps), "yaml"), out / DRIVE_FILE)
     return SynthSummary(
         num_frames=len(frames),
         num_points=sum(frame.num_points for frame in frames),
         num_classes=len(frozenset().union(*(frame.classes for frame in frames)) - {UNLABELED}),
     )
+
+
+def synthesize_rig(
+    config: SynthConfig,
+    num_cameras: int,
+    out: Path,
+    progress: Callable[[int], None] | None = None,
+    *,
+    force: bool = False,
+) -> SynthSummary:
+    """Write a drive for each of several cameras of one LiDAR, evenly around it, and a `rig.yaml` that names them.
+
+    Arguments and errors are as of `synthesize`; what the mounting leaves open is drawn for each camera.
+    """
+    _check_empty(out, force)
+    rig_seed = config.seed if config.rig_seed is None else config.rig_seed
+    first_deg = config.camera_azimuth_deg or 0.0
+    names = [f"camera_{index}" for index in range(num_cameras)]
+    num_done = 0
+
+    def tell(num_frames: int) -> None:
+        if progress is not None:
+            progress(num_done + num_frames)
+
+    for index, name in enumerate(names):
+        azimuth_deg = (first_deg + 360.0 * index / num_cameras + 180.0) % 360.0 - 180.0
+        camera = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
+        sweeps = f"../{names[0]}" if index else None
+        summary = synthesize(camera, out / name, tell, force=force, sweeps=sweeps)
+        num_done += config.num_frames
+    document = {"semcal_rig": 1, "cameras": {name: name for name in names}}
+    write_text(document_text(document, "yaml"), out / RIG_FILE)
+    return summary
 
 
 def mounting(config: SynthConfig) -> Pose:
@@ -201,17 +244,20 @@ def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
 
 
 def _write_frame(
-    config: SynthConfig, renderer: _core.Renderer, ids: Labels, out: Path, number: int
+    config: SynthConfig, renderer: _core.Renderer, ids: Labels, out: Path, sweeps: str | None, number: int
 ) -> _Written:
     points, labels, _, image_labels, picture, _ = renderer.frame(config.seed, number)
     path = {folder: out / name for folder, name in _file_names(number).items()}
     try:
-        points.astype("<f4").tofile(path["points"])
-        _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
+        if sweeps is None:
+            points.astype("<f4").tofile(path["points"])
+            _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
     except OSError as error:
         raise _unwritable(out, error) from None
+    # The networks of two cameras err in other places.
+    image = config if sweeps is None else replace(config, seed=config.seed + (config.rig_seed or 0))
     noisy = mislabel(
-        image_labels, config.label_noise, _class_ids(), _generator(config, IMAGE_LABELS, number), UNLABELED
+        image_labels, config.label_noise, _class_ids(), _generator(image, IMAGE_LABELS, number), UNLABELED
     )
     write_picture(ids[noisy], path["image_labels"])
     write_picture(picture[..., ::-1], path["images"])
@@ -241,11 +287,18 @@ def _file_names(number: int) -> dict[str, str]:
     return {folder: f"{folder}/{number:06d}.{suffix}" for folder, suffix in FOLDERS.items()}
 
 
-def _prepare_folder(out: Path, force: bool) -> None:
+def _check_empty(out: Path, force: bool) -> None:
     try:
         if not force and out.is_dir() and any(out.iterdir()):
             raise InputError(f"{out}: the folder is not empty; name another, or write into it with --force")
-        for folder in FOLDERS:
+    except OSError as error:
+        raise _unwritable(out, error) from None
+
+
+def _prepare_folder(out: Path, force: bool, sweeps: str | None) -> None:
+    _check_empty(out, force)
+    try:
+        for folder in FOLDERS if sweeps is None else FOLDERS.keys() - set(SWEEP_FOLDERS):
             (out / folder).mkdir(parents=True, exist_ok=True)
         (out / DRIVE_FILE).unlink(missing_ok=True)
     except OSError as error:
@@ -256,13 +309,13 @@ def _unwritable(out: Path, error: OSError) -> InputError:
     return InputError(f"{out}: cannot be written: {(error.strerror or str(error)).lower()}")
 
 
-def _drive_document(config: SynthConfig, T_camera_lidar: Pose) -> dict[str, Any]:
+def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | None) -> dict[str, Any]:
     document: dict[str, Any] = {"semcal_drive": 1}
     document["camera"] = make_camera(config).model_dump(mode="json", exclude_unset=True)
     if config.pattern == "spinning":
         keys = ("channels", "columns", "fov_up_deg", "fov_down_deg")
         document["lidar"] = {key: getattr(config, key) for key in keys}
-    document["frames"] = [_frame_document(number) for number in range(config.num_frames)]
+    document["frames"] = [_frame_document(number, sweeps) for number in range(config.num_frames)]
     document["ignore"] = {"points": [UNLABELED], "image": [UNLABELED]}
     if config.ontology == "shared":
         names = {name: [id_] for id_, name in _core.synthetic_classes()}
@@ -271,11 +324,12 @@ def _drive_document(config: SynthConfig, T_camera_lidar: Pose) -> dict[str, Any]
     return document
 
 
-def _frame_document(number: int) -> dict[str, str]:
+def _frame_document(number: int, sweeps: str | None) -> dict[str, str]:
     names = _file_names(number)
+    place = "" if sweeps is None else f"{sweeps}/"
     return {
-        "points": names["points"],
-        "point_labels": names["point_labels"],
+        "points": place + names["points"],
+        "point_labels": place + names["point_labels"],
         "image_labels": names["image_labels"],
         "image": names["images"],
     }

@@ -129,6 +129,8 @@ def _complaint(error: ErrorDetails) -> str:
     if error["type"] == "value_error":
         return str(context["error"])
     found = "nothing" if error["type"] == "missing" else describe(error["input"])
+    if error["type"] in ("too_short", "too_long") and isinstance(error["input"], dict):
+        found = f"a mapping of {len(error['input'])}"
     return f"found {found}, needed {_NEEDED.get(error['type'], error['msg']).format(**context)}"
 
 

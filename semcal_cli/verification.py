@@ -58,7 +58,7 @@ def verify(run: Run, given: Given, limits: Limits, observations: Observations | 
     observations = run.load() if observations is None else observations
     estimate = _nearby(run, observations, given)
     if estimate is None:
-        run = Run(run.drive, run.seed, run.max_frames, run.cues, run.report, run.progress)
+        run = Run(run.drive, run.seed, run.max_frames, run.cues, report=run.report, progress=run.progress)
         hypotheses = run.initialize(observations, InitializationConfig())
         estimate = run.refine(observations, hypotheses[0].T_camera_lidar, REFINEMENT)
     uncertainty = run.uncertainty

@@ -12,7 +12,7 @@ LAYERS = [
     {"validation", "metrics", "pictures", "limits"},
     {"drive"},
     {"calibration", "camera", "point_clouds"},
-    {"formats", "motion", "projection", "provenance", "schemas"},
+    {"formats", "motion", "projection", "provenance"},
     {"observations"},
     {"label_noise", "selection", "objective", "intensity", "features"},
     {"cues"},
@@ -24,7 +24,8 @@ LAYERS = [
     {"trust", "prior", "reasons"},
     {"pipeline", "comparison", "report"},
     {"verification"},
-    {"experiments", "batch", "fleet"},
+    {"experiments", "batch", "fleet", "rig"},
+    {"schemas"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,10 @@ from semcal_cli.cli.convert import FormatName, make_asked, open_options
 from semcal_cli.cli.options import PATH, drive_argument, result_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
+
+if TYPE_CHECKING:
+    from semcal_cli.calibration import Calibration
+    from semcal_cli.cli.session import Session
 
 WITH_SOIC = (
     *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),
@@ -67,9 +71,14 @@ def calibrate(
 
     Needs no start guess: all mounting directions are searched, then the best pose is refined. Exit code 3 means that
     an answer was written but is not trusted.
+
+    DRIVE may be a rig.yaml, which names the drives of several cameras of one LiDAR: all are calibrated, and -o is a
+    folder for the result of each and for rig_calibration.yaml, with each camera beside each other.
     """
     from semcal_cli.cli.session import Session
+    from semcal_cli.rig.document import find_rig
 
+    rig = find_rig(drive)
     if method == "soic":
         _check_soic()
     config, given = make_search(options)
@@ -79,16 +88,19 @@ def calibrate(
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
     refinement = make_refinement(options, config.alignment.max_baseline_m, given)
+
+    def run(session: Session) -> Calibration:
+        if method == "soic":
+            return session.run.calibrate_by_soic(session.folder, given, config.alignment.max_baseline_m)
+        return session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
+
+    if rig is not None:
+        from semcal_cli.cli.rig import calibrate_rig
+
+        sys.exit(calibrate_rig(rig, run, options))
     options |= {"to": None if to is None else (to, asked), "page": page, "pictures": pictures}
     with Session(drive, given=given, **options) as session:
-        if method == "soic":
-            calibration = session.run.calibrate_by_soic(
-                session.folder, given, config.alignment.max_baseline_m
-            )
-        else:
-            calibration = session.run.calibrate(
-                session.folder, config, given, refinement, num_seeds=repeat or 1
-            )
+        calibration = run(session)
         code = session.finish(calibration)
     session.illustrate(calibration, page, pictures)
     sys.exit(code)

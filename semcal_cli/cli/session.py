@@ -28,7 +28,7 @@ from semcal_cli.drive import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.pipeline import Run, StageReport, set_threads
-from semcal_cli.poses import camera_center
+from semcal_cli.poses import Pose, camera_center
 from semcal_cli.selection import evenly_spaced
 
 if TYPE_CHECKING:
@@ -119,7 +119,7 @@ class Session:
         """Write and summarise a calibration, and tell the exit code: 3 if it is not trusted."""
         self._line.close()
         if self.log is not None:
-            write_text(self._log_text(), self.log)
+            write_text(json.dumps(self.log_document(), indent=2) + "\n", self.log)
         if self.to is not None:
             content = write_transform(calibration.pose, self.output, *self.to)
             if self.output is None:
@@ -177,9 +177,9 @@ class Session:
         T = calibration.pose
         quality = calibration.quality
         rows = {
-            "T_camera_lidar": [_row(row) for row in T.tolist()],
-            "camera at": [f"{_row(camera_center(T).tolist())} m in the LiDAR frame"],
-            "looks along": [f"{_row(T[2, :3].tolist())} in the LiDAR frame"],
+            "T_camera_lidar": matrix_lines(T),
+            "camera at": [f"{row(camera_center(T).tolist())} m in the LiDAR frame"],
+            "looks along": [f"{row(T[2, :3].tolist())} in the LiDAR frame"],
             "labels": [
                 f"{quality.label_agreement:.1%} of the pairs of {quality.num_points:,} visible points agree",
                 f"they cover {quality.overlap:.0%} of the picture",
@@ -193,14 +193,15 @@ class Session:
             for label, line in zip([name, *[""] * len(lines)], lines, strict=False):
                 self.console.print(f"{label:<17}{line}", markup=False)
 
-    def _log_text(self) -> str:
+    def log_document(self) -> dict[str, object]:
+        """Give times, host and threads."""
         stages = [{"name": r.name, "seconds": round(r.seconds, 4), "note": r.note} for r in self.reports]
         host = {
             "machine": platform.machine(),
             "system": platform.platform(),
             "python": platform.python_version(),
         }
-        return json.dumps({"stages": stages, "host": host, "threads": self.threads}, indent=2) + "\n"
+        return {"stages": stages, "host": host, "threads": self.threads}
 
 
 def _uncertainty_rows(uncertainty: UncertaintyRecord | None) -> dict[str, list[str]]:
@@ -209,8 +210,8 @@ def _uncertainty_rows(uncertainty: UncertaintyRecord | None) -> dict[str, list[s
         return {}
     center, rotation = uncertainty.half_width_95_camera_center_m, uncertainty.half_width_95_rotation_deg
     lines = [
-        f"camera centre x y z +- {_row([100.0 * x for x in center], 3)} cm",
-        f"rotation about them +- {_row(rotation, 4)} deg",
+        f"camera centre x y z +- {row([100.0 * x for x in center], 3)} cm",
+        f"rotation about them +- {row(rotation, 4)} deg",
         *(f"weak {direction}" for direction in uncertainty.weak_directions),
     ]
     rows = {"95 % interval": lines}
@@ -226,8 +227,8 @@ def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
         return {}
     center = [100.0 * x for x in found.spread_camera_center_m]
     lines = [
-        f"camera centre x y z    {_row(center, 3)} cm, standard deviation",
-        f"rotation about them    {_row(found.spread_rotation_deg, 4)} deg",
+        f"camera centre x y z    {row(center, 3)} cm, standard deviation",
+        f"rotation about them    {row(found.spread_rotation_deg, 4)} deg",
     ]
     return {f"{found.num_seeds} seeds": lines}
 
@@ -299,8 +300,8 @@ def make_console(quiet: bool) -> Console:
 def error_lines(error: PoseError) -> list[str]:
     """The difference between a calibration and a reference, for reading."""
     return [
-        f"rotation       {error.rotation_deg:8.4f} deg   x y z {_row(error.rotation_xyz_deg)} deg",
-        f"camera centre  {error.camera_center_cm:8.3f} cm    x y z {_row(error.camera_center_xyz_cm)} cm",
+        f"rotation       {error.rotation_deg:8.4f} deg   x y z {row(error.rotation_xyz_deg)} deg",
+        f"camera centre  {error.camera_center_cm:8.3f} cm    x y z {row(error.camera_center_xyz_cm)} cm",
     ]
 
 
@@ -308,5 +309,11 @@ def _count(number: int | None) -> str:
     return f"{'-' if number is None else format(number, ','):>7}"
 
 
-def _row(values: Sequence[float], digits: int = 6) -> str:
+def matrix_lines(T: Pose) -> list[str]:
+    """Write a transform, a row a line."""
+    return [row(values) for values in T.tolist()]
+
+
+def row(values: Sequence[float], digits: int = 6) -> str:
+    """Write numbers side by side."""
     return " ".join(f"{value:{digits + 4}.{digits}f}" for value in np.round(values, digits) + 0.0)

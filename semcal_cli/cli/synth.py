@@ -134,12 +134,26 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     metavar="N",
     help="Write N drives of one rig, OUT/000000 and so on, each of a seed of its own.",
 )
+@click.option(
+    "--cameras",
+    "num_cameras",
+    type=click.IntRange(2, 99),
+    metavar="N",
+    help="Mount N cameras evenly around the LiDAR, the first at --camera-azimuth-deg or ahead: a drive each, "
+    "OUT/camera_0 and so on, which share their clouds, and OUT/rig.yaml.",
+)
 @seed_option
 @threads_option
 @click.option("--force", is_flag=True, help="Write into a folder that is not empty; other files in it stay.")
 @quiet_option
 def synth(
-    out: Path, num_drives: int | None, threads: int | None, force: bool, quiet: bool, **settings: Any
+    out: Path,
+    num_drives: int | None,
+    num_cameras: int | None,
+    threads: int | None,
+    force: bool,
+    quiet: bool,
+    **settings: Any,
 ) -> None:
     """Write a synthetic drive, with labels, pictures and its true T_camera_lidar, to the folder OUT.
 
@@ -155,7 +169,7 @@ def synth(
     from rich.progress import Progress
 
     from semcal_cli import _core
-    from semcal_cli.synthesis import synthesize
+    from semcal_cli.synthesis import synthesize, synthesize_rig
 
     if threads is not None:
         _core.set_num_threads(threads)
@@ -163,8 +177,11 @@ def synth(
     shown = not quiet and sys.stderr.isatty()
     with Progress(console=Console(stderr=True), transient=True, disable=not shown) as bar:
         for one, folder in _drives(config, out, num_drives):
-            task = bar.add_task(f"rendering {folder}", total=one.num_frames)
-            summary = synthesize(one, folder, _teller(bar, task), force=force)
+            task = bar.add_task(f"rendering {folder}", total=(num_cameras or 1) * one.num_frames)
+            if num_cameras is None:
+                summary = synthesize(one, folder, _teller(bar, task), force=force)
+            else:
+                summary = synthesize_rig(one, num_cameras, folder, _teller(bar, task), force=force)
             bar.remove_task(task)
             if not quiet:
                 click.echo(f"wrote {folder}", err=True)

@@ -1,4 +1,4 @@
-"""JSON Schemas of drive.yaml and of the calibration, for editors and other tools.
+"""JSON Schemas of drive.yaml, rig.yaml and the calibration, for editors and other tools.
 
 `python -m semcal_cli.schemas` writes them anew from the models.
 """
@@ -8,10 +8,15 @@ from pathlib import Path
 
 from semcal_cli.calibration import Calibration
 from semcal_cli.drive import Drive
+from semcal_cli.rig.document import Rig
 from semcal_cli.validation import StrictModel
 
 FOLDER = Path(__file__).parent
-SCHEMAS: dict[str, type[StrictModel]] = {"drive.schema.json": Drive, "calibration.schema.json": Calibration}
+SCHEMAS: dict[str, type[StrictModel]] = {
+    "drive.schema.json": Drive,
+    "rig.schema.json": Rig,
+    "calibration.schema.json": Calibration,
+}
 
 
 def schema_text(model: type[StrictModel]) -> str:

@@ -1,0 +1,134 @@
+"""`semcal calibrate rig.yaml`: several cameras of one LiDAR in one run."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from semcal_cli.calibration import Calibration
+from semcal_cli.cli.session import EXIT_NOT_TRUSTED, Session, check_outputs, make_console, matrix_lines, row
+from semcal_cli.documents import document_text, is_folder, write_text
+from semcal_cli.errors import CalibrationError, InputError, SemcalError
+from semcal_cli.point_clouds import Sweeps
+from semcal_cli.rig.calibration import combine, describe_rig
+from semcal_cli.rig.document import Rig, read_rig
+
+if TYPE_CHECKING:
+    from semcal_cli.rig.pairs import Pair
+
+OF_ONE_CAMERA = (
+    *("init", "init_rpy_xyz", "search_deg", "fix", "prior_translation_m", "prior_rotation_deg"),
+    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "pictures"),
+)
+"""Parameters of `calibrate` that would mean another thing for each camera."""
+RESULT = "rig_calibration.yaml"
+SUFFIXES = (".yaml", ".yml", ".json")
+
+
+def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], options: dict[str, Any]) -> int:
+    """Calibrate the cameras of a rig one after another, each sweep read once, and write what was found.
+
+    Args:
+        path: The rig.yaml.
+        calibrate: Calibrates the camera of a session.
+        options: Of every command that computes a calibration; the output is a folder.
+
+    Returns:
+        The exit code.
+
+    Raises:
+        click.UsageError: an option that is of one camera.
+        InputError: the rig, a drive or the output is wrong.
+        CalibrationError: there is no answer for a camera; what was found of the others is written.
+    """
+    _check_options(path)
+    folder: Path | None = options.pop("output")
+    log: Path | None = options.pop("log")
+    if folder is None:
+        raise click.UsageError(
+            f"-o: {path} is a rig, whose results are several files: give a folder for them"
+        )
+    rig = read_rig(path)
+    drives = rig.read_drives()
+    files = {name: f"{name}.yaml" for name in drives}
+    _check_folder(rig, folder, [*files.values(), RESULT], log)
+    sweeps, hashes = Sweeps(), dict[str, str]()
+    sessions = {
+        name: Session(drive.path, output=folder / files[name], **options) for name, drive in drives.items()
+    }
+    console = make_console(options["quiet"])
+    cameras: dict[str, Calibration] = {}
+    failures: dict[str, str] = {}
+    for name, session in sessions.items():
+        console.print(f"[{name}]", markup=False)
+        session.run.sweeps, session.run.hashes = sweeps, hashes
+        try:
+            with session:
+                calibration = calibrate(session)
+                session.finish(calibration)
+            cameras[name] = calibration
+        except SemcalError as error:
+            failures[name] = " ".join(str(error).splitlines())
+            console.print(f"{'failed':<17}{failures[name]}", markup=False)
+    found = combine(rig, drives, cameras, failures, len(sweeps))
+    document = describe_rig(found, files, os.path.relpath(rig.path, folder))
+    write_text(document_text(document, "yaml"), folder / RESULT)
+    if log is not None:
+        logs = {name: session.log_document() for name, session in sessions.items()}
+        write_text(json.dumps(logs, indent=2) + "\n", log)
+    for pair in found.pairs:
+        for line in _pair_lines(pair):
+            console.print(line, markup=False)
+    console.print(f"{'sweeps':<17}{found.num_sweeps:,} read, each once", markup=False)
+    console.print(f"{'rig':<17}{found.status}", markup=False)
+    console.print(f"{'written to':<17}{folder / RESULT}", markup=False)
+    if failures:
+        first, reason = next(iter(failures.items()))
+        raise CalibrationError(f"{len(failures)} of {len(drives)} cameras failed; {first}: {reason}")
+    return EXIT_NOT_TRUSTED if found.status == "not_trusted" else 0
+
+
+def _check_options(path: Path) -> None:
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        is_given = context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
+        if is_given and parameter.name in OF_ONE_CAMERA:
+            raise click.UsageError(f"{parameter.opts[0]}: is of one camera, and {path} is a rig")
+
+
+def _check_folder(rig: Rig, folder: Path, names: list[str], log: Path | None) -> None:
+    """Make the folder of results, if they would overwrite nothing that is read."""
+    if folder.suffix.lower() in SUFFIXES and not is_folder(folder):
+        raise InputError(
+            f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
+    drives = rig.read_drives().values()
+    read = [rig.path, *(drive.path for drive in drives)]
+    read += [drive.resolve(name) for drive in drives for name in drive.files()]
+    check_outputs(read, [*(folder / name for name in names), *([log] if log is not None else [])])
+
+
+def _pair_lines(pair: Pair) -> list[str]:
+    """What is known of a pair, for reading."""
+    lines = [f"T_{pair.a}_{pair.b}", *(f"{'':<17}{line}" for line in matrix_lines(pair.T_a_b))]
+    if pair.uncertainty is not None:
+        half = pair.uncertainty.half_widths
+        lines.append(
+            f"{'95 % interval':<17}+- {row((100.0 * half[:3]).tolist(), 3)} cm, {row(half[3:].tolist(), 4)} deg, 95 %"
+        )
+    if pair.reference is not None and pair.error is not None:
+        verdict = {None: "", True: ": within", False: ": more than intervals explain"}[pair.is_explained]
+        lines.append(
+            f"{'reference':<17}{pair.error.camera_center_cm:.3f} cm and {pair.error.rotation_deg:.4f} deg from "
+            f"{pair.reference.source}{verdict}"
+        )
+    return lines

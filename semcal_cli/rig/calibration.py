@@ -1,0 +1,137 @@
+"""A rig's calibration: each camera as if it were alone, sweeps read once, and each camera beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.calibration import Calibration, Status
+from semcal_cli.drive import Drive
+from semcal_cli.poses import inverse, quaternion_xyzw
+from semcal_cli.provenance import versions
+from semcal_cli.rig.document import Rig
+from semcal_cli.rig.pairs import Pair, Reference, make_pair
+from semcal_cli.uncertainty import Uncertainty
+
+WORST_FIRST: tuple[Status, ...] = ("not_trusted", "not_assessed", "trusted")
+
+
+@dataclass(frozen=True)
+class RigCalibration:
+    """What was found of a rig."""
+
+    cameras: Mapping[str, Calibration]
+    failures: Mapping[str, str]
+    """Why there is none of a camera."""
+    pairs: tuple[Pair, ...]
+    num_sweeps: int
+    """Different sweeps that were read."""
+
+    @property
+    def status(self) -> str:
+        """The worst of all cameras: `failed`, or as of a calibration."""
+        if self.failures:
+            return "failed"
+        return min((each.status for each in self.cameras.values()), key=WORST_FIRST.index)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Those of all cameras, by name."""
+        return (
+            *(f"{name}: {reason}" for name, reason in self.failures.items()),
+            *(f"{name}: {reason}" for name, each in self.cameras.items() for reason in each.reasons),
+        )
+
+
+def combine(
+    rig: Rig,
+    drives: Mapping[str, Drive],
+    cameras: Mapping[str, Calibration],
+    failures: Mapping[str, str],
+    num_sweeps: int,
+) -> RigCalibration:
+    """Put the cameras of a rig beside each other, and beside what the rig, or else the drives, say of each pair."""
+    pairs = tuple(
+        make_pair(a, cameras[a], b, cameras[b], _reference(rig, drives, a, b))
+        for a, b in combinations(cameras, 2)
+    )
+    return RigCalibration(cameras, failures, pairs, num_sweeps)
+
+
+def _reference(rig: Rig, drives: Mapping[str, Drive], a: str, b: str) -> Reference | None:
+    if (stated := rig.reference(a, b)) is not None:
+        return Reference(stated, rig.path.name)
+    T_a, T_b = drives[a].T_camera_lidar, drives[b].T_camera_lidar
+    if T_a is None or T_b is None:
+        return None
+    return Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
+
+
+def describe_rig(found: RigCalibration, files: Mapping[str, str], source: str) -> dict[str, Any]:
+    """Make the document of a rig's calibration.
+
+    Args:
+        found: What was found.
+        files: Where the calibration of each camera is, relative to this document.
+        source: The rig that was read, likewise.
+    """
+    cameras: dict[str, Any] = {
+        name: {"status": "failed", "reasons": [reason]} for name, reason in found.failures.items()
+    }
+    for name, calibration in found.cameras.items():
+        cameras[name] = {
+            "status": calibration.status,
+            "reasons": list(calibration.reasons),
+            "calibration": files[name],
+            "T_camera_lidar": calibration.T_camera_lidar,
+        }
+    return {
+        "semcal_rig_calibration": 1,
+        "status": found.status,
+        "cameras": cameras,
+        "pairs": [_describe_pair(pair) for pair in found.pairs],
+        "num_sweeps": found.num_sweeps,
+        "input": {"rig": source},
+        "versions": versions(),
+    }
+
+
+def _describe_pair(pair: Pair) -> dict[str, Any]:
+    return {
+        "a": pair.a,
+        "b": pair.b,
+        "T_a_b": pair.T_a_b.tolist(),
+        "translation_m": pair.T_a_b[:3, 3].tolist(),
+        "quaternion_xyzw": quaternion_xyzw(pair.T_a_b).tolist(),
+        "uncertainty": None if pair.uncertainty is None else _describe_uncertainty(pair.uncertainty),
+        "reference": _describe_reference(pair),
+    }
+
+
+def _describe_uncertainty(found: Uncertainty) -> dict[str, Any]:
+    """As of a calibration: the camera's place is that of a in the frame of b."""
+    half_widths = found.half_widths.tolist()
+    return {
+        "covariance": found.covariance.tolist(),
+        "degrees_of_freedom": found.degrees_of_freedom.tolist(),
+        "sigma_camera_center_m": found.sigma_camera_center_m.tolist(),
+        "sigma_translation_m": found.sigma_translation_m.tolist(),
+        "sigma_rotation_deg": found.sigma_rotation_deg.tolist(),
+        "half_width_95_camera_center_m": half_widths[:3],
+        "half_width_95_rotation_deg": half_widths[3:],
+    }
+
+
+def _describe_reference(pair: Pair) -> dict[str, Any] | None:
+    if pair.reference is None or pair.error is None:
+        return None
+    return {
+        "source": pair.reference.source,
+        "T_a_b": pair.reference.T_a_b.tolist(),
+        **{name: list(v) if isinstance(v, tuple) else v for name, v in vars(pair.error).items()},
+        "is_explained": pair.is_explained,
+    }

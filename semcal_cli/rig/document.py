@@ -1,0 +1,116 @@
+"""The rig: what is read of several cameras of one LiDAR, described by a `rig.yaml`."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, PrivateAttr, field_validator, model_validator
+
+from semcal_cli.documents import describe, is_folder, one_of, read_bytes, read_document
+from semcal_cli.drive import DRIVE_FILE, RIG_FILE, Drive, read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.poses import Pose, inverse, nearest_rigid
+from semcal_cli.validation import FileName, StrictModel, Transform, Version, mismatch, validate
+
+RIG_KEY = re.compile(rb"""^(semcal_rig|[\s{]*["']semcal_rig["'])\s*:""", re.MULTILINE)
+"""Found without reading the document, since that of a long drive takes seconds."""
+NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
+
+
+class Rig(StrictModel):
+    """A rig.yaml. Each camera has a drive of its own; drives name the same clouds."""
+
+    semcal_rig: Version
+    """Version of this format."""
+    cameras: Annotated[dict[str, FileName], Field(min_length=2)]
+    """The drive of each camera, its folder or file, relative to the rig's."""
+    T_camera_camera: dict[str, dict[str, Transform]] = {}
+    """References that are only compared with: under a and b, p_a = T_a_b * p_b, as a stereo calibration gives it."""
+
+    _path: Path = PrivateAttr(default=Path(RIG_FILE))
+
+    @field_validator("cameras")
+    @classmethod
+    def _check_names(cls, cameras: dict[str, str]) -> dict[str, str]:
+        for name in cameras:
+            # Results are files of these names.
+            if not NAME.fullmatch(name) or len(name) > 100:
+                raise mismatch(describe(name), "a name of letters, digits, _, - and . for a camera")
+        folded: dict[str, str] = {}
+        for name in cameras:
+            if folded.setdefault(name.lower(), name) != name:
+                raise mismatch(
+                    f"{folded[name.lower()]!r} and {name!r}", "names that differ in more than case"
+                )
+        return cameras
+
+    @model_validator(mode="after")
+    def _check_references(self) -> Rig:
+        for to, others in self.T_camera_camera.items():
+            for name in (to, *others):
+                if name not in self.cameras:
+                    needed = one_of(name, self.cameras)
+                    raise ValueError(f"T_camera_camera: found camera {describe(name)}, needed {needed}")
+            if to in others:
+                raise ValueError(f"T_camera_camera: found {to!r} beside itself, needed two cameras")
+            for other in others:
+                if to in self.T_camera_camera.get(other, {}):
+                    raise ValueError(
+                        f"T_camera_camera: found {to!r} and {other!r} both ways, needed one of them"
+                    )
+        return self
+
+    @property
+    def path(self) -> Path:
+        """The file that was read."""
+        return self._path
+
+    def read_drives(self) -> dict[str, Drive]:
+        """Read and check the drive of each camera.
+
+        Raises:
+            InputError: a drive is wrong, or two cameras have the same one.
+        """
+        drives = {name: read_drive(self._path.parent / drive) for name, drive in self.cameras.items()}
+        owners: dict[Path, str] = {}
+        for name, drive in drives.items():
+            owner = owners.setdefault(drive.path.resolve(), name)
+            if owner != name:
+                raise InputError(
+                    f"{self._path}: cameras: found {drive.path} for {owner!r} and {name!r}, needed a drive for each"
+                )
+        return drives
+
+    def reference(self, to: str, other: str) -> Pose | None:
+        """Give what is stated of a pair of cameras, T_to_other, whichever way round; None if nothing is."""
+        if (T := self.T_camera_camera.get(to, {}).get(other)) is not None:
+            return nearest_rigid(np.array(T))
+        if (T := self.T_camera_camera.get(other, {}).get(to)) is not None:
+            return inverse(nearest_rigid(np.array(T)))
+        return None
+
+
+def find_rig(path: Path) -> Path | None:
+    """Give the rig.yaml that a path means: the file, or its folder if that is no drive's; None if it means a drive.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    if is_folder(path):
+        file = path / RIG_FILE
+        return file if file.exists() and not (path / DRIVE_FILE).exists() else None
+    return path if RIG_KEY.search(read_bytes(path)) else None
+
+
+def read_rig(path: Path) -> Rig:
+    """Read and check a rig.
+
+    Raises:
+        InputError: the first complaint: file, key, what was found, what was needed.
+    """
+    rig = validate(Rig, read_document(path), path)
+    rig._path = path
+    return rig

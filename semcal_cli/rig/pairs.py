@@ -1,0 +1,86 @@
+"""Where one camera is beside another, from how each is mounted on the LiDAR.
+
+    T_a_b = T_a_lidar T_b_lidar^-1
+
+With errors xi_a and xi_b on the left of either, to first order
+
+    exp(xi_a) T_a_lidar (exp(xi_b) T_b_lidar)^-1 = exp(xi_a - Ad(T_a_b) xi_b) T_a_b
+
+so that the covariance is that of xi_a and, carried over by the adjoint of T_a_b, that of xi_b (Barfoot, *State
+Estimation for Robotics*, 2017, section 7.3). The two are taken as independent. Cameras that look at the same points
+share the errors of their labels, which then partly cancel: the covariance is rather too large.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.calibration import Calibration
+from semcal_cli.metrics import PoseError, compare_poses
+from semcal_cli.poses import Pose, inverse
+from semcal_cli.uncertainty import Uncertainty
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What somebody else says of a pair."""
+
+    T_a_b: Pose
+    source: str
+    """Where it is from."""
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two cameras of a rig."""
+
+    a: str
+    b: str
+    T_a_b: Pose
+    """(4, 4), p_a = T_a_b p_b, metres."""
+    uncertainty: Uncertainty | None
+    """Of a twist on its left, in the frame of a; None where that of a camera is not known."""
+    reference: Reference | None
+
+    @property
+    def error(self) -> PoseError | None:
+        """How far it is from the reference: the place of camera a in the frame of b, and its rotation."""
+        return None if self.reference is None else compare_poses(self.T_a_b, self.reference.T_a_b)
+
+    @property
+    def is_explained(self) -> bool | None:
+        """Whether 95 % intervals reach the reference along each axis of a; None if either is not known."""
+        if self.error is None or self.uncertainty is None:
+            return None
+        off = [*(0.01 * x for x in self.error.camera_center_xyz_cm), *self.error.rotation_xyz_deg]
+        return bool((np.abs(off) <= self.uncertainty.half_widths).all())
+
+
+def make_pair(
+    a: str, of_a: Calibration, b: str, of_b: Calibration, reference: Reference | None = None
+) -> Pair:
+    """Put two cameras beside each other."""
+    T_a_b = of_a.pose @ inverse(of_b.pose)
+    uncertainty = None
+    if of_a.uncertainty is not None and of_b.uncertainty is not None:
+        covariance_a, covariance_b = (
+            np.array(of_a.uncertainty.covariance),
+            np.array(of_b.uncertainty.covariance),
+        )
+        Ad = adjoint(T_a_b)
+        # Satterthwaite's degrees of freedom, of the sum of variances that each axis has from either camera.
+        parts = np.hstack([np.diag(np.diag(covariance_a)), Ad**2 * np.diag(covariance_b)])
+        known = np.array([*of_a.uncertainty.degrees_of_freedom, *of_b.uncertainty.degrees_of_freedom])
+        degrees_of_freedom = parts.sum(axis=1) ** 2 / (parts**2 / known).sum(axis=1)
+        uncertainty = Uncertainty(T_a_b, covariance_a + Ad @ covariance_b @ Ad.T, degrees_of_freedom)
+    return Pair(a, b, T_a_b, uncertainty, reference)
+
+
+def adjoint(T: Pose) -> npt.NDArray[np.float64]:
+    """Give the adjoint (6, 6) of a transform, by which T exp(xi) = exp(Ad xi) T; xi = (rho, phi)."""
+    R, (x, y, z) = T[:3, :3], T[:3, 3]
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.block([[R, cross @ R], [np.zeros((3, 3)), R]])

@@ -1,0 +1,238 @@
+"""Several cameras of one LiDAR: what one camera's pose beside another's is known to, and the command."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+from conftest import make_pose
+from scipy.linalg import expm
+
+from semcal_cli import point_clouds
+from semcal_cli.calibration import Calibration, read_calibration
+from semcal_cli.cli import semcal
+from semcal_cli.documents import read_document
+from semcal_cli.drive import read_drive
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.poses import Pose, inverse
+from semcal_cli.rig.document import read_rig
+from semcal_cli.rig.pairs import Reference, adjoint, make_pair
+from semcal_cli.synthesis import synthesize_rig
+from semcal_cli.synthesis_config import SynthConfig
+
+SMALL = SynthConfig(
+    num_frames=3, seed=5, channels=32, columns=500, width=480, height=270, camera_roll_deg=0.0
+)
+NAMES = ("camera_0", "camera_1")
+
+
+def exp(xi: np.ndarray) -> Pose:
+    """A twist (rho, phi) as a transform, by its generator."""
+    x, y, z = xi[3:]
+    generator = np.zeros((4, 4))
+    generator[:3, :3], generator[:3, 3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]], xi[:3]
+    return expm(generator)
+
+
+def twist(T: Pose) -> np.ndarray:
+    """A small transform as a twist, to first order."""
+    R = T[:3, :3] - T[:3, :3].T
+    return np.array([*T[:3, 3], *(0.5 * np.array([R[2, 1], R[0, 2], R[1, 0]]))])
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig of two cameras, which tests do not write to."""
+    out = tmp_path_factory.mktemp("rigs") / "rig"
+    synthesize_rig(SMALL, len(NAMES), out)
+    return out / "rig.yaml"
+
+
+@pytest.fixture(scope="module")
+def results(rig: Path) -> tuple[Result, Path]:
+    """What the command makes of it."""
+    out = rig.parents[1] / "results"
+    return run(rig, "-o", out, "--log", rig.parents[1] / "log.json"), out
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(semcal, ["calibrate", *map(str, arguments)])
+
+
+def with_pose(found: Calibration, T: Pose, covariance: np.ndarray) -> Calibration:
+    """The same for another pose, as sure as that."""
+    assert found.uncertainty is not None
+    of_xi = found.uncertainty.model_copy(update={"covariance": covariance.tolist()})
+    return found.model_copy(update={"T_camera_lidar": T.tolist(), "uncertainty": of_xi})
+
+
+def test_the_adjoint_carries_a_twist_over() -> None:
+    T, xi = make_pose((0.4, -1.0, 2.0), (0.3, -0.5, 1.1)), np.array([0.3, -0.2, 0.1, 0.2, 0.4, -0.3])
+    assert T @ exp(xi) == pytest.approx(exp(adjoint(T) @ xi) @ T, abs=1e-12)
+
+
+def test_the_covariance_of_a_pair_is_that_of_its_scatter(results: tuple[Result, Path]) -> None:
+    """Both cameras are moved as their covariances say; the pair scatters as its own does."""
+    rng = np.random.default_rng(4)
+    a, b = (read_calibration(results[1] / f"{name}.yaml") for name in NAMES)
+    roots = [1e-3 * rng.standard_normal((6, 6)) for _ in range(2)]
+    covariances = [root @ root.T for root in roots]
+    T_a, T_b = make_pose((0.3, -0.2, 0.1), (0.4, -0.2, 0.7)), make_pose((-0.8, 0.4, 1.0), (2.0, 0.3, -0.4))
+    pair = make_pair("a", with_pose(a, T_a, covariances[0]), "b", with_pose(b, T_b, covariances[1]))
+    assert pair.uncertainty is not None
+    draws = [rng.multivariate_normal(np.zeros(6), covariance, 20_000) for covariance in covariances]
+    found = [
+        twist(exp(xi_a) @ T_a @ inverse(exp(xi_b) @ T_b) @ inverse(pair.T_a_b))
+        for xi_a, xi_b in zip(*draws, strict=True)
+    ]
+    scale = np.sqrt(np.diag(pair.uncertainty.covariance))
+    assert np.cov(np.array(found).T) / np.outer(scale, scale) == pytest.approx(
+        pair.uncertainty.covariance / np.outer(scale, scale), abs=0.03
+    )
+    # Known no better than either camera alone would tell, and no worse than by both.
+    assert a.uncertainty is not None
+    assert b.uncertainty is not None
+    known = [*a.uncertainty.degrees_of_freedom, *b.uncertainty.degrees_of_freedom]
+    assert (min(known) <= pair.uncertainty.degrees_of_freedom).all()
+    assert (pair.uncertainty.degrees_of_freedom <= sum(known)).all()
+
+
+def test_a_pair_is_compared_with_its_reference(results: tuple[Result, Path]) -> None:
+    a, b = (read_calibration(results[1] / f"{name}.yaml") for name in NAMES)
+    T = a.pose @ inverse(b.pose)
+    near, far = T.copy(), T.copy()
+    far[0, 3] += 1.0
+    for stated, is_explained in ((near, True), (far, False)):
+        pair = make_pair("a", a, "b", b, Reference(stated, "a file"))
+        assert pair.is_explained is is_explained
+    assert pair.error is not None
+    assert pair.error.camera_center_cm == pytest.approx(100.0)
+
+
+def test_a_rig_is_calibrated_as_its_cameras_are_alone(rig: Path, results: tuple[Result, Path]) -> None:
+    """The same bytes, and each sweep is read once."""
+    found, out = results
+    assert found.exit_code in (0, 3), found.output
+    document = read_document(out / "rig_calibration.yaml")
+    assert document["num_sweeps"] == SMALL.num_frames
+    assert list(document["cameras"]) == list(NAMES)
+    alone = rig.parents[1] / "alone"
+    alone.mkdir()
+    for name in NAMES:
+        run(rig.parent / name, "-o", alone / f"{name}.yaml")
+        assert (alone / f"{name}.yaml").read_bytes() == (out / f"{name}.yaml").read_bytes()
+    (pair,) = document["pairs"]
+    assert (pair["a"], pair["b"]) == NAMES
+    T_0, T_1 = (np.array(document["cameras"][name]["T_camera_lidar"]) for name in NAMES)
+    assert np.array(pair["T_a_b"]) == pytest.approx(T_0 @ inverse(T_1), abs=1e-12)
+    assert pair["reference"]["source"] == "T_camera_lidar of both drives"
+    assert pair["reference"]["rotation_deg"] < 0.5
+    assert list(json.loads((rig.parents[1] / "log.json").read_text())) == list(NAMES)
+    assert "T_camera_0_camera_1" in found.stderr
+
+
+def test_each_sweep_is_read_once(rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    read = []
+    original = point_clouds.read_point_clouds
+
+    def counting(files: list[tuple[Path, Path | None]]) -> Any:
+        read.extend(files)
+        return original(files)
+
+    monkeypatch.setattr(point_clouds, "read_point_clouds", counting)
+    run(rig, "-o", tmp_path, "--no-polish", "--max-frames", "2")
+    assert len(read) == len({points.resolve() for points, _ in read}) <= SMALL.num_frames
+
+
+def test_a_camera_that_fails_stops_no_other(rig: Path, tmp_path: Path) -> None:
+    drives = {name: read_drive(rig.parent / name) for name in NAMES}
+    broken = drives["camera_0"].model_dump(mode="json", exclude_none=True)
+    for frame in broken["frames"]:
+        frame |= {key: str(rig.parent / "camera_0" / frame[key]) for key in ("points", "point_labels")}
+        frame["image_labels"] = "none.png"
+    (tmp_path / "broken.yaml").write_text(yaml.safe_dump(broken))
+    cameras = {"broken": "broken.yaml", "whole": str(rig.parent / "camera_1")}
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump({"semcal_rig": 1, "cameras": cameras}))
+    found = run(tmp_path, "-o", tmp_path / "out", "--no-polish")  # the folder of a rig.yaml
+    assert isinstance(found.exception, CalibrationError)
+    assert str(found.exception).startswith("1 of 2 cameras failed; broken: ")
+    document = read_document(tmp_path / "out/rig_calibration.yaml")
+    assert document["status"] == "failed"
+    assert document["cameras"]["broken"]["status"] == "failed"
+    assert document["cameras"]["whole"]["status"] == "not_assessed"
+    assert read_calibration(tmp_path / "out/whole.yaml").status == "not_assessed"
+    assert not (tmp_path / "out/broken.yaml").exists()
+
+
+def test_a_reference_is_taken_either_way_round(rig: Path) -> None:
+    T = make_pose((0.3, -0.2, 0.1), (0.4, -0.2, 0.7))
+    document = yaml.safe_load(rig.read_text()) | {"T_camera_camera": {"camera_1": {"camera_0": T.tolist()}}}
+    path = rig.with_name("with_reference.yaml")
+    path.write_text(yaml.safe_dump(document))
+    read = read_rig(path)
+    assert read.reference("camera_1", "camera_0") == pytest.approx(T)
+    assert read.reference("camera_0", "camera_1") == pytest.approx(inverse(T))
+
+
+IDENTITY = np.eye(4).tolist()
+
+
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"cameras": {"front": "camera_0"}}, "cameras: found a mapping of 1, needed at least 2"),
+        ({"cameras": {"front": "camera_0", "a/b": "camera_1"}}, "needed a name of letters"),
+        (
+            {"cameras": {"front": "camera_0", "Front": "camera_1"}},
+            "needed names that differ in more than case",
+        ),
+        (
+            {"cameras": {"a": "camera_0", "b": "camera_0/drive.yaml"}},
+            "for 'a' and 'b', needed a drive for each",
+        ),
+        ({"cameras": {"a": "camera_0", "b": "none"}}, "none: no such file"),
+        ({"camera": {}}, "unknown key 'camera'; the nearest known key is 'cameras'"),
+        ({"T_camera_camera": {"camera_0": {"left": IDENTITY}}}, "found camera 'left', needed one of"),
+        ({"T_camera_camera": {"camera_0": {"camera_0": IDENTITY}}}, "found 'camera_0' beside itself"),
+        (
+            {"T_camera_camera": {"camera_0": {"camera_1": IDENTITY}, "camera_1": {"camera_0": IDENTITY}}},
+            "both ways, needed one of them",
+        ),
+        (
+            {"T_camera_camera": {"camera_0": {"camera_1": [[1, 2], [3, 4]]}}},
+            "T_camera_camera.camera_0.camera_1",
+        ),
+        ({"semcal_rig": 2}, "semcal_rig: found 2"),
+    ],
+)
+def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: Path) -> None:
+    path = rig.with_name("wrong.yaml")
+    path.write_text(json.dumps(yaml.safe_load(rig.read_text()) | changes))
+    found = run(path, "-o", tmp_path / "out")
+    assert isinstance(found.exception, InputError), found.output
+    assert complaint in str(found.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_usage(rig: Path, tmp_path: Path) -> None:
+    drive = rig.parent / "camera_0"
+    for options, complaint in (
+        ([], "-o: "),
+        (["-o", tmp_path, "--init", drive], "--init: is of one camera"),
+        (["-o", tmp_path, "--to", "tum"], "--to: is of one camera"),
+        (["-o", tmp_path, "--fix", "tx", "--init", drive], "is of one camera"),
+    ):
+        found = run(rig, *options)
+        assert found.exit_code == 2
+        assert complaint in found.output
+    assert "needed a folder" in str(run(rig, "-o", tmp_path / "out.yaml").exception)
+    # Results would replace a drive of the rig.
+    for name in NAMES:
+        (tmp_path / f"{name}.yaml").write_text((rig.parent / name / "drive.yaml").read_text())
+    (tmp_path / "rig.yaml").write_text(
+        yaml.safe_dump({"semcal_rig": 1, "cameras": {n: f"{n}.yaml" for n in NAMES}})
+    )
+    assert "reads or writes" in str(run(tmp_path / "rig.yaml", "-o", tmp_path).exception)
