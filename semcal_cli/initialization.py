@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
@@ -69,6 +70,10 @@ class InitializationConfig:
     roll_step_deg: float = 5.0
     search_deg: float | None = None
     """Narrows the search to rotations within this angle of the given one."""
+    around_given_deg: float = 5.0
+    """Likewise where climbs from a given pose end apart ..."""
+    meeting_deg: float = 0.5
+    """... by more than this."""
     min_cells_of_most: float = 0.1
     """A placement counts only with this share of the best overlapping one's cells."""
     num_hypotheses: int = 24
@@ -207,11 +212,19 @@ def _candidates(
 def _align_given(
     observations: Observations, given: _Candidate, config: InitializationConfig, seed: int
 ) -> list[_Candidate]:
-    """Climb as from afar, as from near by, and not at all: exact mutual information tells which was right."""
+    """Climb as from afar, as from near by, and not at all: exact mutual information tells which was right.
+
+    Where the two do not meet, at least one has not found the top, and a search around the pose is tried, too.
+    """
     found = [given]
     for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
         levels = replace(config.alignment, blocks_across=blocks_across, num_kept=(1,) * len(blocks_across))
         found += _align(observations, [given], replace(config, alignment=levels), seed)
+    _, *climbed = found
+    if _angle_deg(climbed[0], climbed[-1]) > config.meeting_deg:
+        around = given.T_camera_lidar, math.radians(config.around_given_deg)
+        with suppress(CalibrationError):
+            found += _align(observations, _candidates(observations, config, seed, around), config, seed)
     return found
 
 

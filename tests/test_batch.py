@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -15,6 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
+from hostile_drives import HOSTILE as HOSTILE_DRIVES
+from hostile_drives import break_drive
 
 from semcal_cli.batch import worker
 from semcal_cli.batch.drives import find_drives, folder_of
@@ -174,6 +177,24 @@ def test_who_crashes_or_hangs_does_not_stop_the_others(
     assert (
         "timed out after 30 s" in (tmp_path / "out" / folder_of(str(copies / "001")) / "log.txt").read_text()
     )
+
+
+def test_one_hostile_drive_in_ten_is_named(street: Path, drives: Path, tmp_path: Path) -> None:
+    """Every drive that the tests of the command know to be wrong, nine times as many that are not."""
+    for number, (edit, _) in enumerate(HOSTILE_DRIVES.values()):
+        break_drive(Path(shutil.copytree(street, tmp_path / f"drives/wrong_{number:02d}")), edit)
+    for number in range(9 * len(HOSTILE_DRIVES)):
+        shutil.copytree(drives / f"{number % NUM_DRIVES:03d}", tmp_path / f"drives/right_{number:03d}")
+    given = ["batch", str(tmp_path / "drives/*"), "-o", str(tmp_path / "out"), "--jobs", "2"]
+    found = run([*given, *QUICK, str(drives / "000")])
+    assert found.exit_code == 1
+    wrong = [outcome for outcome in summary(tmp_path / "out") if outcome["status"] == "failed"]
+    assert [Path(outcome["drive"]).name for outcome in wrong] == [
+        f"wrong_{number:02d}" for number in range(len(HOSTILE_DRIVES))
+    ]
+    for outcome, (_, message) in zip(wrong, HOSTILE_DRIVES.values(), strict=True):
+        assert re.fullmatch(f"{re.escape(outcome['drive'])}/{message}", outcome["reasons"][0])
+    assert len(summary(tmp_path / "out")) == 10 * len(HOSTILE_DRIVES)
 
 
 def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from semcal_cli import _core
+from semcal_cli import _core, initialization
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.initialization import Hypothesis, InitializationConfig, initialize, margin, runner_up
 from semcal_cli.metrics import compare_poses
@@ -97,6 +97,38 @@ def test_a_given_pose_narrows_the_search(street_observations: Observations, stre
 def test_a_given_pose_replaces_the_search(street_observations: Observations, street_truth: Pose) -> None:
     (only,) = from_nothing(street_observations, turned_about_z(street_truth, 8.0))
     check(only, street_truth)
+
+
+@pytest.mark.parametrize("apart_deg", [0.2, 20.0])
+def test_climbs_that_end_apart_have_the_surroundings_searched(
+    street_observations: Observations,
+    street_truth: Pose,
+    apart_deg: float,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """From a pose that leads nowhere, the search finds the truth; where climbs meet, nothing is searched."""
+    align, candidates = initialization._align, initialization._candidates
+    num_searches, num_climbs = 0, 0
+
+    def climb(observations: Observations, given: list, *rest: object) -> list:
+        nonlocal num_climbs
+        num_climbs += 1
+        if num_climbs > 2:
+            return align(observations, given, *rest)
+        return [
+            dataclasses.replace(given[0], T_camera_lidar=turned_about_z(street_truth, num_climbs * apart_deg))
+        ]
+
+    def search(*arguments: object) -> list:
+        nonlocal num_searches
+        num_searches += 1
+        return candidates(*arguments)
+
+    monkeypatch.setattr(initialization, "_align", climb)
+    monkeypatch.setattr(initialization, "_candidates", search)
+    (found,) = from_nothing(street_observations, turned_about_z(street_truth, 3.0))
+    assert num_searches == (apart_deg > 1.0)
+    assert rotation_error_deg(found.T_camera_lidar, street_truth) < 1.0
 
 
 def test_the_camera_stays_within_the_baseline(street_observations: Observations) -> None:

@@ -99,7 +99,8 @@ def fleet(
 
 def _summarise(found: Fleet, console: Console) -> None:
     width = max(len(check.name) for check in found.checks) + 2
-    lines = [check_line(check, width) for check in found.checks]
+    shown = [check for check in found.checks if check.name.endswith(" in all") or check.verdict != "pass"]
+    lines = [check_line(check, width) for check in shown]
     off = [
         f"{standing.member.drive}: disagrees by {standing.offset.words}"
         for standing in found.standings
