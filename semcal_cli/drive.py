@@ -318,6 +318,12 @@ class Drive(StrictModel):
         return self.root / relative
 
 
+def first_stamp(drive: Drive) -> float | None:
+    """Give the stamp of a drive's first frame, seconds."""
+    frame = drive.frames[0]
+    return frame.points_stamp if frame.points_stamp is not None else frame.image_stamp
+
+
 def drive_file(path: Path) -> Path:
     """Locate the drive.yaml of a drive that is given as its folder or as the file."""
     return path / DRIVE_FILE if is_folder(path) else path

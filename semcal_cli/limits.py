@@ -74,6 +74,16 @@ def judge(
     return tuple(checks)
 
 
+def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
+    """Give what the squared length of a vector of six, in its standard errors, exceeds by chance in a share alpha.
+
+    Hotelling's, of standard errors that are known with so many degrees of freedom; chi squared if with very many.
+    """
+    from scipy.stats import f as fisher
+
+    return 6.0 * float(fisher.isf(alpha, 6, degrees_of_freedom))
+
+
 def together(verdicts: Iterable[Verdict]) -> Verdict:
     """Give the verdict on several figures: none may fail, and all have to pass."""
     found = set(verdicts)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from semcal_cli.calibration import Input, InputFrame
 from semcal_cli.documents import read_bytes
-from semcal_cli.drive import Drive, drive_file
+from semcal_cli.drive import Camera, Drive, drive_file
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
 """Whose versions may change the answer."""
@@ -54,6 +54,11 @@ def describe_input(
         frames=tuple(frames),
         sha256=hashes,
     )
+
+
+def camera_hash(camera: Camera) -> str:
+    """Give what tells a camera's picture size, intrinsics and lens from others."""
+    return hashlib.sha256(camera.model_dump_json().encode()).hexdigest()[:16]
 
 
 def versions() -> dict[str, str]:

@@ -69,7 +69,6 @@ def test_the_mean_is_as_sure_as_it_says_and_outliers_do_not_move_it() -> None:
         mean = robust_mean(poses, covariances)
         (off,) = local_coordinates([mean.T_camera_lidar], TRUTH)
         squared.append(float(off @ np.linalg.inv(mean.covariance) @ off))
-        assert mean.weights[:3].max() < 0.01 < mean.weights[3:].min()
     # Six degrees of freedom: a mean of 6, within what 60 draws allow and what Student's weights cost.
     assert 4.5 < np.mean(squared) < 7.5
 
@@ -86,9 +85,8 @@ def test_scatter_beyond_what_is_stated_is_found_even_where_the_rig_changed() -> 
     for extra in (0.0, 3.0):
         _, covariances, series = fleet(np.random.default_rng(1), 400, extra)
         series[200:] += 30.0 * SIGMAS
-        found = np.sqrt(extra_scatter(series, covariances).variances)
-        assert found == pytest.approx(extra * SIGMAS, rel=0.25, abs=0.6 * SIGMAS.max())
-        assert (found[3:] <= (extra + 0.8) * SIGMAS[3:]).all()
+        found = np.sqrt(extra_scatter(series, covariances).variances) / SIGMAS
+        assert found == pytest.approx(np.full(6, extra), rel=0.15, abs=0.5)
 
 
 def test_a_change_is_found_where_it_happened() -> None:
@@ -107,10 +105,66 @@ def test_noise_is_no_change() -> None:
     assert np.mean(found) <= 3.0 * ALPHA + 0.01
 
 
-def test_one_that_lies_alone_is_no_change() -> None:
-    _, covariances, series = fleet(np.random.default_rng(5), 30)
-    series[12] += 100.0 * SIGMAS
-    assert change_points(series, covariances, MANY) == []
+@pytest.mark.parametrize("place", [0, 1, 12, 28, 29])
+def test_one_that_lies_alone_is_neither_a_change_nor_a_drift(place: int) -> None:
+    """Not even the last: a bad drive last night does not move the rig."""
+    for seed in range(10):
+        drives = series_of("nothing", 30, seed)
+        off = np.array([0.2, 0.0, 0.0, 0.0, np.radians(0.8), 0.0])
+        drives[place] = replace(drives[place], T_camera_lidar=moved(drives[place].T_camera_lidar, off))
+        found = assess(drives, Limits())
+        assert (found.verdict, len(found.parts), found.drift) == ("fail", 1, None)
+        (far,) = [standing.member.drive for standing in found.standings if standing.is_far]
+        assert far == drives[place].drive
+        (now,) = local_coordinates([found.T_camera_lidar], TRUTH)
+        assert np.abs(now / SIGMAS).max() < 1.5
+
+
+@pytest.mark.parametrize("share", [0.1, 0.15, 0.2])
+def test_many_that_lie_alone_do_not_hide_one_another(share: float) -> None:
+    for seed in range(5):
+        drives = series_of("nothing", 40, seed)
+        wrong = np.arange(1, 40, round(1.0 / share))
+        for place in wrong:
+            drives[place] = replace(drives[place], T_camera_lidar=make_pose((0.3, 0, 0), (1, 0, 0)) @ TRUTH)
+        found = assess(drives, Limits())
+        far = [index for index, standing in enumerate(found.standings) if standing.verdict == "fail"]
+        assert far == wrong.tolist()
+        assert found.scatter[3:].max() < np.degrees(4.0 * SIGMAS[3:].max())
+
+
+@pytest.mark.parametrize("count", [5, 6, 8, 12])
+def test_few_drives_of_which_one_is_off_do_not_pass(count: int) -> None:
+    """What few drives cannot tell from scatter is at least not called good, and named."""
+    for seed in range(10):
+        for places in ([count // 2], [count - 1], list(range(count // 2, count))):
+            drives = series_of("nothing", count, seed)
+            for place in places:
+                T = drives[place].T_camera_lidar
+                drives[place] = replace(
+                    drives[place], T_camera_lidar=moved(T, np.array([0, 0, 0, 0, np.radians(0.8), 0]))
+                )
+            found = assess(drives, Limits())
+            assert found.verdict != "pass"
+            assert found.reasons
+
+
+def test_small_changes_add_up() -> None:
+    drives = series_of("nothing", 40)
+    for index, drive in enumerate(drives):
+        turn = np.radians(0.25) * (index // 10)
+        T = moved(drive.T_camera_lidar, np.array([0, 0, 0, 0, 0, turn]))
+        drives[index] = replace(drive, T_camera_lidar=T)
+    assert assess(drives, Limits()).verdict == "fail"
+
+
+def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> None:
+    drives = series_of("change")
+    by_name = [replace(drive, stamp=12.3, drive=f"drive_{i}") for i, drive in enumerate(drives)]
+    found = assess(by_name[::-1], Limits())
+    assert (found.order, found.parts[1].first, found.verdict) == ("name", "drive_15", "fail")
+    assert found.notes == ("not all drives have stamps in seconds since 1970 that differ: ordered by name",)
+    assert assess(drives, Limits()).notes == ()
 
 
 def test_a_drift_is_measured() -> None:
@@ -138,7 +192,7 @@ def members(poses: list[Pose], covariances: np.ndarray) -> list[Member]:
 @pytest.mark.parametrize(("count", "extra"), [(3, 3.0), (5, 1.0), (8, 3.0), (20, 1.0), (60, 0.0)])
 def test_intervals_hold_the_truth_and_nothing_is_seen_where_nothing_is(count: int, extra: float) -> None:
     """Intervals of 95 %, whether drives scatter as they say or by four times as much; 60 fleets, 360 axes each."""
-    held, alarms = [], 0
+    held, widths, errors, alarms = [], [], [], 0
     for seed in range(60):
         poses, covariances, _ = fleet(np.random.default_rng((count, seed)), count, extra)
         found = assess(members(poses, covariances), Limits())
@@ -147,13 +201,18 @@ def test_intervals_hold_the_truth_and_nothing_is_seen_where_nothing_is(count: in
         held.append(np.abs(off_m_deg) <= found.parts[-1].half_widths)
         alarms += len(found.parts) > 1 or found.drift is not None
         alarms += any(standing.disagrees for standing in found.standings)
+        widths.append(found.parts[-1].half_widths)
+        errors.append(off_m_deg)
     assert np.mean(held) >= 0.90
     assert alarms <= 3
+    # Nor are they wide for nothing: as wide as errors want them to be, but for what few drives do not tell.
+    wanted = 1.96 * np.std(errors, axis=0)
+    assert (np.median(widths, axis=0) < {3: 5.0, 5: 2.5}.get(count, 1.7) * wanted).all()
 
 
-def series_of(kind: str, count: int = 24) -> list[Member]:
+def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
     """A fleet to which something happened."""
-    rng = np.random.default_rng(8)
+    rng = np.random.default_rng(seed)
     _, covariances, series = fleet(rng, count, 1.0)
     if kind == "change":
         series[15:, [1, 4]] += [0.08, np.radians(0.6)]
@@ -198,7 +257,7 @@ def test_the_order_is_that_of_time_and_else_nothing_depends_on_order() -> None:
     one = assess(series_of("change"), Limits())
     shuffled = [series_of("change")[i] for i in np.random.default_rng(1).permutation(24)]
     other = assess(shuffled, Limits())
-    assert describe_fleet(one, given=[], reference=None) == describe_fleet(other, given=[], reference=None)
+    assert describe_fleet(one, {}) == describe_fleet(other, {})
 
 
 def test_a_reference_is_judged() -> None:
@@ -230,7 +289,8 @@ def line(member: Member, **changes: object) -> dict:
     assert member.covariance is not None
     found = {"drive": f"drives/{member.drive}", "status": "trusted", "exit_code": 0, "reasons": []}
     found |= {"stamp": member.stamp, "T_camera_lidar": member.T_camera_lidar.tolist()}
-    found |= {"covariance": member.covariance.tolist(), "mutual_information_nats": 1.5, "result": "c.yaml"}
+    found |= {"covariance": member.covariance.tolist(), "mutual_information_nats": 1.5}
+    found |= {"camera": "a", "result": f"{member.drive}/calibration.yaml"}
     return found | changes
 
 
@@ -275,10 +335,11 @@ def test_the_exit_codes(tmp_path: Path) -> None:
     steady = [line(member) for member in series_of("nothing")]
     assert run(write_summary(tmp_path / "a", steady)).exit_code == 0
     assert run(write_summary(tmp_path / "b", steady[:2])).exit_code == 4
-    # Drives of two batches, and limits that nothing can be known to.
+    # Drives of two batches, and limits below what drives scatter by.
     rest = write_summary(tmp_path / "c", steady[2:])
     assert run(tmp_path / "b", rest).exit_code == 0
-    assert run(tmp_path / "b", rest, "--max-rotation-deg", "1e-4").exit_code == 4
+    assert run(tmp_path / "b", rest, "--max-rotation-deg", "0.06").exit_code == 4
+    assert run(tmp_path / "b", rest, "--max-rotation-deg", "1e-4").exit_code == 3
 
 
 @pytest.mark.parametrize(
@@ -295,7 +356,8 @@ def test_the_exit_codes(tmp_path: Path) -> None:
         ({"covariance": None}, None),
         ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found nothing"),
         ({"extra": 1}, "line 2: unknown key 'extra'"),
-        ({"drive": "drives/000"}, "drives/000: found twice"),
+        ({"result": "000/calibration.yaml"}, "000: found twice"),
+        ({"drive": "drives/000"}, None),
         ({"stamp": 1e300}, "line 2: stamp"),
     ],
 )
@@ -305,7 +367,9 @@ def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: P
     found = run(write_summary(tmp_path / "batch", lines))
     if complaint is None:
         assert found.exit_code == 0
-        assert "drives/001: left out: nothing is known of its error" in found.stderr
+        assert ("drives/001: left out: nothing is known of its error" in found.stderr) == (
+            "covariance" in changes
+        )
     else:
         assert isinstance(found.exception, InputError)
         assert complaint in str(found.exception)

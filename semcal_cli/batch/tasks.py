@@ -18,8 +18,9 @@ from typing import Any
 
 from semcal_cli.calibration import read_calibration
 from semcal_cli.documents import read_bytes, read_document, read_text, write_text
-from semcal_cli.drive import drive_file, read_drive
+from semcal_cli.drive import drive_file, first_stamp, read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.provenance import camera_hash
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
 RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}
@@ -75,6 +76,8 @@ class Outcome:
     covariance: tuple[tuple[float, ...], ...] | None = None
     """(6, 6) of xi = (rho, phi), camera frame, left perturbation."""
     mutual_information_nats: float | None = None
+    camera: str | None = None
+    """Tells lens and picture size from others: see `provenance.camera_hash`."""
     result: str | None = None
     """Its file, relative to the batch's folder."""
 
@@ -178,10 +181,11 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
             found.status,
             exit_code,
             found.reasons,
-            stamp_of(task),
+            first_stamp(read_drive(Path(task.path))),
             found.T_camera_lidar,
             None if uncertainty is None else uncertainty.covariance,
             found.quality.mutual_information_nats,
+            camera_hash(found.input.camera),
             result,
         )
     document = read_document(task.result)
@@ -190,13 +194,7 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
         document["verdict"],
         exit_code,
         tuple(document["reasons"]),
-        stamp_of(task),
+        first_stamp(read_drive(Path(task.path))),
         tuple(map(tuple, document["T_camera_lidar"])),
         result=result,
     )
-
-
-def stamp_of(task: Task) -> float | None:
-    """Give the stamp of a drive's first frame, seconds."""
-    frame = read_drive(Path(task.path)).frames[0]
-    return frame.points_stamp if frame.points_stamp is not None else frame.image_stamp

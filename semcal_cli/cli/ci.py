@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
@@ -12,6 +14,9 @@ import click
 
 if TYPE_CHECKING:
     from semcal_cli.limits import Check, Verdict
+
+NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+"""Characters that XML 1.0 cannot hold."""
 
 EXIT_CODES: dict[Verdict, int] = {"pass": 0, "fail": 3, "inconclusive": 4}
 
@@ -25,7 +30,21 @@ def check_line(check: Check, width: int = 21) -> str:
     )
 
 
-def write_junit(command: str, checks: Sequence[Check], reasons: Iterable[str], path: Path) -> None:
+@dataclass(frozen=True)
+class Case:
+    """What CI is told of one check."""
+
+    name: str
+    verdict: Verdict
+    message: str
+
+    @classmethod
+    def of_check(cls, check: Check, reasons: Sequence[str] = ()) -> Case:
+        """Tell of a check, and why it is as it is."""
+        return cls(check.name, check.verdict, "; ".join([" ".join(check_line(check).split()), *reasons]))
+
+
+def write_junit(command: str, cases: Sequence[Case], path: Path) -> None:
     """Write a test case for each check: a failure fails, what cannot be decided is skipped.
 
     Raises:
@@ -33,7 +52,7 @@ def write_junit(command: str, checks: Sequence[Check], reasons: Iterable[str], p
     """
     from semcal_cli.documents import write_text
 
-    verdicts = [check.verdict for check in checks]
+    verdicts = [case.verdict for case in cases]
     suite = ElementTree.Element(
         "testsuite",
         name=f"semcal {command}",
@@ -42,12 +61,12 @@ def write_junit(command: str, checks: Sequence[Check], reasons: Iterable[str], p
         skipped=str(verdicts.count("inconclusive")),
         errors="0",
     )
-    for check in checks:
-        case = ElementTree.SubElement(suite, "testcase", classname=f"semcal.{command}", name=check.name)
-        kind = {"fail": "failure", "inconclusive": "skipped"}.get(check.verdict)
+    for case in cases:
+        name = NO_XML.sub("?", case.name)
+        element = ElementTree.SubElement(suite, "testcase", classname=f"semcal.{command}", name=name)
+        kind = {"fail": "failure", "inconclusive": "skipped"}.get(case.verdict)
         if kind is not None:
-            message = "; ".join([" ".join(check_line(check).split()), *reasons])
-            ElementTree.SubElement(case, kind, message=message)
+            ElementTree.SubElement(element, kind, message=NO_XML.sub("?", case.message))
     ElementTree.indent(suite)
     write_text(
         '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(suite, encoding="unicode") + "\n",
@@ -55,13 +74,17 @@ def write_junit(command: str, checks: Sequence[Check], reasons: Iterable[str], p
     )
 
 
-def annotate(command: str, verdict: Verdict, checks: Iterable[Check], reasons: Iterable[str]) -> None:
-    """Put the verdict where GitHub shows it, in a job of its; on stderr, which it reads as well."""
+def annotate(command: str, verdict: Verdict, names: Iterable[str], reasons: Iterable[str]) -> None:
+    """Put the verdict, and what it is of, where GitHub shows it, in a job of its; on stderr, which it reads as well."""
     if os.environ.get("GITHUB_ACTIONS") != "true":
         return
     kind = {"pass": "notice", "fail": "error", "inconclusive": "warning"}[verdict]
-    lines = [check.name for check in checks if check.verdict == verdict != "pass"]
-    text = "; ".join([verdict, *lines, *reasons])
+    text = "; ".join([verdict, *names, *reasons])
     for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
         text = text.replace(character, code)
     click.echo(f"::{kind} title=semcal {command}::{text}", err=True)
+
+
+def of_verdict(verdict: Verdict, cases: Iterable[Case]) -> list[str]:
+    """Name what is as bad as the verdict; nothing if that is good."""
+    return [case.name for case in cases if case.verdict == verdict != "pass"]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.ci import EXIT_CODES, annotate, check_line, write_junit
+from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, of_verdict, write_junit
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options, output_option, quiet_option
 
 if TYPE_CHECKING:
@@ -24,11 +26,11 @@ PLOTS = (".png", ".svg")
 @click.command(
     help=f"""Put the drives of one rig together: what they agree on, which do not, whether the rig moved.
 
-    RESULTS are folders that semcal batch wrote, and single calibrations of semcal. Drives are ordered by the stamps of
-    their first frames, or by their names. Those that are not trusted are left out, and named.
-    Exit code 0: drives agree, and nothing moved by more than is allowed. 3: a change, a drift, or a drive lies beyond
-    that with its whole 95 % interval. 4: the drives cannot decide. The transform of the result is the last that
-    holds: other commands read it.
+    RESULTS are folders that semcal batch wrote, and single calibrations of semcal. Drives are ordered by the stamps
+    of their first frames if these are seconds since 1970, else by their names. Those that are not trusted are left
+    out, and named. Exit code 0: no change, no drift and no drive is beyond what is allowed, and what they agree on is
+    known that well. 3: one lies beyond with its whole 95 % interval. 4: the drives cannot decide. The transform of the
+    result is the one that holds at the last drive: other commands read it.
 
     FILE of --reference is {KNOWN_TRANSFORMS}.
     """
@@ -56,7 +58,14 @@ def fleet(
 ) -> None:
     """Put the drives of a rig together."""
     from semcal_cli.cli.session import check_outputs, check_page, make_console
-    from semcal_cli.documents import document_text, is_folder, output_format, write_bytes, write_text
+    from semcal_cli.documents import (
+        document_text,
+        is_folder,
+        output_format,
+        read_bytes,
+        write_bytes,
+        write_text,
+    )
     from semcal_cli.drive import drive_file
     from semcal_cli.errors import InputError
     from semcal_cli.fleet.assessment import assess
@@ -79,9 +88,10 @@ def fleet(
     given = [str(path) for path in results]
 
     found = assess(read_members(results), Limits(max_rotation_deg, max_translation_m), T_reference)
-    text = document_text(
-        describe_fleet(found, given=given, reference=None if reference is None else str(reference)), form
-    )
+    place = Path() if output is None else output.parent
+    hashes = {os.path.relpath(path, place): hashlib.sha256(read_bytes(path)).hexdigest() for path in read}
+    reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
+    text = document_text(describe_fleet(found, hashes, reference_name), form)
     if output is None:
         click.echo(text, nl=False)
     else:
@@ -91,10 +101,22 @@ def fleet(
     if plot is not None:
         write_bytes(plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png"), plot)
     if junit is not None:
-        write_junit("fleet", found.checks, found.reasons, junit)
+        write_junit("fleet", _cases(found), junit)
     _summarise(found, make_console(quiet))
-    annotate("fleet", found.verdict, found.checks, found.reasons)
+    annotate("fleet", found.verdict, of_verdict(found.verdict, _cases(found))[:MAX_LINES], found.reasons)
     sys.exit(EXIT_CODES[found.verdict])
+
+
+def _cases(found: Fleet) -> list[Case]:
+    """Each check, each drive, and whether there are enough drives."""
+    cases = [Case.of_check(check) for check in found.checks]
+    for standing in found.standings:
+        # A drive that is not known well enough is no reason to doubt the rig, one that seems far off is.
+        verdict = standing.verdict if standing.is_far else "pass"
+        cases.append(Case(f"drive {standing.member.drive}", verdict, f"{standing.offset.words} off"))
+    words = f"{len(found.standings):,} drives used, {len(found.left_out):,} left out"
+    cases.append(Case("enough drives", "pass" if found.has_enough else "inconclusive", words))
+    return cases
 
 
 def _summarise(found: Fleet, console: Console) -> None:
@@ -102,15 +124,21 @@ def _summarise(found: Fleet, console: Console) -> None:
     shown = [check for check in found.checks if check.name.endswith(" in all") or check.verdict != "pass"]
     lines = [check_line(check, width) for check in shown]
     off = [
-        f"{standing.member.drive}: disagrees by {standing.offset.words}"
+        f"{standing.member.drive}: {standing.offset.words} off"
         for standing in found.standings
-        if standing.disagrees
+        if standing.disagrees or standing.is_far
     ]
     out = [f"{member.drive}: left out: {member.left_out}" for member in found.left_out]
     for each in (off, out):
         lines += each[:MAX_LINES]
         lines += [f"and {len(each) - MAX_LINES:,} more"] if len(each) > MAX_LINES else []
     num_all = len(found.standings) + len(found.left_out)
-    lines += [f"{len(found.standings):,} of {num_all:,} drives used", *found.reasons, found.verdict]
+    lines += [
+        f"{len(found.standings):,} of {num_all:,} drives used",
+        *found.notes,
+        *found.reasons,
+        found.verdict,
+    ]
     for line in lines:
-        console.print(line, markup=False)
+        # One line, also where a drive's name holds a line break.
+        console.print(" ".join(line.splitlines()), markup=False)

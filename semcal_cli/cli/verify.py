@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.ci import EXIT_CODES, annotate, check_line, write_junit
+from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, of_verdict, write_junit
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
@@ -82,10 +82,11 @@ def verify(
     )
     with session:
         found = check(session.run, given, Limits(max_rotation_deg, max_translation_m))
+    cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:
-        write_junit("verify", found.checks, found.reasons, junit)
+        write_junit("verify", cases, junit)
     _print(found, as_json)
-    annotate("verify", found.verdict, found.checks, found.reasons)
+    annotate("verify", found.verdict, of_verdict(found.verdict, cases), found.reasons)
     sys.exit(EXIT_CODES[found.verdict])
 
 

@@ -6,8 +6,10 @@ Bayesian information criterion. Every drive is compared with what holds at its t
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +17,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.documents import listed
 from semcal_cli.errors import CalibrationError
-from semcal_cli.fleet.changes import Drift, change_points, drift, misfit, quantile
+from semcal_cli.fleet.changes import Drift, change_points, drift, misfit
 from semcal_cli.fleet.consensus import (
     Matrices,
     Vectors,
@@ -25,7 +27,7 @@ from semcal_cli.fleet.consensus import (
     robust_mean,
 )
 from semcal_cli.fleet.members import Member
-from semcal_cli.limits import Check, Limits, Verdict, judge, together
+from semcal_cli.limits import Check, Limits, Verdict, joint_quantile, judge, together
 from semcal_cli.poses import Pose
 
 ALPHA = 0.01
@@ -37,6 +39,10 @@ MIN_USED = 0.5
 MIN_DRIFT_DRIVES = 6
 """Fewer do not tell a line from chance."""
 DAY_S = 86_400.0
+EPOCH_S = 1e9
+"""Stamps of drives compare if they are seconds since 1970, which now are more than this; others begin anywhere."""
+
+Order: TypeAlias = Literal["stamp", "name"]
 
 
 @dataclass(frozen=True)
@@ -74,8 +80,15 @@ class Standing:
     offset: Offset
     disagrees: bool
     """By more than chance explains."""
+    is_far: bool
+    """Whether the offset itself, whatever its interval, is beyond a limit."""
     verdict: Verdict
     """`fail` if the offset is surely beyond a limit."""
+
+    @property
+    def is_suspect(self) -> bool:
+        """Whether it may be beyond a limit, and nobody knows."""
+        return self.is_far and self.verdict != "fail"
 
 
 @dataclass(frozen=True)
@@ -90,7 +103,9 @@ class Part:
     half_widths: npt.NDArray[np.float64]
     """(6,) of the 95 % intervals of the camera's place and rotation, metres and degrees."""
     change: Offset | None
-    """From the part before."""
+    """From the part before; None for the first."""
+    change_in_all: Offset | None
+    """From the first part, if that is not the one before."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +114,8 @@ class Fleet:
 
     verdict: Verdict
     reasons: tuple[str, ...]
+    notes: tuple[str, ...]
+    """What a reader has to know that is no reason for the verdict."""
     checks: tuple[Check, ...]
     """Of what they agree on; single drives are judged beside."""
     T_camera_lidar: Pose
@@ -108,8 +125,8 @@ class Fleet:
     scatter: npt.NDArray[np.float64]
     """(6,) standard deviation of the camera's place and rotation beyond what drives say of themselves, metres and
     degrees."""
-    time_unit: str
-    """`day`, or `drive` where stamps are missing."""
+    order: Order
+    """`stamp`: times are days since the first; `name`: they count drives, since stamps do not compare."""
     parts: tuple[Part, ...]
     drift: Offset | None
     """From the first drive to the last, if it explains them better than changes do."""
@@ -117,6 +134,12 @@ class Fleet:
     """In the order of time."""
     left_out: tuple[Member, ...]
     limits: Limits
+
+    @property
+    def has_enough(self) -> bool:
+        """Whether there are enough drives that can be used."""
+        num_used = len(self.standings)
+        return num_used >= max(MIN_DRIVES, MIN_USED * (num_used + len(self.left_out)))
 
 
 def assess(members: Sequence[Member], limits: Limits, T_reference: Pose | None = None) -> Fleet:
@@ -139,7 +162,7 @@ def assess(members: Sequence[Member], limits: Limits, T_reference: Pose | None =
             if left_out
             else f"found no drives, needed {MIN_DRIVES}"
         )
-    used, times, time_unit = _in_order(usable)
+    used, times, order = _in_order(usable)
     poses = [member.T_camera_lidar for member in used if member.T_camera_lidar is not None]
     stated = np.array([member.covariance for member in used])
     T_middle = robust_mean(poses, stated).T_camera_lidar
@@ -161,20 +184,23 @@ def assess(members: Sequence[Member], limits: Limits, T_reference: Pose | None =
     if T_reference is not None:
         (off,) = local_coordinates([T_now], T_reference)
         checks += _named("from the reference", _offset(off, covariance, factors).judge(limits))
-    for part in parts[1:]:
-        assert part.change is not None
-        checks += _named(f"change at {part.first}", part.change.judge(limits))
+    for part in parts:
+        if part.change is not None:
+            checks += _named(f"change at {part.first}", part.change.judge(limits))
+        if part.change_in_all is not None:
+            checks += _named(f"change until {part.first}", part.change_in_all.judge(limits))
     if drifted is not None:
         checks += _named("drift", drifted.judge(limits))
     verdict, reasons = _conclude(checks, standings, left_out, parts, drifted)
     return Fleet(
         verdict,
         reasons,
+        _notes(used, order),
         tuple(checks),
         T_now,
         covariance,
         _half_widths(np.diag(extra.variances), np.ones(6)),
-        time_unit,
+        order,
         parts,
         drifted,
         standings,
@@ -196,14 +222,30 @@ class _Course:
     drift: Drift | None = None
 
 
-def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], str]:
-    """Sort drives by their stamps, days since the first, or where one is missing by their names."""
-    by_name = sorted(used, key=lambda member: member.drive)
-    stamps = [member.stamp for member in by_name if member.stamp is not None]
+def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], Order]:
+    """Sort drives by their stamps, days since the first, or if these do not compare by their names."""
+    by_name = sorted(used, key=lambda member: _natural(member.drive))
+    stamps = [member.stamp for member in by_name if member.stamp is not None and member.stamp >= EPOCH_S]
     if len(stamps) < len(used) or len(set(stamps)) == 1:
-        return by_name, np.arange(len(used), dtype=np.float64), "drive"
+        return by_name, np.arange(len(used), dtype=np.float64), "name"
     order = np.argsort(stamps, kind="stable")
-    return [by_name[i] for i in order], (np.sort(stamps) - min(stamps)) / DAY_S, "day"
+    return [by_name[i] for i in order], (np.sort(stamps) - min(stamps)) / DAY_S, "stamp"
+
+
+def _notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
+    notes = []
+    if order == "name":
+        notes.append("not all drives have stamps in seconds since 1970 that differ: ordered by name")
+    num_cameras = len({member.camera for member in used if member.camera is not None})
+    if num_cameras > 1:
+        notes.append(f"drives have {num_cameras:,} cameras that differ in picture size, intrinsics or lens")
+    return tuple(notes)
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sort key by which 10 comes after 2."""
+    parts = re.split(r"([0-9]+)", name)
+    return [(int(part), "") if part.isascii() and part.isdigit() else (-1, part) for part in parts]
 
 
 def _explain(
@@ -248,14 +290,16 @@ def _standings(
 ) -> tuple[Standing, ...]:
     off = series - course.expected
     squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
-    disagrees = squared > quantile(ALPHA / len(used), degrees_of_freedom)
+    disagrees = squared > joint_quantile(ALPHA / len(used), degrees_of_freedom)
     parts = np.searchsorted(course.starts, np.arange(len(used)), side="right") - 1
     relative = course.expected - course.expected[-1]
     course_off = np.hstack([-relative[:, :3], np.degrees(relative[:, 3:])])
     standings = []
     for index, member in enumerate(used):
         offset = _offset(off[index], covariances[index], factors)
-        verdict = together(check.verdict for check in offset.judge(limits))
+        checks = offset.judge(limits)
+        verdict = together(check.verdict for check in checks)
+        is_far = any(abs(check.offset) > check.allowed for check in checks)
         standings.append(
             Standing(
                 member,
@@ -264,6 +308,7 @@ def _standings(
                 course_off[index],
                 offset,
                 bool(disagrees[index]),
+                is_far,
                 verdict,
             )
         )
@@ -274,12 +319,13 @@ def _parts(
     used: Sequence[Member], course: _Course, T_middle: Pose, factors: npt.NDArray[np.float64]
 ) -> tuple[Part, ...]:
     ends = (*course.starts[1:], len(used))
-    parts = []
+    parts: list[Part] = []
     for begin, end in zip(course.starts, ends, strict=True):
-        change = None
-        if begin > 0:
-            step = course.expected[begin] - course.expected[begin - 1]
-            change = _offset(step, course.covariances[begin] + course.covariances[begin - 1], factors)
+
+        def change_from(index: int, begin: int = begin) -> Offset:
+            step = course.expected[begin] - course.expected[index]
+            return _offset(step, course.covariances[begin] + course.covariances[index], factors)
+
         parts.append(
             Part(
                 used[begin].drive,
@@ -287,7 +333,8 @@ def _parts(
                 end - begin,
                 moved(T_middle, course.expected[end - 1]),
                 _half_widths(course.covariances[end - 1], factors),
-                change,
+                change_from(begin - 1) if begin > 0 else None,
+                change_from(0) if len(parts) > 1 else None,
             )
         )
     return tuple(parts)
@@ -328,24 +375,25 @@ def _conclude(
 ) -> tuple[Verdict, tuple[str, ...]]:
     """Give the verdict on all, and sentences on what happened and what is missing."""
     num_used, num_all = len(standings), len(standings) + len(left_out)
+    verdicts: list[Verdict] = [check.verdict for check in checks]
     reasons = [f"changed at {part.first} by {part.change.words}" for part in parts if part.change is not None]
     if drifted is not None:
         reasons.append(f"drifted by {drifted.words} from the first drive to the last")
-    off = [standing for standing in standings if standing.disagrees]
-    far = [standing for standing in off if standing.verdict == "fail"]
-    if off:
-        beyond = f", {len(far):,} by more than is allowed" if far else ", none by more than is allowed"
-        reasons.append(
-            f"{len(off):,} of {num_used:,} drives disagree{beyond}: {listed(s.member.drive for s in off)}"
-        )
-    too_few = []
+    for words, found in (
+        ("surely farther off than is allowed", [s for s in standings if s.verdict == "fail"]),
+        ("farther off than is allowed, not surely", [s for s in standings if s.is_suspect]),
+        ("disagreeing, within what is allowed", [s for s in standings if s.disagrees and not s.is_far]),
+    ):
+        if found:
+            names = listed(standing.member.drive for standing in found)
+            reasons.append(f"{len(found):,} of {num_used:,} drives {words}: {names}")
+    # A drive that is not known well enough is no reason to doubt the others, one that seems far off is.
+    verdicts += [standing.verdict for standing in standings if standing.is_far]
     if num_used < MIN_DRIVES:
-        too_few.append(
-            f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to tell how they scatter"
-        )
+        few = f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to tell how they scatter"
     elif num_used < MIN_USED * num_all:
-        too_few.append(f"{num_used:,} of {num_all:,} drives can be used, needed {MIN_USED:.0%}")
-    verdicts: list[Verdict] = [check.verdict for check in checks]
-    verdicts += ["fail" for _ in far]
-    verdicts += ["inconclusive" for _ in too_few]
-    return together(verdicts), (*reasons, *too_few)
+        few = f"{num_used:,} of {num_all:,} drives can be used, needed {MIN_USED:.0%}"
+    else:
+        return together(verdicts), tuple(reasons)
+    verdicts.append("inconclusive")
+    return together(verdicts), (*reasons, few)

@@ -8,17 +8,19 @@ more often than alpha (Bonferroni).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import f as fisher
 
 from semcal_cli.fleet.consensus import STUDENT_DOF, Matrices, Vectors
+from semcal_cli.limits import joint_quantile
 
 ALPHA = 0.01
 MIN_LENGTH = 3
 """Of a part, so that no single calibration is one."""
+NUM_ROUNDS = 10
+"""Of weighing drives anew by how far they are from the line."""
 WINDOW = 5
 """Calibrations whose median says what is usual about then."""
 
@@ -36,7 +38,7 @@ class Drift:
     level_covariance: npt.NDArray[np.float64]
     """(6, 6) of that."""
     middle: float
-    is_significant: bool
+    is_significant: bool = False
 
     def at(self, times: npt.NDArray[np.float64]) -> Vectors:
         """Give the line (N, 6) at some times."""
@@ -63,7 +65,7 @@ def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: fl
     parts = [(0, len(series))]
     while parts:
         begin, end = parts.pop()
-        threshold = quantile(ALPHA / len(series), degrees_of_freedom)
+        threshold = joint_quantile(ALPHA / len(series), degrees_of_freedom)
         split = _split(series[begin:end], weighted[begin:end], threshold)
         if split is not None:
             found.append(begin + split)
@@ -74,36 +76,30 @@ def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: fl
 def drift(
     times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices, degrees_of_freedom: float
 ) -> Drift:
-    """Fit a straight line by weighted least squares; arguments as of `change_points`, and times in any unit."""
-    weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
+    """Fit a straight line, robustly; arguments as of `change_points`, and times in any unit."""
+    information = np.linalg.inv(covariances)
+    weights = _weights(series, covariances)
+    for _ in range(NUM_ROUNDS):
+        line = _line(times, series, information * weights[:, None, None])
+        off = series - line.at(times)
+        weights = _student_weights(np.einsum("ni,nij,nj->n", off, information, off))
+    statistic = float(line.per_unit @ np.linalg.pinv(line.covariance, hermitian=True) @ line.per_unit)
+    return replace(line, is_significant=statistic > joint_quantile(ALPHA, degrees_of_freedom))
+
+
+def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -> Drift:
     total = weighted.sum(0)
     # Times are counted from their weighted mean, per axis alike: slope and level are then hardly correlated.
-    share = np.trace(weighted, axis1=1, axis2=2)
-    middle = float(np.average(times, weights=share))
+    middle = float(np.average(times, weights=np.trace(weighted, axis1=1, axis2=2)))
     centered = times - middle
-    design = np.block(
-        [
-            [total, np.einsum("n,nij->ij", centered, weighted)],
-            [np.einsum("n,nij->ij", centered, weighted), np.einsum("n,nij->ij", centered**2, weighted)],
-        ]
-    )
+    crossed = np.einsum("n,nij->ij", centered, weighted)
+    design = np.block([[total, crossed], [crossed, np.einsum("n,nij->ij", centered**2, weighted)]])
     right = np.concatenate(
         [np.einsum("nij,nj->i", weighted, series), np.einsum("n,nij,nj->i", centered, weighted, series)]
     )
     inverse = np.linalg.pinv(design, hermitian=True)
     solution = inverse @ right
-    level, slope, covariance = solution[:6], solution[6:], inverse[6:, 6:]
-    statistic = float(slope @ np.linalg.pinv(covariance, hermitian=True) @ slope)
-    is_significant = bool(statistic > quantile(ALPHA, degrees_of_freedom))
-    return Drift(slope, covariance, level, inverse[:6, :6], middle, is_significant)
-
-
-def quantile(alpha: float, degrees_of_freedom: float) -> float:
-    """Give what the squared length of a vector of six, in its standard errors, exceeds by chance so often.
-
-    Hotelling's, which is chi squared where standard errors are known.
-    """
-    return 6.0 * float(fisher.isf(alpha, 6, degrees_of_freedom))
+    return Drift(solution[6:], inverse[6:, 6:], solution[:6], inverse[:6, :6], middle)
 
 
 def misfit(series: Vectors, model: Vectors, covariances: Matrices, num_parameters: int) -> float:
@@ -141,10 +137,14 @@ def _explained(information: Matrices, pull: Vectors) -> npt.NDArray[np.float64]:
 
 def _weights(series: Vectors, covariances: Matrices) -> npt.NDArray[np.float64]:
     """Weights of Student's distribution about what is usual at the time: what lies alone is no change."""
-    reach = WINDOW // 2
-    padded = np.pad(series, ((reach, reach), (0, 0)), mode="edge")
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, WINDOW, axis=0), axis=-1)
+    # At either end the window is that of the nearest drive that has one all around.
+    count = len(series)
+    begins = np.clip(np.arange(count) - WINDOW // 2, 0, max(count - WINDOW, 0))
+    usual = np.array([np.median(series[begin : begin + WINDOW], axis=0) for begin in begins])
     off = series - usual
-    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off)
+    return _student_weights(np.einsum("ni,nij,nj->n", off, np.linalg.inv(covariances), off))
+
+
+def _student_weights(squared: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     weights: npt.NDArray[np.float64] = np.minimum((STUDENT_DOF + 6.0) / (STUDENT_DOF + squared), 1.0)
     return weights

@@ -12,15 +12,16 @@ much more is told by how much neighbours in time differ, which a rig that change
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
+from scipy.stats import t as student_t
 
-from semcal_cli.poses import Pose, camera_center, rotation_difference
+from semcal_cli.poses import Pose, camera_center
 
 Vectors = npt.NDArray[np.float64]
 """(N, 6) local coordinates."""
@@ -33,8 +34,11 @@ WIDENING = 1.23
 sandwich of an M-estimator: E[w^2 d^2] / 6 by the square of E[w + w' d^2 / 3], times E[w]; d^2 is chi squared)."""
 MAX_SQUARE = 4.0
 """Of a difference of neighbours, in variances."""
-EFFICIENCY = 0.6
-"""Of the variance of neighbours' differences, beside the variance about a mean that is known."""
+EFFICIENCY, MEDIAN_EFFICIENCY = 0.6, 0.25
+"""Of the variance of neighbours' differences, and of their median, beside the variance about a mean that is known."""
+FAR = 0.0005
+"""Differences that chance makes this seldom, to either side, say nothing of the scatter."""
+NUM_HALVINGS = 80
 MAX_ROUNDS = 50
 SETTLED = 1e-12
 """Metres and radians of the last step."""
@@ -47,18 +51,14 @@ class Mean:
     T_camera_lidar: Pose
     covariance: npt.NDArray[np.float64]
     """(6, 6) of (rho, phi) about it."""
-    weights: npt.NDArray[np.float64]
-    """(N,) of each transform, about 1 for those that agree."""
 
 
 def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
     """Give (rho, phi) of transforms about a reference."""
-    center, R_reference = camera_center(T_reference), T_reference[:3, :3]
-    found = [
-        np.concatenate([-R_reference @ (camera_center(T) - center), rotation_difference(T, T_reference)])
-        for T in poses
-    ]
-    return np.array(found).reshape(-1, 6)
+    T, R_reference = np.asarray(poses), T_reference[:3, :3]
+    centers = -np.einsum("nji,nj->ni", T[:, :3, :3], T[:, :3, 3])
+    turns = Rotation.from_matrix(T[:, :3, :3] @ R_reference.T).as_rotvec()
+    return np.hstack([(camera_center(T_reference) - centers) @ R_reference.T, turns])
 
 
 def moved(T_reference: Pose, coordinates: npt.NDArray[np.float64]) -> Pose:
@@ -82,8 +82,9 @@ class Scatter:
 def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
     """Tell how much a series scatters beyond what is stated.
 
-    With it, differences of neighbours are as large as a normal distribution's, by Huber's second proposal (1964): their
-    squares count up to a limit, so that what lies alone, or a change, counts as little as anything that is far.
+    With it, differences of neighbours are as large as a normal distribution's. First their median is, which less than
+    half of them cannot spoil; those that are then too large for chance, as where a drive lies alone or the rig changed,
+    are left out; of the rest squares count up to a limit (Huber's second proposal, 1964), which uses more of them.
     """
     num_differences = len(series) - 1
     if num_differences < 2:
@@ -91,18 +92,35 @@ def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
     squared = np.diff(series, axis=0) ** 2
     variances = np.diagonal(covariances, axis1=1, axis2=2)
     stated = variances[1:] + variances[:-1]
+    median = float(chi2.ppf(0.5, 1))
+    first = _solve(stated, squared, lambda squares: np.median(squares, axis=0) - median)
+    far = student_t.isf(FAR, MEDIAN_EFFICIENCY * num_differences) ** 2
+    is_near = np.flatnonzero((squared / (stated + 2.0 * first) < far).all(axis=1))
+    if not is_near.size:
+        is_near = np.arange(num_differences)
     mean = float(chi2.cdf(MAX_SQUARE, 3) + MAX_SQUARE * chi2.sf(MAX_SQUARE, 1))
-    low, high = np.zeros(6), squared.max(axis=0) / (2.0 * mean) * num_differences
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        clipped = np.minimum(squared / (stated + 2.0 * middle), MAX_SQUARE)
-        is_too_small = clipped.mean(axis=0) > mean
-        low, high = np.where(is_too_small, middle, low), np.where(is_too_small, high, middle)
-    # Where stated variances are enough, the search ends at nothing.
-    found: npt.NDArray[np.float64] = 0.5 * (low + high)
+    found = _solve(
+        stated[is_near], squared[is_near], lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean
+    )
     share = np.maximum(found / (found + variances.mean(axis=0)), np.finfo(float).tiny)
     # That there is none is not known any better than by so many drives.
-    return Scatter(found, np.minimum(EFFICIENCY * num_differences / share**2, num_differences))
+    return Scatter(found, np.minimum(EFFICIENCY * len(is_near) / share**2, len(is_near)))
+
+
+def _solve(
+    stated: Vectors, squared: Vectors, excess: Callable[[Vectors], npt.NDArray[np.float64]]
+) -> npt.NDArray[np.float64]:
+    """Find the extra variances (6,) with which the excess of squared differences, in their variances, is nothing.
+
+    Where stated variances are enough, that is none.
+    """
+    low, high = np.zeros(6), squared.max(axis=0) * len(squared)
+    for _ in range(NUM_HALVINGS):
+        middle = 0.5 * (low + high)
+        is_too_small = excess(squared / (stated + 2.0 * middle)) > 0.0
+        low, high = np.where(is_too_small, middle, low), np.where(is_too_small, high, middle)
+    found: npt.NDArray[np.float64] = 0.5 * (low + high)
+    return found
 
 
 def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
@@ -115,7 +133,6 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
     information = np.linalg.inv(covariances)
     # From the one that is nearest to the others: a start that outliers do not move.
     T = poses[_medoid(poses)]
-    weights = np.ones(len(poses))
     for _ in range(MAX_ROUNDS):
         coordinates = local_coordinates(poses, T)
         squared = np.einsum("ni,nij,nj->n", coordinates, information, coordinates)
@@ -125,7 +142,7 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
         T = moved(T, step)
         if np.abs(step).max() < SETTLED:
             break
-    return Mean(T, WIDENING * np.linalg.inv(normal), weights)
+    return Mean(T, WIDENING * np.linalg.inv(normal))
 
 
 def _medoid(poses: Sequence[Pose]) -> int:

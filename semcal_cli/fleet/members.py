@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -12,10 +15,11 @@ import numpy.typing as npt
 
 from semcal_cli.calibration import read_calibration
 from semcal_cli.documents import is_folder, read_json_lines
-from semcal_cli.drive import Stamp
+from semcal_cli.drive import Stamp, first_stamp, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose
-from semcal_cli.validation import StrictModel, Transform, Vector6, length, validate
+from semcal_cli.provenance import camera_hash
+from semcal_cli.validation import FileName, StrictModel, Transform, Vector6, length, validate
 
 SUMMARY = "summary.jsonl"
 LEAST_EIGENVALUE = 1e-12
@@ -33,7 +37,8 @@ class _Line(StrictModel):
     T_camera_lidar: Transform | None
     covariance: Annotated[tuple[Vector6, ...], length(6, 6)] | None
     mutual_information_nats: float | None
-    result: str | None
+    camera: str | None
+    result: FileName | None
 
 
 @dataclass(frozen=True)
@@ -48,27 +53,34 @@ class Member:
     """(6, 6) of a twist on the left, (rho, phi), metres and radians."""
     left_out: str | None
     """Why it cannot be used; None if it can."""
+    camera: str | None = None
+    """Tells lens and picture size from others: see `provenance.camera_hash`."""
 
 
 def read_members(paths: Sequence[Path]) -> list[Member]:
     """Read drives, from folders that `semcal batch` wrote and from single calibrations.
 
+    Drives of several batches may have the same name; they are then told apart by their batches.
+
     Raises:
-        InputError: a file is missing or wrong, or a drive is there twice.
+        InputError: a file is missing or wrong, or a result is there twice.
     """
-    members: list[Member] = []
-    for path in paths:
-        members += _read_batch(path / SUMMARY) if is_folder(path) else [_read_single(path)]
-    seen: set[str] = set()
-    for member in members:
-        if member.drive in seen:
-            raise InputError(f"{member.drive}: found twice among what was given, needed each drive once")
-        seen.add(member.drive)
-    return members
+    found = [
+        found for path in paths for found in (_read_batch(path) if is_folder(path) else [_read_single(path)])
+    ]
+    names = Counter(member.drive for _, member in found)
+    members: dict[str, Member] = {}
+    for result, member in found:
+        if os.path.realpath(result) in members:
+            raise InputError(f"{result}: found twice among what was given, needed each drive once")
+        name = member.drive if names[member.drive] == 1 else str(result)
+        members[os.path.realpath(result)] = replace(member, drive=name)
+    return list(members.values())
 
 
-def _read_batch(path: Path) -> list[Member]:
-    members = []
+def _read_batch(folder: Path) -> list[tuple[Path, Member]]:
+    """Give the folder of each drive's results, by which it is known, and what it says."""
+    path, found = folder / SUMMARY, []
     for number, document in enumerate(read_json_lines(path), start=1):
         where = Path(f"{path}: line {number}")
         if isinstance(document, dict) and document.get("status") in ("pass", "fail", "inconclusive"):
@@ -77,23 +89,31 @@ def _read_batch(path: Path) -> list[Member]:
                 "without --command verify"
             )
         line = validate(_Line, document, where)
-        members.append(_member(line, where))
-    return members
+        place = folder / (line.drive if line.result is None else Path(line.result).parent)
+        found.append((place, _member(line, where)))
+    return found
 
 
 def _member(line: _Line, where: Path) -> Member:
     T = None if line.T_camera_lidar is None else np.array(line.T_camera_lidar)
     if T is None and line.status != "failed":
         raise InputError(f"{where}: T_camera_lidar: found nothing, needed one where status is {line.status}")
-    covariance = None if line.covariance is None else _checked(np.array(line.covariance), where)
-    return Member(line.drive, line.stamp, T, covariance, _left_out(line.status, line.reasons, covariance))
+    stated = None if line.covariance is None else np.array(line.covariance)
+    left_out = _left_out(line.status, line.reasons, stated)
+    covariance = None if stated is None or left_out else _checked(stated, where)
+    return Member(line.drive, line.stamp, T, covariance, left_out, line.camera)
 
 
-def _read_single(path: Path) -> Member:
+def _read_single(path: Path) -> tuple[Path, Member]:
     found = read_calibration(path)
-    covariance = None if found.uncertainty is None else _checked(np.array(found.uncertainty.covariance), path)
-    reason = _left_out(found.status, found.reasons, covariance)
-    return Member(str(path), None, found.pose, covariance, reason)
+    stated = None if found.uncertainty is None else np.array(found.uncertainty.covariance)
+    left_out = _left_out(found.status, found.reasons, stated)
+    covariance = None if stated is None or left_out else _checked(stated, path)
+    stamp = None
+    with suppress(InputError):  # The drive may be elsewhere by now.
+        stamp = first_stamp(read_drive(path.parent / found.input.drive))
+    camera = camera_hash(found.input.camera)
+    return path, Member(str(path), stamp, found.pose, covariance, left_out, camera)
 
 
 def _left_out(status: str, reasons: Sequence[str], covariance: npt.NDArray[np.float64] | None) -> str | None:

@@ -23,7 +23,7 @@ TITLES = {
     "inconclusive": "The drives cannot decide",
 }
 SENTENCES = {
-    "pass": "All that drives agree on lies within what is allowed.",
+    "pass": "No change, no drift and no drive is beyond what is allowed.",
     "fail": "Something is surely beyond what is allowed.",
     "inconclusive": "Nothing is surely beyond what is allowed, and not all is surely within.",
 }
@@ -77,7 +77,8 @@ def write_page(fleet: Fleet, given: Sequence[str], path: Path) -> None:
 def _row(standing: Standing) -> DriveRow:
     offset = standing.offset
     center, rotation = 100.0 * offset.center_m, offset.rotation_deg
-    beyond = " beyond what is allowed" if standing.verdict == "fail" else ""
+    beyond = {True: "farther off than is allowed", False: ""}[standing.is_far]
+    surely = "surely " if standing.verdict == "fail" else ""
     return DriveRow(
         drive=standing.member.drive,
         time=f"{standing.time:g}",
@@ -85,5 +86,5 @@ def _row(standing: Standing) -> DriveRow:
         center_half=f"{100.0 * np.linalg.norm(offset.half_widths[:3]) / 3**0.5:.3f}",
         rotation=f"{np.linalg.norm(rotation):.4f}",
         rotation_half=f"{np.linalg.norm(offset.half_widths[3:]) / 3**0.5:.4f}",
-        verdict=f"disagrees{beyond}" if standing.disagrees else "agrees",
+        verdict=surely + beyond or ("disagrees, within what is allowed" if standing.disagrees else "agrees"),
     )

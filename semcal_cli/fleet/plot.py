@@ -23,8 +23,10 @@ def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
     """Draw the drives beside what holds at their times, relative to what holds at the last; 95 % intervals."""
     import matplotlib as mpl
 
-    # Ids in the drawing are not drawn by chance, and the clock is no part of it.
-    with mpl.rc_context({"svg.hashsalt": "semcal", "svg.fonttype": "path"}):
+    # Nothing depends on the user's settings, on chance (ids in the drawing) or on the clock.
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update({"svg.hashsalt": "semcal", "svg.fonttype": "path"})
         buffer = io.BytesIO()
         _draw(fleet).savefig(
             buffer, format=format, dpi=120, metadata={"Date": None} if format == "svg" else None
@@ -79,7 +81,7 @@ def _draw(fleet: Fleet) -> Figure:
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
     for axes in all_axes[-1]:
-        axes.set_xlabel("days since the first" if fleet.time_unit == "day" else "drives, by name")
+        axes.set_xlabel("days since the first" if fleet.order == "stamp" else "drives, by name")
     handles, labels = all_axes[0][0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
     figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=4, frameon=False)

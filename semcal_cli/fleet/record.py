@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -11,21 +11,23 @@ import numpy.typing as npt
 
 from semcal_cli.fleet.assessment import Fleet, Offset, Part, Standing
 from semcal_cli.poses import inverse, quaternion_xyzw
+from semcal_cli.provenance import versions
 
 
-def describe_fleet(fleet: Fleet, *, given: Sequence[str], reference: str | None) -> dict[str, Any]:
+def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None = None) -> dict[str, Any]:
     """Make the document of a fleet.
 
     Args:
         fleet: What was found.
-        given: What it was read from.
-        reference: The file of the transform that the rig should have.
+        read: The SHA-256 of each file that was read.
+        reference: That of the transform that the rig should have.
     """
     T = fleet.T_camera_lidar
     return {
         "semcal_fleet": 1,
         "status": fleet.verdict,
         "reasons": list(fleet.reasons),
+        "notes": list(fleet.notes),
         "T_camera_lidar": T.tolist(),
         "T_lidar_camera": inverse(T).tolist(),
         "translation_m": T[:3, 3].tolist(),
@@ -38,13 +40,14 @@ def describe_fleet(fleet: Fleet, *, given: Sequence[str], reference: str | None)
         "checks": [asdict(check) for check in fleet.checks],
         "parts": [_part(part) for part in fleet.parts],
         "drift": None if fleet.drift is None else _describe_offset(fleet.drift),
-        "time_unit": fleet.time_unit,
+        "order": fleet.order,
         "drives": [
             *map(_drive, fleet.standings),
             *({"drive": m.drive, "status": "left_out", "reason": m.left_out} for m in fleet.left_out),
         ],
         "limits": asdict(fleet.limits),
-        "input": {"given": list(given), "reference": reference},
+        "input": {"reference": reference, "sha256": dict(read)},
+        "versions": {name: versions()[name] for name in ("semcal", "numpy")},
     }
 
 
@@ -56,6 +59,7 @@ def _part(part: Part) -> dict[str, Any]:
         "T_camera_lidar": part.T_camera_lidar.tolist(),
         **_widths(part.half_widths),
         "change": None if part.change is None else _describe_offset(part.change),
+        "change_from_first": None if part.change_in_all is None else _describe_offset(part.change_in_all),
     }
 
 
@@ -63,6 +67,7 @@ def _drive(standing: Standing) -> dict[str, Any]:
     return {
         "drive": standing.member.drive,
         "status": "disagrees" if standing.disagrees else "agrees",
+        "verdict": standing.verdict,
         "stamp": standing.member.stamp,
         "time": standing.time,
         "part": standing.part,

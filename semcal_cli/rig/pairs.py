@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.calibration import Calibration
+from semcal_cli.limits import joint_quantile
 from semcal_cli.metrics import PoseError, compare_poses
 from semcal_cli.poses import Pose, inverse
 from semcal_cli.uncertainty import Uncertainty
@@ -52,11 +53,14 @@ class Pair:
 
     @property
     def is_explained(self) -> bool | None:
-        """Whether 95 % intervals reach the reference along each axis of a; None if either is not known."""
+        """Whether the 95 % region of all six axes together reaches the reference; None if either is not known."""
         if self.error is None or self.uncertainty is None:
             return None
-        off = [*(0.01 * x for x in self.error.camera_center_xyz_cm), *self.error.rotation_xyz_deg]
-        return bool((np.abs(off) <= self.uncertainty.half_widths).all())
+        # rho moves the camera's centre the other way.
+        off = np.array([-0.01 * x for x in self.error.camera_center_xyz_cm] + [*self.error.rotation_xyz_deg])
+        off[3:] = np.radians(off[3:])
+        squared = float(off @ np.linalg.solve(self.uncertainty.covariance, off))
+        return squared <= joint_quantile(0.05, float(self.uncertainty.degrees_of_freedom.min()))
 
 
 def make_pair(
