@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.documents import describe, is_folder, read_document
+from semcal_cli.errors import InputError
 from semcal_cli.poses import nearest_rigid
 from semcal_cli.validation import (
     FileName,
@@ -23,8 +24,9 @@ from semcal_cli.validation import (
 )
 
 DRIVE_FILE = "drive.yaml"
-RIG_FILE = "rig.yaml"
+RIG_FILE, RIG = "rig.yaml", "semcal_rig"
 """Of several cameras: see `semcal_cli.rig`."""
+OF_CALIBRATE = "found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
 
 CameraModel: TypeAlias = Literal[
     "plumb_bob",
@@ -336,6 +338,11 @@ def read_drive(path: Path) -> Drive:
         InputError: the first complaint: file, key, what was found, what was needed.
     """
     file = drive_file(path)
-    drive = validate(Drive, read_document(file), file)
+    if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
+        raise InputError(f"{path / RIG_FILE}: {OF_CALIBRATE}")
+    document = read_document(file)
+    if RIG in document:
+        raise InputError(f"{file}: {OF_CALIBRATE}")
+    drive = validate(Drive, document, file)
     drive._path = file
     return drive

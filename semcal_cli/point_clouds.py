@@ -60,7 +60,7 @@ def read_point_clouds(files: Sequence[tuple[Path, Path | None]]) -> list[_core.P
 
 
 class Sweeps:
-    """Reads each sweep once, however many cameras or cues need it, and keeps it."""
+    """Reads each sweep, with its labels, once, however many cameras or cues need it, and keeps it."""
 
     def __init__(self) -> None:
         self._clouds: dict[tuple[str, str | None], _core.PointCloud] = {}
@@ -75,9 +75,10 @@ class Sweeps:
         self._clouds.update(zip(missing, read_point_clouds(list(missing.values())), strict=True))
         return [self._clouds[key] for key in keys]
 
-    def __len__(self) -> int:
-        """How many were read."""
-        return len(self._clouds)
+    @property
+    def num_different(self) -> int:
+        """How many different clouds were read; one with labels of each camera's own is read for each."""
+        return len({points for points, _ in self._clouds})
 
 
 def _is_las(path: Path) -> bool:

@@ -76,6 +76,7 @@ def synthesize(
     *,
     force: bool = False,
     sweeps: str | None = None,
+    camera: int = 0,
 ) -> SynthSummary:
     """Write a drive with its true transform. The same config gives the same bytes.
 
@@ -88,6 +89,7 @@ def synthesize(
         force: Write into a folder that is not empty; files of other names stay.
         sweeps: The folder, relative to `out`, of another camera's drive of the same world and LiDAR, whose clouds are
             named instead of written.
+        camera: Its number among those of a rig, whose label images are wrong in places of their own.
 
     Raises:
         InputError: the folder is not empty or cannot be written, or no such rig can be.
@@ -100,7 +102,7 @@ def synthesize(
     with ThreadPoolExecutor(max_workers=2) as threads:
         frames = []
         for frame in threads.map(
-            partial(_write_frame, config, renderer, ids, out, sweeps), range(config.num_frames)
+            partial(_write_frame, config, renderer, ids, out, sweeps, camera), range(config.num_frames)
         ):
             frames.append(frame)
             if progress is not None:
@@ -126,6 +128,10 @@ def synthesize_rig(
     Arguments and errors are as of `synthesize`; what the mounting leaves open is drawn for each camera.
     """
     _check_empty(out, force)
+    try:
+        (out / RIG_FILE).unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(out, error) from None
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed
     first_deg = config.camera_azimuth_deg or 0.0
     names = [f"camera_{index}" for index in range(num_cameras)]
@@ -137,9 +143,9 @@ def synthesize_rig(
 
     for index, name in enumerate(names):
         azimuth_deg = (first_deg + 360.0 * index / num_cameras + 180.0) % 360.0 - 180.0
-        camera = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
+        one = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
         sweeps = f"../{names[0]}" if index else None
-        summary = synthesize(camera, out / name, tell, force=force, sweeps=sweeps)
+        summary = synthesize(one, out / name, tell, force=force, sweeps=sweeps, camera=index)
         num_done += config.num_frames
     document = {"semcal_rig": 1, "cameras": {name: name for name in names}}
     write_text(document_text(document, "yaml"), out / RIG_FILE)
@@ -244,7 +250,13 @@ def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
 
 
 def _write_frame(
-    config: SynthConfig, renderer: _core.Renderer, ids: Labels, out: Path, sweeps: str | None, number: int
+    config: SynthConfig,
+    renderer: _core.Renderer,
+    ids: Labels,
+    out: Path,
+    sweeps: str | None,
+    camera: int,
+    number: int,
 ) -> _Written:
     points, labels, _, image_labels, picture, _ = renderer.frame(config.seed, number)
     path = {folder: out / name for folder, name in _file_names(number).items()}
@@ -255,10 +267,8 @@ def _write_frame(
     except OSError as error:
         raise _unwritable(out, error) from None
     # The networks of two cameras err in other places.
-    image = config if sweeps is None else replace(config, seed=config.seed + (config.rig_seed or 0))
-    noisy = mislabel(
-        image_labels, config.label_noise, _class_ids(), _generator(image, IMAGE_LABELS, number), UNLABELED
-    )
+    rng = _generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
+    noisy = mislabel(image_labels, config.label_noise, _class_ids(), rng, UNLABELED)
     write_picture(ids[noisy], path["image_labels"])
     write_picture(picture[..., ::-1], path["images"])
     classes = np.union1d(labels & 0xFFFF, image_labels)
@@ -279,8 +289,8 @@ def _class_ids() -> Labels:
     return np.array([id_ for id_, _ in _core.synthetic_classes()], dtype=np.uint8)
 
 
-def _generator(config: SynthConfig, stream: int, frame: int = 0) -> np.random.Generator:
-    return np.random.default_rng((config.seed, stream, frame))
+def _generator(config: SynthConfig, stream: int, frame: int = 0, *more: int) -> np.random.Generator:
+    return np.random.default_rng((config.seed, stream, frame, *more))
 
 
 def _file_names(number: int) -> dict[str, str]:

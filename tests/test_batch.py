@@ -207,6 +207,21 @@ def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_pa
     assert outcomes[0]["reasons"][0].endswith("000: cannot be made: file exists")
     assert [outcome["status"] == "failed" for outcome in outcomes] == [True, *[False] * (NUM_DRIVES - 1)]
     assert (other / "calibration.yaml").exists()
+    one.unlink()
+    (one / "log.txt").mkdir(parents=True)
+    found = run(command(drives, tmp_path / "out"))
+    assert summary(tmp_path / "out")[0]["reasons"][0].endswith("log.txt: is a directory")
+    assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: 1 failed" in found.stderr
+    assert "Traceback" not in found.stderr
+
+
+def test_results_of_two_drives_do_not_go_to_one_folder(
+    copies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shutil.copytree(copies / "000", tmp_path / "cwd" / str(copies)[1:] / "000")
+    monkeypatch.chdir(tmp_path / "cwd")
+    found = run(["batch", str(copies / "000"), f"{str(copies)[1:]}/000", "-o", str(tmp_path / "out")])
+    assert "found two drives whose results would go to one folder" in str(found.exception)
 
 
 def test_more_time_is_a_reason_to_try_again(copies: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Several cameras of one LiDAR: what one camera's pose beside another's is known to, and the command."""
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -17,10 +18,11 @@ from semcal_cli.cli import semcal
 from semcal_cli.documents import read_document
 from semcal_cli.drive import read_drive
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.observations import read_pictures
 from semcal_cli.poses import Pose, inverse
 from semcal_cli.rig.document import read_rig
 from semcal_cli.rig.pairs import Reference, adjoint, make_pair
-from semcal_cli.synthesis import synthesize_rig
+from semcal_cli.synthesis import synthesize, synthesize_rig
 from semcal_cli.synthesis_config import SynthConfig
 
 SMALL = SynthConfig(
@@ -143,8 +145,48 @@ def test_each_sweep_is_read_once(rig: Path, tmp_path: Path, monkeypatch: pytest.
         return original(files)
 
     monkeypatch.setattr(point_clouds, "read_point_clouds", counting)
-    run(rig, "-o", tmp_path, "--no-polish", "--max-frames", "2")
-    assert len(read) == len({points.resolve() for points, _ in read}) <= SMALL.num_frames
+    found = run(rig, "-o", tmp_path / "out", "--no-polish", "--max-frames", "2")
+    assert found.exit_code in (0, 3), found.output
+    assert 2 <= len(read) == len({points.resolve() for points, _ in read}) <= SMALL.num_frames
+    document = read_document(tmp_path / "out/rig_calibration.yaml")
+    assert document["num_sweeps"] == len(read)
+    assert f"{len(read)} for 4 frames" in found.stderr
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeffsemcal_rig: 1\ncameras: {a: a, b: b}\n",
+        "{semcal_rig: 1, cameras: {a: a, b: b}}",
+        '{"cameras": {"a": "a", "b": "b"}, "semcal_rig": 1}',
+        "# ours\n'semcal_rig' : 1\ncameras: {a: a, b: b}\n",
+    ],
+)
+def test_a_rig_is_known_by_its_content(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "r.json" if text.startswith('{"') else tmp_path / "r.yaml"
+    file.write_text(text)
+    assert f"{tmp_path}/a: no such file" in str(run(file, "-o", tmp_path / "out").exception)
+
+
+def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) -> None:
+    for given in (rig, rig.parent):
+        found = CliRunner().invoke(semcal, ["inspect", str(given)])
+        assert str(found.exception) == (
+            f"{rig}: found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
+        )
+
+
+def test_cameras_of_a_synthetic_rig_err_in_places_of_their_own(tmp_path: Path) -> None:
+    """Same sweeps, and the same camera twice: their wrong labels differ."""
+    config = dataclasses.replace(SMALL, num_frames=1, label_noise=0.3)
+    synthesize(config, tmp_path / "a")
+    synthesize(config, tmp_path / "b", sweeps="../a", camera=1)
+    pictures = [read_pictures(read_drive(tmp_path / name))[0] for name in ("a", "b")]
+    clean = dataclasses.replace(config, label_noise=0.0)
+    synthesize(clean, tmp_path / "clean")
+    truth = read_pictures(read_drive(tmp_path / "clean"))[0]
+    wrong = [picture != truth for picture in pictures]
+    assert np.mean(wrong[0] & wrong[1]) == pytest.approx(np.mean(wrong[0]) * np.mean(wrong[1]), rel=0.1)
 
 
 def test_a_camera_that_fails_stops_no_other(rig: Path, tmp_path: Path) -> None:

@@ -44,6 +44,22 @@ def folder_of(drive: str) -> PurePosixPath:
     return PurePosixPath(*parts or ["_"])
 
 
+def check_folders(drives: Iterable[str]) -> None:
+    """Check that results of no two drives go to one folder.
+
+    Raises:
+        InputError: those of two do.
+    """
+    owners: dict[PurePosixPath, str] = {}
+    for drive in drives:
+        owner = owners.setdefault(folder_of(drive), drive)
+        if owner != drive:
+            raise InputError(
+                f"{owner}, {drive}: found two drives whose results would go to one folder, {folder_of(drive)}, needed "
+                "other names, or two batches"
+            )
+
+
 def _expanded(argument: str, stdin: Iterable[str]) -> list[str]:
     if argument == "-":
         return _listed(stdin)

@@ -144,6 +144,9 @@ class Workers:
             return self._execute(task)
         except InputError as error:
             return Outcome(task.drive, FAILED, 1, (str(error),))
+        except OSError as error:
+            reason = f"{error.filename or task.folder}: {(error.strerror or str(error)).lower()}"
+            return Outcome(task.drive, FAILED, 1, (reason,))
 
     def _execute(self, task: Task) -> Outcome:
         folder = Path(task.folder)
@@ -160,7 +163,7 @@ class Workers:
             del self._mine.worker
             reason = f"timed out after {task.timeout_s:g} s" if failure == "timeout" else failure
             outcome = Outcome(task.drive, FAILED, 1, (reason,))
-            with (folder / LOG).open("a") as log:
+            with suppress(OSError), (folder / LOG).open("a") as log:
                 log.write(f"{reason}\n")
         elif answers[1]["exit_code"] in (0, 3, 4):
             result = (folder / RESULTS[task.command]).relative_to(self.root).as_posix()

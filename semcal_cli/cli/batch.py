@@ -97,7 +97,7 @@ def batch(
 ) -> None:
     """Do many drives."""
     from semcal_cli.batch.cluster import connect, execute_on
-    from semcal_cli.batch.drives import find_drives, folder_of
+    from semcal_cli.batch.drives import check_folders, find_drives, folder_of
     from semcal_cli.batch.run import execute_here, run_batch
     from semcal_cli.batch.summary import worst
     from semcal_cli.batch.tasks import Task
@@ -113,6 +113,8 @@ def batch(
     num_jobs = jobs or 1
     num_threads = threads or (1 if address is not None else max(len(os.sched_getaffinity(0)) // num_jobs, 1))
     folder = output.absolute()
+    given = find_drives(drives, sys.stdin)
+    check_folders(given)
     tasks = [
         Task(
             drive,
@@ -124,7 +126,7 @@ def batch(
             num_threads,
             timeout_s,
         )
-        for drive in find_drives(drives, sys.stdin)
+        for drive in given
     ]
     with ExitStack() as stack:
         if address is None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,13 +14,14 @@ import click
 
 from semcal_cli.calibration import Calibration
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED, Session, check_outputs, make_console, matrix_lines, row
-from semcal_cli.documents import document_text, is_folder, write_text
+from semcal_cli.documents import document_text, is_folder, read_bytes, write_text
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.point_clouds import Sweeps
 from semcal_cli.rig.calibration import combine, describe_rig
 from semcal_cli.rig.document import Rig, read_rig
 
 if TYPE_CHECKING:
+    from semcal_cli.drive import Drive
     from semcal_cli.rig.pairs import Pair
 
 OF_ONE_CAMERA = (
@@ -56,11 +59,12 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
     rig = read_rig(path)
     drives = rig.read_drives()
     files = {name: f"{name}.yaml" for name in drives}
-    _check_folder(rig, folder, [*files.values(), RESULT], log)
+    with _made(folder):
+        _check_outputs(rig, drives, [folder / name for name in (*files.values(), RESULT)], log)
+        sessions = {
+            name: Session(drive, output=folder / files[name], **options) for name, drive in drives.items()
+        }
     sweeps, hashes = Sweeps(), dict[str, str]()
-    sessions = {
-        name: Session(drive.path, output=folder / files[name], **options) for name, drive in drives.items()
-    }
     console = make_console(options["quiet"])
     cameras: dict[str, Calibration] = {}
     failures: dict[str, str] = {}
@@ -75,8 +79,10 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
         except SemcalError as error:
             failures[name] = " ".join(str(error).splitlines())
             console.print(f"{'failed':<17}{failures[name]}", markup=False)
-    found = combine(rig, drives, cameras, failures, len(sweeps))
-    document = describe_rig(found, files, os.path.relpath(rig.path, folder))
+    found = combine(rig, drives, cameras, failures, sweeps.num_different)
+    read = [rig.path, *(drive.path for drive in drives.values())]
+    known = {os.path.relpath(path, folder): hashlib.sha256(read_bytes(path)).hexdigest() for path in read}
+    document = describe_rig(found, files, os.path.relpath(rig.path, folder), known)
     write_text(document_text(document, "yaml"), folder / RESULT)
     if log is not None:
         logs = {name: session.log_document() for name, session in sessions.items()}
@@ -84,7 +90,8 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
     for pair in found.pairs:
         for line in _pair_lines(pair):
             console.print(line, markup=False)
-    console.print(f"{'sweeps':<17}{found.num_sweeps:,} read, each once", markup=False)
+    num_frames = sum(len(session.run.drive.frames) for session in sessions.values())
+    console.print(f"{'sweeps':<17}{found.num_sweeps:,} for {num_frames:,} frames", markup=False)
     console.print(f"{'rig':<17}{found.status}", markup=False)
     console.print(f"{'written to':<17}{folder / RESULT}", markup=False)
     if failures:
@@ -101,20 +108,32 @@ def _check_options(path: Path) -> None:
             raise click.UsageError(f"{parameter.opts[0]}: is of one camera, and {path} is a rig")
 
 
-def _check_folder(rig: Rig, folder: Path, names: list[str], log: Path | None) -> None:
-    """Make the folder of results, if they would overwrite nothing that is read."""
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Make the folder of results; it goes again if what is done in it fails."""
     if folder.suffix.lower() in SUFFIXES and not is_folder(folder):
         raise InputError(
             f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
         )
+    was_there = is_folder(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
-    drives = rig.read_drives().values()
-    read = [rig.path, *(drive.path for drive in drives)]
-    read += [drive.resolve(name) for drive in drives for name in drive.files()]
-    check_outputs(read, [*(folder / name for name in names), *([log] if log is not None else [])])
+    try:
+        yield
+    except SemcalError:
+        if not was_there:
+            with suppress(OSError):
+                folder.rmdir()
+        raise
+
+
+def _check_outputs(rig: Rig, drives: Mapping[str, Drive], outputs: list[Path], log: Path | None) -> None:
+    """Check that results overwrite nothing that is read of any camera."""
+    read = [rig.path, *(drive.path for drive in drives.values())]
+    read += [drive.resolve(name) for drive in drives.values() for name in drive.files()]
+    check_outputs(read, [*outputs, *([log] if log is not None else [])])
 
 
 def _pair_lines(pair: Pair) -> list[str]:
@@ -123,7 +142,7 @@ def _pair_lines(pair: Pair) -> list[str]:
     if pair.uncertainty is not None:
         half = pair.uncertainty.half_widths
         lines.append(
-            f"{'95 % interval':<17}+- {row((100.0 * half[:3]).tolist(), 3)} cm, {row(half[3:].tolist(), 4)} deg, 95 %"
+            f"{'95 % interval':<17}+- {row((100.0 * half[:3]).tolist(), 3)} cm, {row(half[3:].tolist(), 4)} deg"
         )
     if pair.reference is not None and pair.error is not None:
         verdict = {None: "", True: ": within", False: ": more than intervals explain"}[pair.is_explained]

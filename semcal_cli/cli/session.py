@@ -49,7 +49,7 @@ class Session:
 
     def __init__(
         self,
-        drive: Path,
+        drive: Path | Drive,
         *,
         output: Path | None = None,
         log: Path | None = None,
@@ -71,7 +71,7 @@ class Session:
         Raises:
             InputError: the drive is invalid, or the result or the log cannot go where they shall.
         """
-        spec = read_drive(drive)
+        spec = read_drive(drive) if isinstance(drive, Path) else drive
         read = [
             spec.path,
             *map(spec.resolve, spec.files()),

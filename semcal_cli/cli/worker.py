@@ -7,6 +7,8 @@ import os
 import sys
 import threading
 import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
 from typing import Any, TextIO
@@ -53,19 +55,30 @@ def _execute(task: Task) -> dict[str, Any]:
     else:
         arguments.append("--json")
         output = f"{result}.part"
-    log = os.open(f"{folder}/{LOG}", os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
-    out = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o666)
-    os.dup2(out, 1)
-    os.dup2(log, 2)
-    os.close(out)
-    os.close(log)
     try:
-        code, error = run(arguments)
-    except Exception as failure:
-        traceback.print_exc()
-        code, error = 1, f"{type(failure).__name__}: {failure}"
-    sys.stdout.flush()
-    sys.stderr.flush()
-    if output != os.devnull and code != 1:
-        Path(output).replace(result)
+        with _redirected(2, Path(folder) / LOG), _redirected(1, Path(output)):
+            try:
+                code, error = run(arguments)
+            except Exception as failure:
+                traceback.print_exc()
+                code, error = 1, f"{type(failure).__name__}: {failure}"
+            sys.stdout.flush()
+            sys.stderr.flush()
+        if output != os.devnull and code != 1:
+            Path(output).replace(result)
+    except OSError as failure:
+        return {"exit_code": 1, "error": f"{failure.filename}: {(failure.strerror or str(failure)).lower()}"}
     return {"exit_code": code, "error": error}
+
+
+@contextmanager
+def _redirected(descriptor: int, path: Path) -> Iterator[None]:
+    """Let what is written to a descriptor go to a file for a while."""
+    before = os.dup(descriptor)
+    try:
+        with path.open("wb") as file:
+            os.dup2(file.fileno(), descriptor)
+            yield
+    finally:
+        os.dup2(before, descriptor)
+        os.close(before)

@@ -29,7 +29,7 @@ class RigCalibration:
     """Why there is none of a camera."""
     pairs: tuple[Pair, ...]
     num_sweeps: int
-    """Different sweeps that were read."""
+    """Different clouds that were read."""
 
     @property
     def status(self) -> str:
@@ -71,13 +71,16 @@ def _reference(rig: Rig, drives: Mapping[str, Drive], a: str, b: str) -> Referen
     return Reference(np.array(T_a) @ inverse(np.array(T_b)), "T_camera_lidar of both drives")
 
 
-def describe_rig(found: RigCalibration, files: Mapping[str, str], source: str) -> dict[str, Any]:
+def describe_rig(
+    found: RigCalibration, files: Mapping[str, str], source: str, hashes: Mapping[str, str]
+) -> dict[str, Any]:
     """Make the document of a rig's calibration.
 
     Args:
         found: What was found.
         files: Where the calibration of each camera is, relative to this document.
         source: The rig that was read, likewise.
+        hashes: The SHA-256 of the rig, and of the drive of each camera.
     """
     cameras: dict[str, Any] = {
         name: {"status": "failed", "reasons": [reason]} for name, reason in found.failures.items()
@@ -92,10 +95,11 @@ def describe_rig(found: RigCalibration, files: Mapping[str, str], source: str) -
     return {
         "semcal_rig_calibration": 1,
         "status": found.status,
+        "reasons": list(found.reasons),
         "cameras": cameras,
         "pairs": [_describe_pair(pair) for pair in found.pairs],
         "num_sweeps": found.num_sweeps,
-        "input": {"rig": source},
+        "input": {"rig": source, "sha256": dict(hashes)},
         "versions": versions(),
     }
 

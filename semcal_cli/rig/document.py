@@ -15,7 +15,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, inverse, nearest_rigid
 from semcal_cli.validation import FileName, StrictModel, Transform, Version, mismatch, validate
 
-RIG_KEY = re.compile(rb"""^(semcal_rig|[\s{]*["']semcal_rig["'])\s*:""", re.MULTILINE)
+RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)
 """Found without reading the document, since that of a long drive takes seconds."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
