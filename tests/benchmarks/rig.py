@@ -3,8 +3,8 @@
     python tests/benchmarks/rig.py --seeds 20
 
 Synthetic rigs, each with another world and other mountings, 20 % wrong labels on both sides. Prints, over all pairs of
-trusted cameras and six axes, how often 95 % intervals hold the true pose of one camera beside the other, and the time of one
-run of the command beside that of a run for each camera.
+trusted cameras and six axes, how often 95 % intervals hold the true pose of one camera beside the other, and the time
+of one run of the command beside that of a run for each camera.
 """
 
 from __future__ import annotations
@@ -65,8 +65,8 @@ def main(seeds: int, first_seed: int, num_cameras: int, num_frames: int, hfov_de
             )
     click.echo(
         f"{len(held)} of {num_pairs} pairs are trusted; of these, intervals of 95 % hold the truth in "
-        f"{np.mean(held):.1%} of the axes ({', '.join(f'{share:.0%}' for share in np.mean(held, axis=0))}), and the region "
-        f"of all six together that of {explained}; one run takes "
+        f"{np.mean(held):.1%} of the axes ({', '.join(f'{share:.0%}' for share in np.mean(held, axis=0))}), and the "
+        f"region of all six together that of {explained}; one run takes "
         f"{np.median(ratios):.2f} of the time of {num_cameras}"
     )
 
