@@ -54,7 +54,9 @@ def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
     def stub(missing: Sequence[Task]) -> Iterator[Outcome]:
         for task in missing:
             Path(task.folder).mkdir(parents=True)
-            outcome = Outcome(task.drive, "trusted", 0, (), 1.5, rows, covariance, 2.0, "calibration.yaml")
+            outcome = Outcome(
+                task.drive, "trusted", 0, (), 1.5, rows, covariance, 2.0, "a", "calibration.yaml"
+            )
             task.result.write_text("recorded\n")
             write_record(task, outcome, inputs, timed_out=False)
             yield outcome
