@@ -224,11 +224,7 @@ class Calibration(StrictModel):
 
     @model_validator(mode="after")
     def _check_agreement(self) -> "Calibration":
-        T, q = self.pose, quaternion_xyzw(self.pose)
-        q_stated = np.array(self.quaternion_xyzw)
-        _agree("T_lidar_camera", "the inverse", self.T_lidar_camera, inverse(T))
-        _agree("translation_m", "the translation", self.translation_m, T[:3, 3])
-        _agree("quaternion_xyzw", "the rotation", -q_stated if q_stated @ q < 0.0 else q_stated, q)
+        check_forms(self.pose, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
         return self
 
     @property
@@ -311,6 +307,20 @@ def read_calibration(path: Path) -> Calibration:
         InputError: the first complaint: file, key, what was found, what was needed.
     """
     return validate(Calibration, read_document(path), path)
+
+
+def check_forms(
+    T_camera_lidar: Pose, T_lidar_camera: ArrayLike, translation_m: ArrayLike, quaternion: ArrayLike
+) -> None:
+    """Check that the forms in which a file states one pose agree.
+
+    Raises:
+        ValueError: they do not.
+    """
+    q, q_stated = quaternion_xyzw(T_camera_lidar), np.asarray(quaternion)
+    _agree("T_lidar_camera", "the inverse", T_lidar_camera, inverse(T_camera_lidar))
+    _agree("translation_m", "the translation", translation_m, T_camera_lidar[:3, 3])
+    _agree("quaternion_xyzw", "the rotation", -q_stated if q_stated @ q < 0.0 else q_stated, q)
 
 
 def _agree(key: str, part: str, stated: ArrayLike, derived: NDArray[np.float64]) -> None:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from semcal_cli.formats import read_transform
-from semcal_cli.formats.semcal import read_record
+from semcal_cli.formats.semcal import read_half_widths
 from semcal_cli.metrics import PoseError, compare_poses
 from semcal_cli.poses import Pose
 
@@ -51,18 +51,16 @@ class Comparison:
 
 
 def read_known(path: Path) -> Known:
-    """Read a transform of any known format, and its intervals if it is a calibration with some.
+    """Read a transform of any known format, and its intervals if it is a calibration or a fleet with some.
 
     Raises:
         InputError: the file is of no known format, or wrong.
     """
     T_camera_lidar = read_transform(path)
-    record = read_record(path)
-    if record is None or record.uncertainty is None:
-        return Known(T_camera_lidar, None)
-    uncertainty = record.uncertainty
-    center_cm = (100.0 * half for half in uncertainty.half_width_95_camera_center_m)
-    return Known(T_camera_lidar, (*center_cm, *uncertainty.half_width_95_rotation_deg))
+    half_widths = read_half_widths(path)
+    if half_widths is not None:
+        half_widths = (*(100.0 * half for half in half_widths[:3]), *half_widths[3:])
+    return Known(T_camera_lidar, half_widths)
 
 
 def compare(a: Known, b: Known) -> Comparison:

@@ -107,13 +107,13 @@ def read_list(path: Path) -> list[dict[Any, Any]]:
 
 
 def read_json_lines(path: Path) -> list[Any]:
-    """Read what the lines of a file hold, each a JSON document of its own.
+    """Read what the lines of a file hold, each a JSON document of its own; blank lines hold none.
 
     Raises:
         InputError: there is no such file, it is not UTF-8, or a line is not well-formed.
     """
-    lines = read_text(path).removesuffix("\n").split("\n")
-    return [_parse(_parse_json, line, f"{path}: line {number}") for number, line in enumerate(lines, start=1)]
+    lines = enumerate(read_text(path).split("\n"), start=1)
+    return [_parse(_parse_json, line, f"{path}: line {number}") for number, line in lines if line.strip()]
 
 
 def parse_any(text: str, path: Path) -> Any:

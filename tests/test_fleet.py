@@ -1,8 +1,10 @@
 """Many calibrations of one rig: their mean, who disagrees, and when the rig changed."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -163,7 +165,7 @@ def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> No
     by_name = [replace(drive, stamp=12.3, drive=f"drive_{i}") for i, drive in enumerate(drives)]
     found = assess(by_name[::-1], Limits())
     assert (found.order, found.parts[1].first, found.verdict) == ("name", "drive_15", "fail")
-    assert found.notes == ("not all drives have stamps in seconds since 1970 that differ: ordered by name",)
+    assert found.notes == ("drives have no stamps in seconds since 1970 that differ: ordered by name",)
     assert assess(drives, Limits()).notes == ()
 
 
@@ -351,8 +353,11 @@ def test_the_exit_codes(tmp_path: Path) -> None:
             {"T_camera_lidar": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
             "line 2: T_camera_lidar",
         ),
-        ({"covariance": np.diag([1, 1, 1, 1, 1, -1.0]).tolist()}, "line 2: covariance: found no covariance"),
-        ({"covariance": np.zeros((6, 6)).tolist()}, "line 2: covariance: found no covariance"),
+        (
+            {"covariance": np.diag([1, 1, 1, 1, 1, -1.0]).tolist()},
+            "line 2: covariance: found standard errors of 0 to",
+        ),
+        ({"covariance": np.zeros((6, 6)).tolist()}, "line 2: covariance: found standard errors of 0 to"),
         ({"covariance": None}, None),
         ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found nothing"),
         ({"extra": 1}, "line 2: unknown key 'extra'"),
@@ -378,7 +383,7 @@ def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: P
 def test_what_is_no_result_is_named(tmp_path: Path) -> None:
     for content, complaint in (
         ("{\n", "summary.jsonl: line 1: "),
-        ("", "summary.jsonl: line 1: "),
+        ("", "found no drives"),
         ("[]\n", "line 1: "),
     ):
         (tmp_path / "summary.jsonl").write_text(content)
@@ -388,3 +393,83 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
     for option in ("-o", "--report", "--plot"):
         assert "found suffix '.txt'" in str(run(tmp_path, option, tmp_path / "out.txt").exception)
     assert "reads or writes" in str(run(tmp_path, "--junit", tmp_path / "summary.jsonl").exception)
+
+
+def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
+    drives = series_of("nothing")
+    drives[5] = replace(drives[5], stamp=None)
+    found = assess(drives, Limits())
+    assert found.verdict == "inconclusive"
+    assert found.reasons == (
+        "1 of 24 drives have no stamp in seconds since 1970, needed one of each: the order of time is not known",
+    )
+
+
+def test_copies_count_once(tmp_path: Path) -> None:
+    lines = [line(member) for member in series_of("nothing")[:5]]
+    one = write_summary(tmp_path / "one", lines)
+    two = write_summary(tmp_path / "two", lines)
+    assert "found the same result to the last bit" in str(run(one, two).exception)
+
+
+@pytest.mark.parametrize(
+    ("sigma", "complaint"),
+    [
+        (1e-160, "found standard errors of 1e-160 to 1e-160 m, needed 1e-05 to 100"),
+        (1e153, "of 1e\\+153 to 1e\\+153 m"),
+    ],
+)
+def test_standard_errors_that_no_calibration_has(sigma: float, complaint: str, tmp_path: Path) -> None:
+    lines = [line(member) for member in series_of("nothing")[:5]]
+    lines[3]["covariance"] = (sigma**2 * np.eye(6)).tolist()
+    assert re.search(complaint, str(run(write_summary(tmp_path / "batch", lines)).exception))
+
+
+def test_a_result_is_checked_and_compared_as_a_calibration_is(tmp_path: Path) -> None:
+    out = tmp_path / "fleet.json"
+    run(write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")]), "-o", out)
+    compared = CliRunner().invoke(semcal, ["compare", str(out), str(out)])
+    assert "not known" not in compared.output
+    document = json.loads(out.read_text())
+    for key, value in (
+        ("translation_m", [0, 0, 0]),
+        ("quaternion_xyzw", "junk"),
+        ("T_lidar_camera", np.eye(4).tolist()),
+    ):
+        out.write_text(json.dumps(document | {key: value}))
+        with pytest.raises(InputError, match=key):
+            read_transform(out)
+
+
+def test_a_failure_to_write_leaves_the_earlier_result(tmp_path: Path) -> None:
+    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
+    out = tmp_path / "fleet.yaml"
+    out.write_text("an earlier result")
+    assert isinstance(run(batch, "-o", out, "--junit", "/dev/full").exception, InputError)
+    assert out.read_text() == "an earlier result"
+
+
+def test_names_may_hold_anything(tmp_path: Path) -> None:
+    lines = [line(member) for member in series_of("outlier")]
+    lines[9]["drive"] = '<b>"&\x01\x1b[31m\n' + "9" * 5000
+    xml = tmp_path / "f.xml"
+    found = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", tmp_path / "f.html")
+    assert found.exit_code == 3
+    assert "\x1b" not in found.stderr
+    assert "<b>" not in (tmp_path / "f.html").read_text()
+    suite = ElementTree.parse(xml).getroot()
+    failed = [case.get("name", "") for case in suite if case.find("failure") is not None]
+    assert len(failed) == 1
+    assert '<b>"&??[31m\n999' in failed[0]
+    lines[9]["drive"] = "a\x00b"
+    assert "line 10: drive: found" in str(run(write_summary(tmp_path / "batch", lines)).exception)
+    (tmp_path / "batch/summary.jsonl").write_text("\n")
+    assert "found no drives" in str(run(tmp_path / "batch").exception)
+
+
+def test_names_that_differ_in_zeros_keep_their_order() -> None:
+    drives = [
+        replace(drive, stamp=None, drive="0" * i + "1") for i, drive in enumerate(series_of("nothing")[:6])
+    ]
+    one, other = assess(drives, Limits()), assess(drives[::-1], Limits())
+    assert one.T_camera_lidar.tolist() == other.T_camera_lidar.tolist()

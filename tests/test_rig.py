@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from semcal_cli.drive import read_drive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.observations import read_pictures
 from semcal_cli.poses import Pose, inverse
-from semcal_cli.rig.document import read_rig
+from semcal_cli.rig.document import find_rig, read_rig
 from semcal_cli.rig.pairs import Reference, adjoint, make_pair
 from semcal_cli.synthesis import synthesize, synthesize_rig
 from semcal_cli.synthesis_config import SynthConfig
@@ -248,6 +249,7 @@ IDENTITY = np.eye(4).tolist()
             "T_camera_camera.camera_0.camera_1",
         ),
         ({"semcal_rig": 2}, "semcal_rig: found 2"),
+        ({"cameras": {"a": "camera_0", "Rig_Calibration": "camera_1"}}, "needed another name"),
     ],
 )
 def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: Path) -> None:
@@ -278,3 +280,26 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
         yaml.safe_dump({"semcal_rig": 1, "cameras": {n: f"{n}.yaml" for n in NAMES}})
     )
     assert "reads or writes" in str(run(tmp_path / "rig.yaml", "-o", tmp_path).exception)
+
+
+def test_drives_of_another_lidar_are_no_rig(rig: Path, tmp_path: Path) -> None:
+    for name in NAMES:
+        shutil.copytree(rig.parent / name, tmp_path / name)
+    shutil.copy(rig, tmp_path)
+    drive = tmp_path / "camera_1/drive.yaml"
+    drive.write_text(drive.read_text().replace("channels: 32", "channels: 64"))
+    complaint = (
+        "cameras: found another lidar in the drive of 'camera_1' than in that of 'camera_0', needed one LiDAR"
+    )
+    assert complaint in str(run(tmp_path, "-o", tmp_path / "out").exception)
+
+
+def test_a_drive_that_speaks_of_a_rig_is_a_drive(rig: Path) -> None:
+    drive = rig.parent / "camera_0/drive.yaml"
+    text = drive.read_text()
+    drive.write_text("# of a rig,\n# semcal_rig: 1\n" + text + "# {semcal_rig: 1\n")
+    try:
+        assert find_rig(drive) is None
+        assert find_rig(drive.parent) is None
+    finally:
+        drive.write_text(text)

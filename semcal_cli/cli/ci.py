@@ -6,7 +6,6 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
@@ -44,14 +43,8 @@ class Case:
         return cls(check.name, check.verdict, "; ".join([" ".join(check_line(check).split()), *reasons]))
 
 
-def write_junit(command: str, cases: Sequence[Case], path: Path) -> None:
-    """Write a test case for each check: a failure fails, what cannot be decided is skipped.
-
-    Raises:
-        InputError: the file cannot be written.
-    """
-    from semcal_cli.documents import write_text
-
+def junit_xml(command: str, cases: Sequence[Case]) -> str:
+    """Make JUnit XML with a test case for each check: a failure fails, what cannot be decided is skipped."""
     verdicts = [case.verdict for case in cases]
     suite = ElementTree.Element(
         "testsuite",
@@ -68,10 +61,7 @@ def write_junit(command: str, cases: Sequence[Case], path: Path) -> None:
         if kind is not None:
             ElementTree.SubElement(element, kind, message=NO_XML.sub("?", case.message))
     ElementTree.indent(suite)
-    write_text(
-        '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(suite, encoding="unicode") + "\n",
-        path,
-    )
+    return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(suite, encoding="unicode") + "\n"
 
 
 def annotate(command: str, verdict: Verdict, names: Iterable[str], reasons: Iterable[str]) -> None:

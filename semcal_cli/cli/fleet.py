@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, of_verdict, write_junit
+from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, junit_xml, of_verdict
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options, output_option, quiet_option
 
 if TYPE_CHECKING:
@@ -70,10 +70,11 @@ def fleet(
     from semcal_cli.errors import InputError
     from semcal_cli.fleet.assessment import assess
     from semcal_cli.fleet.members import SUMMARY, read_members
-    from semcal_cli.fleet.page import write_page
+    from semcal_cli.fleet.page import page_html
     from semcal_cli.fleet.plot import plot_fleet
     from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats import read_transform
+    from semcal_cli.formats.format import MAX_YAML_BYTES
     from semcal_cli.limits import Limits
 
     read = [path / SUMMARY if is_folder(path) else path for path in results]
@@ -92,16 +93,24 @@ def fleet(
     hashes = {os.path.relpath(path, place): hashlib.sha256(read_bytes(path)).hexdigest() for path in read}
     reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
     text = document_text(describe_fleet(found, hashes, reference_name), form)
+    if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
+        raise InputError(
+            f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"
+        )
+    contents: list[tuple[Path, bytes]] = []
+    if page is not None:
+        contents.append((page, page_html(found, given).encode()))
+    if plot is not None:
+        contents.append((plot, plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")))
+    if junit is not None:
+        contents.append((junit, junit_xml("fleet", _cases(found)).encode()))
+    # All is made before anything is written, and the result comes last.
+    for path, content in contents:
+        write_bytes(content, path)
     if output is None:
         click.echo(text, nl=False)
     else:
         write_text(text, output)
-    if page is not None:
-        write_page(found, given, page)
-    if plot is not None:
-        write_bytes(plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png"), plot)
-    if junit is not None:
-        write_junit("fleet", _cases(found), junit)
     _summarise(found, make_console(quiet))
     annotate("fleet", found.verdict, of_verdict(found.verdict, _cases(found))[:MAX_LINES], found.reasons)
     sys.exit(EXIT_CODES[found.verdict])
@@ -122,14 +131,15 @@ def _cases(found: Fleet) -> list[Case]:
 def _summarise(found: Fleet, console: Console) -> None:
     width = max(len(check.name) for check in found.checks) + 2
     shown = [check for check in found.checks if check.name.endswith(" in all") or check.verdict != "pass"]
-    lines = [check_line(check, width) for check in shown]
+    lines: list[str] = []
+    checks = [check_line(check, width) for check in shown]
     off = [
         f"{standing.member.drive}: {standing.offset.words} off"
         for standing in found.standings
         if standing.disagrees or standing.is_far
     ]
     out = [f"{member.drive}: left out: {member.left_out}" for member in found.left_out]
-    for each in (off, out):
+    for each in (checks, off, out):
         lines += each[:MAX_LINES]
         lines += [f"and {len(each) - MAX_LINES:,} more"] if len(each) > MAX_LINES else []
     num_all = len(found.standings) + len(found.left_out)
@@ -140,5 +150,5 @@ def _summarise(found: Fleet, console: Console) -> None:
         found.verdict,
     ]
     for line in lines:
-        # One line, also where a drive's name holds a line break.
-        console.print(" ".join(line.splitlines()), markup=False)
+        # Names of drives may hold anything.
+        console.print("".join(c if c.isprintable() else "?" for c in line), markup=False)

@@ -18,7 +18,7 @@ from semcal_cli.documents import document_text, is_folder, read_bytes, write_tex
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.point_clouds import Sweeps
 from semcal_cli.rig.calibration import combine, describe_rig
-from semcal_cli.rig.document import Rig, read_rig
+from semcal_cli.rig.document import RESULT, Rig, read_rig
 
 if TYPE_CHECKING:
     from semcal_cli.drive import Drive
@@ -29,7 +29,6 @@ OF_ONE_CAMERA = (
     *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "pictures"),
 )
 """Parameters of `calibrate` that would mean another thing for each camera."""
-RESULT = "rig_calibration.yaml"
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
@@ -60,7 +59,7 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
     drives = rig.read_drives()
     files = {name: f"{name}.yaml" for name in drives}
     with _made(folder):
-        _check_outputs(rig, drives, [folder / name for name in (*files.values(), RESULT)], log)
+        _check_outputs(rig, drives, [folder / name for name in (*files.values(), f"{RESULT}.yaml")], log)
         sessions = {
             name: Session(drive, output=folder / files[name], **options) for name, drive in drives.items()
         }
@@ -79,11 +78,14 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
         except SemcalError as error:
             failures[name] = " ".join(str(error).splitlines())
             console.print(f"{'failed':<17}{failures[name]}", markup=False)
+    if not cameras:
+        raise CalibrationError(_sentence(failures, len(drives)))
     found = combine(rig, drives, cameras, failures, sweeps.num_different)
     read = [rig.path, *(drive.path for drive in drives.values())]
     known = {os.path.relpath(path, folder): hashlib.sha256(read_bytes(path)).hexdigest() for path in read}
     document = describe_rig(found, files, os.path.relpath(rig.path, folder), known)
-    write_text(document_text(document, "yaml"), folder / RESULT)
+    result = folder / f"{RESULT}.yaml"
+    write_text(document_text(document, "yaml"), result)
     if log is not None:
         logs = {name: session.log_document() for name, session in sessions.items()}
         write_text(json.dumps(logs, indent=2) + "\n", log)
@@ -93,11 +95,17 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
     num_frames = sum(len(session.run.drive.frames) for session in sessions.values())
     console.print(f"{'sweeps':<17}{found.num_sweeps:,} for {num_frames:,} frames", markup=False)
     console.print(f"{'rig':<17}{found.status}", markup=False)
-    console.print(f"{'written to':<17}{folder / RESULT}", markup=False)
+    console.print(f"{'written to':<17}{result}", markup=False)
+    for note in found.notes:
+        console.print(f"{'note':<17}{note}", markup=False)
     if failures:
-        first, reason = next(iter(failures.items()))
-        raise CalibrationError(f"{len(failures)} of {len(drives)} cameras failed; {first}: {reason}")
+        raise CalibrationError(_sentence(failures, len(drives)))
     return EXIT_NOT_TRUSTED if found.status == "not_trusted" else 0
+
+
+def _sentence(failures: Mapping[str, str], num_cameras: int) -> str:
+    first, reason = next(iter(failures.items()))
+    return f"{len(failures)} of {num_cameras} cameras failed; {first}: {reason}"
 
 
 def _check_options(path: Path) -> None:
@@ -120,6 +128,8 @@ def _made(folder: Path) -> Iterator[None]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{folder}: cannot be written to, needed a folder for a rig's results")
     try:
         yield
     except SemcalError:
@@ -145,7 +155,9 @@ def _pair_lines(pair: Pair) -> list[str]:
             f"{'95 % interval':<17}+- {row((100.0 * half[:3]).tolist(), 3)} cm, {row(half[3:].tolist(), 4)} deg"
         )
     if pair.reference is not None and pair.error is not None:
-        verdict = {None: "", True: ": within", False: ": more than intervals explain"}[pair.is_explained]
+        verdict = {None: "", True: ": within the uncertainty", False: ": more than chance explains"}[
+            pair.is_explained
+        ]
         lines.append(
             f"{'reference':<17}{pair.error.camera_center_cm:.3f} cm and {pair.error.rotation_deg:.4f} deg from "
             f"{pair.reference.source}{verdict}"

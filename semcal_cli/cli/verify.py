@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, of_verdict, write_junit
+from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, junit_xml, of_verdict
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
@@ -59,6 +59,7 @@ def verify(
 ) -> None:
     """Verify a transform on a drive."""
     from semcal_cli.cli.session import Session
+    from semcal_cli.documents import write_text
     from semcal_cli.formats import read_transform
     from semcal_cli.limits import Limits
     from semcal_cli.pipeline import Given
@@ -84,7 +85,7 @@ def verify(
         found = check(session.run, given, Limits(max_rotation_deg, max_translation_m))
     cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:
-        write_junit("verify", cases, junit)
+        write_text(junit_xml("verify", cases), junit)
     _print(found, as_json)
     annotate("verify", found.verdict, of_verdict(found.verdict, cases), found.reasons)
     sys.exit(EXIT_CODES[found.verdict])

@@ -38,6 +38,8 @@ MIN_USED = 0.5
 """Share of the drives; of a fleet that mostly could not be calibrated the rest says little."""
 MIN_DRIFT_DRIVES = 6
 """Fewer do not tell a line from chance."""
+MAX_NAMED = 8
+"""Of the changes, in one sentence."""
 DAY_S = 86_400.0
 EPOCH_S = 1e9
 """Stamps of drives compare if they are seconds since 1970, which now are more than this; others begin anywhere."""
@@ -225,27 +227,33 @@ class _Course:
 def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], Order]:
     """Sort drives by their stamps, days since the first, or if these do not compare by their names."""
     by_name = sorted(used, key=lambda member: _natural(member.drive))
-    stamps = [member.stamp for member in by_name if member.stamp is not None and member.stamp >= EPOCH_S]
+    stamps = [member.stamp for member in by_name if member.stamp is not None and has_stamp(member)]
     if len(stamps) < len(used) or len(set(stamps)) == 1:
         return by_name, np.arange(len(used), dtype=np.float64), "name"
     order = np.argsort(stamps, kind="stable")
     return [by_name[i] for i in order], (np.sort(stamps) - min(stamps)) / DAY_S, "stamp"
 
 
+def has_stamp(member: Member) -> bool:
+    """Tell whether a drive's stamp compares with those of others."""
+    return member.stamp is not None and member.stamp >= EPOCH_S
+
+
 def _notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
     notes = []
     if order == "name":
-        notes.append("not all drives have stamps in seconds since 1970 that differ: ordered by name")
+        notes.append("drives have no stamps in seconds since 1970 that differ: ordered by name")
     num_cameras = len({member.camera for member in used if member.camera is not None})
     if num_cameras > 1:
         notes.append(f"drives have {num_cameras:,} cameras that differ in picture size, intrinsics or lens")
     return tuple(notes)
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
+def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
     """Sort key by which 10 comes after 2."""
     parts = re.split(r"([0-9]+)", name)
-    return [(int(part), "") if part.isascii() and part.isdigit() else (-1, part) for part in parts]
+    digits = (part.lstrip("0") if index % 2 else part for index, part in enumerate(parts))
+    return [(len(part) if index % 2 else 0, part) for index, part in enumerate(digits)], name
 
 
 def _explain(
@@ -376,7 +384,9 @@ def _conclude(
     """Give the verdict on all, and sentences on what happened and what is missing."""
     num_used, num_all = len(standings), len(standings) + len(left_out)
     verdicts: list[Verdict] = [check.verdict for check in checks]
-    reasons = [f"changed at {part.first} by {part.change.words}" for part in parts if part.change is not None]
+    changed = [f"{part.first} by {part.change.words}" for part in parts if part.change is not None]
+    more = [f"and {len(changed) - MAX_NAMED:,} times more"] if len(changed) > MAX_NAMED else []
+    reasons = [f"changed at {', '.join([*changed[:MAX_NAMED], *more])}"] if changed else []
     if drifted is not None:
         reasons.append(f"drifted by {drifted.words} from the first drive to the last")
     for words, found in (
@@ -389,6 +399,14 @@ def _conclude(
             reasons.append(f"{len(found):,} of {num_used:,} drives {words}: {names}")
     # A drive that is not known well enough is no reason to doubt the others, one that seems far off is.
     verdicts += [standing.verdict for standing in standings if standing.is_far]
+    num_stamped = sum(has_stamp(standing.member) for standing in standings)
+    if 0 < num_stamped < num_used:
+        # By their names, a change or a drift may look like scatter.
+        reasons.append(
+            f"{num_used - num_stamped:,} of {num_used:,} drives have no stamp in seconds since 1970, needed one of "
+            "each: the order of time is not known"
+        )
+        verdicts.append("inconclusive")
     if num_used < MIN_DRIVES:
         few = f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to tell how they scatter"
     elif num_used < MIN_USED * num_all:

@@ -22,14 +22,18 @@ from semcal_cli.provenance import camera_hash
 from semcal_cli.validation import FileName, StrictModel, Transform, Vector6, length, validate
 
 SUMMARY = "summary.jsonl"
-LEAST_EIGENVALUE = 1e-12
-"""Of correlations: below that their inverse has no digits left."""
+SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
+"""Standard errors that a calibration can have, of the camera's place and of its rotation."""
+LEAST_EIGENVALUE = 1e-9
+"""Of correlations: a direction that is known so much better than any axis is none that data determine."""
+SAME = 1e-6
+"""Relative difference between two statements of one figure."""
 
 
 class _Line(StrictModel):
     """A line of a batch's summary."""
 
-    drive: str
+    drive: FileName
     status: Literal["trusted", "not_trusted", "not_assessed", "failed"]
     exit_code: int
     reasons: Annotated[tuple[str, ...], length(0)]
@@ -71,11 +75,30 @@ def read_members(paths: Sequence[Path]) -> list[Member]:
     names = Counter(member.drive for _, member in found)
     members: dict[str, Member] = {}
     for result, member in found:
-        if os.path.realpath(result) in members:
+        key = os.path.realpath(result)
+        if key in members:
             raise InputError(f"{result}: found twice among what was given, needed each drive once")
         name = member.drive if names[member.drive] == 1 else str(result)
-        members[os.path.realpath(result)] = replace(member, drive=name)
+        members[key] = replace(member, drive=name)
+    _check_different(list(members.values()))
     return list(members.values())
+
+
+def _check_different(members: Sequence[Member]) -> None:
+    """Check that no result is a copy of another: calibrations of two drives never agree to the last bit.
+
+    Raises:
+        InputError: two do.
+    """
+    owners: dict[tuple[bytes, bytes], str] = {}
+    for member in members:
+        if member.left_out is None and member.T_camera_lidar is not None and member.covariance is not None:
+            key = member.T_camera_lidar.tobytes(), member.covariance.tobytes()
+            owner = owners.setdefault(key, member.drive)
+            if owner != member.drive:
+                raise InputError(
+                    f"{owner}, {member.drive}: found the same result to the last bit, needed each drive once"
+                )
 
 
 def _read_batch(folder: Path) -> list[tuple[Path, Member]]:
@@ -100,7 +123,7 @@ def _member(line: _Line, where: Path) -> Member:
         raise InputError(f"{where}: T_camera_lidar: found nothing, needed one where status is {line.status}")
     stated = None if line.covariance is None else np.array(line.covariance)
     left_out = _left_out(line.status, line.reasons, stated)
-    covariance = None if stated is None or left_out else _checked(stated, where)
+    covariance = None if stated is None or left_out else _checked(stated, f"{where}: covariance")
     return Member(line.drive, line.stamp, T, covariance, left_out, line.camera)
 
 
@@ -108,7 +131,14 @@ def _read_single(path: Path) -> tuple[Path, Member]:
     found = read_calibration(path)
     stated = None if found.uncertainty is None else np.array(found.uncertainty.covariance)
     left_out = _left_out(found.status, found.reasons, stated)
-    covariance = None if stated is None or left_out else _checked(stated, path)
+    covariance = None
+    if found.uncertainty is not None and stated is not None and not left_out:
+        covariance = _checked(stated, f"{path}: uncertainty.covariance")
+        sigmas = [*found.uncertainty.sigma_camera_center_m, *np.radians(found.uncertainty.sigma_rotation_deg)]
+        if not np.allclose(np.sqrt(np.diag(covariance)), sigmas, rtol=SAME, atol=0.0):
+            raise InputError(
+                f"{path}: uncertainty: found sigmas that are not those of the covariance, needed what semcal wrote"
+            )
     stamp = None
     with suppress(InputError):  # The drive may be elsewhere by now.
         stamp = first_stamp(read_drive(path.parent / found.input.drive))
@@ -122,7 +152,7 @@ def _left_out(status: str, reasons: Sequence[str], covariance: npt.NDArray[np.fl
     return "nothing is known of its error" if covariance is None else None
 
 
-def _checked(covariance: npt.NDArray[np.float64], where: Path) -> npt.NDArray[np.float64]:
+def _checked(covariance: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:
     """Give a covariance, without round-off that makes it unsymmetric.
 
     Raises:
@@ -130,8 +160,21 @@ def _checked(covariance: npt.NDArray[np.float64], where: Path) -> npt.NDArray[np
     """
     symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    correlations = symmetric / np.outer(sigmas, sigmas) if sigmas.all() else np.zeros((6, 6))
-    is_symmetric = bool((np.abs(covariance - symmetric) <= 1e-6 * np.outer(sigmas, sigmas)).all())
-    if not is_symmetric or np.linalg.eigvalsh(correlations)[0] <= LEAST_EIGENVALUE:
-        raise InputError(f"{where}: covariance: found no covariance, needed symmetric and positive numbers")
+    for kind, found, (least, most) in (
+        ("m", sigmas[:3].tolist(), SIGMAS_M),
+        ("rad", sigmas[3:].tolist(), SIGMAS_RAD),
+    ):
+        if not least <= min(found) <= max(found) <= most:
+            raise InputError(
+                f"{where}: found standard errors of {min(found):.3g} to {max(found):.3g} {kind}, needed {least:g} to "
+                f"{most:g}"
+            )
+    scale = np.outer(sigmas, sigmas)
+    if not (np.abs(covariance - symmetric) <= SAME * scale).all():
+        raise InputError(f"{where}: found numbers that are not symmetric, needed a covariance")
+    least = float(np.linalg.eigvalsh(symmetric / scale)[0])
+    if least <= LEAST_EIGENVALUE:
+        raise InputError(
+            f"{where}: found an eigenvalue of {least:.3g} of the correlations, needed one above {LEAST_EIGENVALUE:g}"
+        )
     return symmetric

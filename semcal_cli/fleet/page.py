@@ -5,11 +5,9 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.documents import write_text
 from semcal_cli.fleet.assessment import Fleet, Standing
 from semcal_cli.fleet.plot import plot_fleet
 from semcal_cli.poses import camera_center
@@ -42,19 +40,15 @@ class DriveRow:
     verdict: str
 
 
-def write_page(fleet: Fleet, given: Sequence[str], path: Path) -> None:
-    """Write the page.
+def page_html(fleet: Fleet, given: Sequence[str]) -> str:
+    """Make the page.
 
     Args:
         fleet: What was found.
         given: What it was read from.
-        path: Where it goes.
-
-    Raises:
-        InputError: the file cannot be written. An existing one is untouched then.
     """
     known, scatter = fleet.parts[-1].half_widths, fleet.scatter
-    page = ENVIRONMENT.get_template("fleet/page.html").render(
+    return ENVIRONMENT.get_template("fleet/page.html").render(
         style=source("page.css"),
         script=source("copy.js"),
         version=versions()["semcal"],
@@ -71,7 +65,6 @@ def write_page(fleet: Fleet, given: Sequence[str], path: Path) -> None:
         notations=notations(fleet.T_camera_lidar),
         rows=[_row(standing) for standing in fleet.standings],
     )
-    write_text(page, path)
 
 
 def _row(standing: Standing) -> DriveRow:

@@ -9,13 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import model_validator
 
-from semcal_cli.calibration import Calibration
+from semcal_cli.calibration import Calibration, UncertaintyRecord, Widths, check_forms
 from semcal_cli.drive import Drive, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, document_writer
 from semcal_cli.poses import Pose
-from semcal_cli.validation import StrictModel, Transform, Version, validate
+from semcal_cli.validation import StrictModel, Transform, Vector3, Vector4, Version, validate
 
 CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_transform"
 FLEET = "semcal_fleet"
@@ -26,11 +27,35 @@ class _Transform(StrictModel):
     T_camera_lidar: Transform
 
 
+class _Widths(StrictModel):
+    half_width_95_camera_center_m: Widths
+    half_width_95_rotation_deg: Widths
+
+
 class _Fleet(StrictModel):
     """Of which the rest is for readers."""
 
     semcal_fleet: Version
     T_camera_lidar: Transform
+    T_lidar_camera: Transform
+    translation_m: Vector3
+    quaternion_xyzw: Vector4
+    uncertainty: _Widths
+
+    @model_validator(mode="after")
+    def _check_agreement(self) -> _Fleet:
+        T = np.array(self.T_camera_lidar)
+        check_forms(T, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
+        return self
+
+    @classmethod
+    def read(cls, source: Source) -> _Fleet:
+        """Read what is used of a fleet's document."""
+        kept = {name: source.mapping[name] for name in cls.model_fields if name in source.mapping}
+        widths = kept.get("uncertainty")
+        if isinstance(widths, dict):
+            kept["uncertainty"] = {name: widths[name] for name in _Widths.model_fields if name in widths}
+        return validate(cls, kept, source.path)
 
 
 def read_record(path: Path) -> Calibration | None:
@@ -45,6 +70,23 @@ def read_record(path: Path) -> Calibration | None:
     return validate(Calibration, source.document, source.path)
 
 
+def read_half_widths(path: Path) -> tuple[float, ...] | None:
+    """Read the half widths (6,) of a transform's 95 % intervals, metres and degrees; None if the file has none.
+
+    Raises:
+        InputError: it is a result of semcal's, and wrong.
+    """
+    source = Source.read(drive_file(path))
+    known: UncertaintyRecord | _Widths | None = None
+    if FLEET in source.mapping:
+        known = _Fleet.read(source).uncertainty
+    elif (record := read_record(path)) is not None:
+        known = record.uncertainty
+    if known is None:
+        return None
+    return (*known.half_width_95_camera_center_m, *known.half_width_95_rotation_deg)
+
+
 def _read(source: Source, asked: Asked) -> Pose:
     if CALIBRATION in source.mapping:
         return validate(Calibration, source.document, source.path).pose
@@ -55,8 +97,7 @@ def _read(source: Source, asked: Asked) -> Pose:
             raise InputError(f"{source.path}: T_camera_lidar: found nothing, {needed}")
         return np.array(drive.T_camera_lidar)
     if FLEET in source.mapping:
-        kept = {name: source.mapping[name] for name in _Fleet.model_fields if name in source.mapping}
-        return np.array(validate(_Fleet, kept, source.path).T_camera_lidar)
+        return np.array(_Fleet.read(source).T_camera_lidar)
     return np.array(validate(_Transform, source.document, source.path).T_camera_lidar)
 
 

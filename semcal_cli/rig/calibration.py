@@ -46,6 +46,20 @@ class RigCalibration:
             *(f"{name}: {reason}" for name, each in self.cameras.items() for reason in each.reasons),
         )
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader has to know that changes no verdict."""
+        notes = []
+        for pair in self.pairs:
+            if pair.reference is not None and pair.error is not None and pair.is_explained is False:
+                off = f"{pair.error.camera_center_cm:.2f} cm and {pair.error.rotation_deg:.3f} deg"
+                notes.append(
+                    f"T_{pair.a}_{pair.b} is {off} from {pair.reference.source}, more than chance explains"
+                )
+        if self.num_sweeps == sum(each.quality.num_frames for each in self.cameras.values()) > 0:
+            notes.append("cameras share no cloud: nothing shows that they are of one LiDAR")
+        return tuple(notes)
+
 
 def combine(
     rig: Rig,
@@ -96,6 +110,7 @@ def describe_rig(
         "semcal_rig_calibration": 1,
         "status": found.status,
         "reasons": list(found.reasons),
+        "notes": list(found.notes),
         "cameras": cameras,
         "pairs": [_describe_pair(pair) for pair in found.pairs],
         "num_sweeps": found.num_sweeps,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -10,13 +11,15 @@ import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from semcal_cli.documents import describe, is_folder, one_of, read_bytes, read_document
-from semcal_cli.drive import DRIVE_FILE, RIG_FILE, Drive, read_drive
+from semcal_cli.drive import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.poses import Pose, inverse, nearest_rigid
 from semcal_cli.validation import FileName, StrictModel, Transform, Version, mismatch, validate
 
-RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)
-"""Found without reading the document, since that of a long drive takes seconds."""
+RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[\r{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)
+"""Without it, the document need not be read, which for a long drive takes seconds."""
+RESULT = "rig_calibration"
+"""What the result on all cameras is called, beside those of each."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 
@@ -39,6 +42,8 @@ class Rig(StrictModel):
             # Results are files of these names.
             if not NAME.fullmatch(name) or len(name) > 100:
                 raise mismatch(describe(name), "a name of letters, digits, _, - and . for a camera")
+            if name.lower() == RESULT:
+                raise mismatch(describe(name), "another name: that of the rig's own result")
         folded: dict[str, str] = {}
         for name in cameras:
             if folded.setdefault(name.lower(), name) != name:
@@ -82,6 +87,13 @@ class Rig(StrictModel):
                 raise InputError(
                     f"{self._path}: cameras: found {drive.path} for {owner!r} and {name!r}, needed a drive for each"
                 )
+        stated = {name: drive.lidar for name, drive in drives.items() if drive.lidar is not None}
+        for first, name in pairwise(stated):
+            if stated[first] != stated[name]:
+                raise InputError(
+                    f"{self._path}: cameras: found another lidar in the drive of {name!r} than in that of {first!r}, "
+                    "needed one LiDAR"
+                )
         return drives
 
     def reference(self, to: str, other: str) -> Pose | None:
@@ -97,12 +109,12 @@ def find_rig(path: Path) -> Path | None:
     """Give the rig.yaml that a path means: the file, or its folder if that is no drive's; None if it means a drive.
 
     Raises:
-        InputError: there is no such file.
+        InputError: there is no such file, or it is no document.
     """
     if is_folder(path):
         file = path / RIG_FILE
         return file if file.exists() and not (path / DRIVE_FILE).exists() else None
-    return path if RIG_KEY.search(read_bytes(path)) else None
+    return path if RIG_KEY.search(read_bytes(path)) and RIG in read_document(path) else None
 
 
 def read_rig(path: Path) -> Rig:
