@@ -336,7 +336,10 @@ def test_the_command(tmp_path: Path) -> None:
 def test_the_exit_codes(tmp_path: Path) -> None:
     steady = [line(member) for member in series_of("nothing")]
     assert run(write_summary(tmp_path / "a", steady)).exit_code == 0
-    assert run(write_summary(tmp_path / "b", steady[:2])).exit_code == 4
+    xml = tmp_path / "f.xml"
+    assert run(write_summary(tmp_path / "b", steady[:2]), "--junit", xml).exit_code == 4
+    *_, skipped = [case for case in ElementTree.parse(xml).getroot() if case.find("skipped") is not None]
+    assert skipped.get("name") == "all together"
     # Drives of two batches, and limits below what drives scatter by.
     rest = write_summary(tmp_path / "c", steady[2:])
     assert run(tmp_path / "b", rest).exit_code == 0
@@ -459,7 +462,7 @@ def test_names_may_hold_anything(tmp_path: Path) -> None:
     assert "<b>" not in (tmp_path / "f.html").read_text()
     suite = ElementTree.parse(xml).getroot()
     failed = [case.get("name", "") for case in suite if case.find("failure") is not None]
-    assert len(failed) == 1
+    assert failed[1:] == ["all together"]
     assert '<b>"&??[31m\n999' in failed[0]
     lines[9]["drive"] = "a\x00b"
     assert "line 10: drive: found" in str(run(write_summary(tmp_path / "batch", lines)).exception)

@@ -137,12 +137,6 @@ class Fleet:
     left_out: tuple[Member, ...]
     limits: Limits
 
-    @property
-    def has_enough(self) -> bool:
-        """Whether there are enough drives that can be used."""
-        num_used = len(self.standings)
-        return num_used >= max(MIN_DRIVES, MIN_USED * (num_used + len(self.left_out)))
-
 
 def assess(members: Sequence[Member], limits: Limits, T_reference: Pose | None = None) -> Fleet:
     """Put the drives of one rig together.
@@ -190,7 +184,9 @@ def assess(members: Sequence[Member], limits: Limits, T_reference: Pose | None =
         if part.change is not None:
             checks += _named(f"change at {part.first}", part.change.judge(limits))
         if part.change_in_all is not None:
-            checks += _named(f"change until {part.first}", part.change_in_all.judge(limits))
+            checks += _named(
+                f"change from {parts[0].first} to {part.first}", part.change_in_all.judge(limits)
+            )
     if drifted is not None:
         checks += _named("drift", drifted.judge(limits))
     verdict, reasons = _conclude(checks, standings, left_out, parts, drifted)
