@@ -137,6 +137,23 @@ def test_a_verdict_is_not_carried_to_other_data(made: Path, street: Path) -> Non
     assert subject.notices == ("The camera is not the one that the calibration was computed with.",)
 
 
+def test_a_rival_s_answer_is_called_one(made: Path, street: Path, tmp_path: Path) -> None:
+    arguments = [
+        "calibrate",
+        str(street),
+        "--method",
+        "soic",
+        "--init",
+        str(street),
+        "-o",
+        str(tmp_path / "s.yaml"),
+    ]
+    CliRunner().invoke(semcal, arguments)
+    sentence = verdict(read_subject(read_drive(street), tmp_path / "s.yaml")).sentence
+    assert sentence.startswith("This is SOIC's answer")
+    assert "SOIC" not in verdict(read_subject(read_drive(street), made / "c.yaml")).sentence
+
+
 def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
     for output, needed in ((made / "c.yaml", "needed .html"), (made / "none" / "r.html", "needed one to")):
         result = CliRunner().invoke(semcal, ["report", str(street), str(made / "c.yaml"), "-o", str(output)])

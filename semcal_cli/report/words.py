@@ -59,6 +59,10 @@ def verdict(subject: Subject) -> Verdict:
         "not_trusted": "This speaks against it:",
         "not_assessed": "It was not polished, so that nothing tells how sure it is.",
     }[record.status]
+    if "soic" in record.settings.options:
+        sentence = (
+            f"This is SOIC's answer, made to be compared with; it cannot tell how sure it is. {sentence}"
+        )
     return Verdict(record.status, TITLES[record.status], sentence, record.reasons)
 
 
