@@ -208,7 +208,7 @@ class Run:
         found = [np.zeros(6)]
         for seed in range(self.seed + 1, self.seed + num_seeds):
             self.progress(f"repeating with seed {seed}")
-            other = Run(self.drive, seed, self.max_frames)
+            other = Run(self.drive, seed, self.max_frames, self.cues)
             try:
                 hypotheses = other.initialize(observations, initialization, given, refinement.priors)
                 T_init = hypotheses[0].T_camera_lidar
