@@ -137,6 +137,8 @@ def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
 
 
 HOSTILE = """
+import sys
+sys.path = sys.argv[1:]
 import os, signal, time
 from semcal_cli.cli import worker
 real = worker.run
@@ -160,7 +162,7 @@ worker.main()
 def test_who_crashes_or_hangs_does_not_stop_the_others(
     copies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker, "COMMAND", (sys.executable, "-c", HOSTILE))
+    monkeypatch.setattr(worker, "COMMAND", (sys.executable, "-c", HOSTILE, *sys.path))
     (copies / "004/drive.yaml").write_text("semcal_drive: 1\n")
     found = run([*command(copies, tmp_path / "out", "--timeout", "30", "--jobs", "2")])
     assert found.exit_code == 1

@@ -78,7 +78,6 @@ def calibrate(
     from semcal_cli.cli.session import Session
     from semcal_cli.rig.document import find_rig
 
-    rig = find_rig(drive)
     if method == "soic":
         _check_soic()
     config, given = make_search(options)
@@ -94,7 +93,7 @@ def calibrate(
             return session.run.calibrate_by_soic(session.folder, given, config.alignment.max_baseline_m)
         return session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
 
-    if rig is not None:
+    if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
         sys.exit(calibrate_rig(rig, run, options))
