@@ -10,6 +10,7 @@ of one run of the command beside that of a run for each camera.
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from subprocess import DEVNULL, run
 from tempfile import TemporaryDirectory
@@ -19,7 +20,7 @@ import click
 import numpy as np
 
 from semcal_cli.documents import read_document
-from semcal_cli.synthesis import synthesize_rig
+from semcal_cli.synthesis import synthesize, synthesize_rig
 from semcal_cli.synthesis_config import SynthConfig
 
 SEMCAL = shutil.which("semcal") or "semcal"
@@ -32,20 +33,33 @@ def timed(*arguments: object) -> float:
     return perf_counter() - start
 
 
+def make_rig(config: SynthConfig, num_cameras: int, out: Path, same_view: bool) -> None:
+    """Make a rig of cameras all around the LiDAR, or of cameras that all look ahead."""
+    if not same_view:
+        synthesize_rig(config, num_cameras, out)
+        return
+    names = [f"camera_{index}" for index in range(num_cameras)]
+    for index, name in enumerate(names):
+        camera = replace(config, rig_seed=config.seed + 1000 * index, camera_azimuth_deg=0.0)
+        synthesize(camera, out / name, sweeps=f"../{names[0]}" if index else None, camera=index)
+    (out / "rig.yaml").write_text(f"semcal_rig: 1\ncameras: {{{', '.join(f'{n}: {n}' for n in names)}}}\n")
+
+
 @click.command()
 @click.option("--seeds", default=20, show_default=True)
 @click.option("--first-seed", default=60_000, show_default=True)
 @click.option("--cameras", "num_cameras", default=3, show_default=True)
 @click.option("--frames", "num_frames", default=5, show_default=True)
-@click.option("--hfov-deg", default=90.0, show_default=True, help="Wide cameras share what they see.")
-def main(seeds: int, first_seed: int, num_cameras: int, num_frames: int, hfov_deg: float) -> None:
+@click.option("--same-view", is_flag=True, help="All cameras look ahead, and see the same points.")
+def main(seeds: int, first_seed: int, num_cameras: int, num_frames: int, same_view: bool) -> None:
     """Measure."""
     held, explained, ratios, num_pairs = [], 0, [], 0
     for seed in range(first_seed, first_seed + seeds):
         with TemporaryDirectory() as folder:
             rig, out = Path(folder) / "rig", Path(folder) / "out"
-            config = SynthConfig(num_frames=num_frames, seed=seed, label_noise=0.2, hfov_deg=hfov_deg)
-            synthesize_rig(config, num_cameras, rig)
+            make_rig(
+                SynthConfig(num_frames=num_frames, seed=seed, label_noise=0.2), num_cameras, rig, same_view
+            )
             drives = [rig / f"camera_{index}" for index in range(num_cameras)]
             alone = sum(timed("calibrate", drive, "-o", f"{folder}/alone.yaml") for drive in drives)
             together = timed("calibrate", rig, "-o", out)
