@@ -123,6 +123,12 @@ def inverse(T_a_b: Pose) -> Pose:
     return T_b_a
 
 
+def cross_matrix(vector: Vector) -> NDArray[np.float64]:
+    """Give the matrix (3, 3) that is the cross product with a vector from the left."""
+    x, y, z = vector
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
 def camera_center(T_camera_lidar: Pose) -> Vector:
     """Give the camera's centre in the LiDAR frame, -R^T t."""
     return inverse(T_camera_lidar)[:3, 3]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 
@@ -35,25 +35,32 @@ def describe_input(
     keys = ("points", "point_labels", "image_labels", *also)
     frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
     known = {} if known is None else known
-
-    def sha256(path: Path) -> str:
-        real = os.path.realpath(path)
-        if real not in known:
-            known[real] = hashlib.sha256(read_bytes(path)).hexdigest()
-        return known[real]
-
-    hashes = {drive.path.name: sha256(drive.path)}
+    hashes = {drive.path.name: _sha256(drive.path, known)}
     more = [name for frame in drive.frames for key in also if (name := getattr(frame, key)) is not None]
-    hashes |= {name: sha256(drive.resolve(name)) for name in (*drive.input_files(), *more)}
+    hashes |= {name: _sha256(drive.resolve(name), known) for name in (*drive.input_files(), *more)}
     if init is not None:
-        file = drive_file(init)
-        hashes[os.path.relpath(file, relative_to)] = sha256(file)
+        hashes |= hash_files([drive_file(init)], relative_to, known)
     return Input(
         drive=os.path.relpath(drive.path, relative_to),
         camera=drive.camera,
         frames=tuple(frames),
         sha256=hashes,
     )
+
+
+def hash_files(
+    paths: Iterable[Path], relative_to: Path, known: dict[str, str] | None = None
+) -> dict[str, str]:
+    """Give the SHA-256 of files by their paths from a folder; `known` as of `describe_input`."""
+    known = {} if known is None else known
+    return {os.path.relpath(path, relative_to): _sha256(path, known) for path in paths}
+
+
+def _sha256(path: Path, known: dict[str, str]) -> str:
+    real = os.path.realpath(path)
+    if real not in known:
+        known[real] = hashlib.sha256(read_bytes(path)).hexdigest()
+    return known[real]
 
 
 def camera_hash(camera: Camera) -> str:

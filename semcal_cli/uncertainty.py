@@ -24,7 +24,7 @@ from semcal_cli.classes import NO_CLASS
 from semcal_cli.metrics import compare_poses
 from semcal_cli.observations import Observations
 from semcal_cli.polish import PolishConfig, climb
-from semcal_cli.poses import Pose
+from semcal_cli.poses import Pose, cross_matrix
 from semcal_cli.refinement import EDGE_BAND_PX
 from semcal_cli.selection import evenly_spaced
 
@@ -89,9 +89,7 @@ class Uncertainty:
     @property
     def sigma_translation_m(self) -> npt.NDArray[np.float64]:
         """(3,) standard errors of the translation of T_camera_lidar, `t + rho + phi x t`."""
-        x, y, z = self.T_camera_lidar[:3, 3]
-        cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-        jacobian = np.hstack([np.eye(3), -cross])
+        jacobian = np.hstack([np.eye(3), -cross_matrix(self.T_camera_lidar[:3, 3])])
         return np.sqrt(np.diag(jacobian @ self.covariance @ jacobian.T))
 
     @property

@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -12,13 +12,14 @@ from click.testing import CliRunner, Result
 from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
 from semcal_cli.documents import read_document
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.fleet.assessment import assess
 from semcal_cli.fleet.changes import ALPHA, change_points, drift
 from semcal_cli.fleet.consensus import extra_scatter, local_coordinates, moved, robust_mean
-from semcal_cli.fleet.members import Member
+from semcal_cli.fleet.members import Member, _Line
 from semcal_cli.fleet.record import describe_fleet
 from semcal_cli.formats import read_transform
 from semcal_cli.limits import Limits
@@ -476,3 +477,7 @@ def test_names_that_differ_in_zeros_keep_their_order() -> None:
     ]
     one, other = assess(drives, Limits()), assess(drives[::-1], Limits())
     assert one.T_camera_lidar.tolist() == other.T_camera_lidar.tolist()
+
+
+def test_a_line_is_what_a_batch_writes() -> None:
+    assert set(_Line.model_fields) == {field.name for field in fields(Outcome)}

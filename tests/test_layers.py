@@ -24,8 +24,8 @@ LAYERS = [
     {"trust", "prior", "reasons"},
     {"pipeline", "comparison", "report"},
     {"verification"},
-    {"experiments", "batch", "fleet", "rig"},
-    {"schemas"},
+    {"experiments", "batch", "rig"},
+    {"fleet", "schemas"},
     {"cli"},
 ]
 LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}

@@ -10,7 +10,14 @@ from pathlib import Path
 import click
 
 from semcal_cli.cli.calibrate import calibrate
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, MAX_THREADS, PATH, FiniteRange, quiet_option
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    MAX_THREADS,
+    PATH,
+    FiniteRange,
+    given_parameters,
+    quiet_option,
+)
 from semcal_cli.cli.verify import verify
 
 EXIT_STOPPED = 130
@@ -156,11 +163,8 @@ def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[
     rest: list[str] = click.get_current_context().meta.get(REST, [])
     arguments = ["DRIVE"] if calibration is None else ["DRIVE", str(calibration)]
     with COMMANDS[command].make_context(command, [*arguments, *rest]) as context:
-        for parameter in context.command.params:
-            is_given = (
-                context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
-            )
-            if is_given and isinstance(parameter, click.Option) and parameter.name in OURS:
+        for parameter in given_parameters(context):
+            if isinstance(parameter, click.Option) and parameter.name in OURS:
                 raise click.UsageError(f"-- {parameter.opts[0]}: is not for many drives")
         init: Path | None = context.params.get("init")
     named = [path for path in (calibration, init) if path is not None]

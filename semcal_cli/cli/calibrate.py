@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.convert import FormatName, make_asked, open_options
-from semcal_cli.cli.options import PATH, drive_argument, result_options
+from semcal_cli.cli.options import PATH, drive_argument, given_parameters, result_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 
@@ -112,8 +112,7 @@ def _check_soic() -> None:
         click.UsageError: one is.
     """
     context = click.get_current_context()
-    for parameter in context.command.params:
-        is_given = context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
+    for parameter in given_parameters(context):
         by_labels = parameter.name == "cues" and context.params["cues"] == ("labels",)
-        if is_given and parameter.name not in WITH_SOIC and not by_labels:
+        if parameter.name not in WITH_SOIC and not by_labels:
             raise click.UsageError(f"{parameter.opts[0]}: is of --method mi")

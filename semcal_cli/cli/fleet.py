@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import sys
 from pathlib import Path
@@ -57,27 +56,28 @@ def fleet(
     quiet: bool,
 ) -> None:
     """Put the drives of a rig together."""
+    from semcal_cli.batch.summary import JSONL
     from semcal_cli.cli.session import check_outputs, check_page, make_console
     from semcal_cli.documents import (
         document_text,
         is_folder,
         output_format,
-        read_bytes,
         write_bytes,
         write_text,
     )
     from semcal_cli.drive import drive_file
     from semcal_cli.errors import InputError
     from semcal_cli.fleet.assessment import assess
-    from semcal_cli.fleet.members import SUMMARY, read_members
+    from semcal_cli.fleet.members import read_members
     from semcal_cli.fleet.page import page_html
     from semcal_cli.fleet.plot import plot_fleet
     from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats import read_transform
     from semcal_cli.formats.format import MAX_YAML_BYTES
     from semcal_cli.limits import Limits
+    from semcal_cli.provenance import hash_files
 
-    read = [path / SUMMARY if is_folder(path) else path for path in results]
+    read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []
     check_outputs(read, [path for path in (output, page, plot, junit) if path is not None])
     form = "yaml" if output is None else output_format(output)
@@ -90,9 +90,8 @@ def fleet(
 
     found = assess(read_members(results), Limits(max_rotation_deg, max_translation_m), T_reference)
     place = Path() if output is None else output.parent
-    hashes = {os.path.relpath(path, place): hashlib.sha256(read_bytes(path)).hexdigest() for path in read}
     reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
-    text = document_text(describe_fleet(found, hashes, reference_name), form)
+    text = document_text(describe_fleet(found, hash_files(read, place), reference_name), form)
     if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
         raise InputError(
             f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"

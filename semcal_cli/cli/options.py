@@ -99,6 +99,15 @@ max_baseline_option = click.option(
 )
 
 
+def given_parameters(context: click.Context) -> list[click.Parameter]:
+    """List the parameters of a command that were given on the command line."""
+    return [
+        parameter
+        for parameter in context.command.params
+        if context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
+    ]
+
+
 class CueList(click.ParamType[tuple[str, ...]]):
     """Cues by name, several with commas between them."""
 

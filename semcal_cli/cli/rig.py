@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -13,10 +12,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.calibration import Calibration
+from semcal_cli.cli.options import given_parameters
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED, Session, check_outputs, make_console, matrix_lines, row
-from semcal_cli.documents import document_text, is_folder, read_bytes, write_text
+from semcal_cli.documents import document_text, is_folder, write_text
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.point_clouds import Sweeps
+from semcal_cli.provenance import hash_files
 from semcal_cli.rig.calibration import combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
 
@@ -82,8 +83,7 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
         raise CalibrationError(_sentence(failures, len(drives)))
     found = combine(rig, drives, cameras, failures, sweeps.num_different)
     read = [rig.path, *(drive.path for drive in drives.values())]
-    known = {os.path.relpath(path, folder): hashlib.sha256(read_bytes(path)).hexdigest() for path in read}
-    document = describe_rig(found, files, os.path.relpath(rig.path, folder), known)
+    document = describe_rig(found, files, os.path.relpath(rig.path, folder), hash_files(read, folder, hashes))
     result = folder / f"{RESULT}.yaml"
     write_text(document_text(document, "yaml"), result)
     if log is not None:
@@ -109,10 +109,8 @@ def _sentence(failures: Mapping[str, str], num_cameras: int) -> str:
 
 
 def _check_options(path: Path) -> None:
-    context = click.get_current_context()
-    for parameter in context.command.params:
-        is_given = context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
-        if is_given and parameter.name in OF_ONE_CAMERA:
+    for parameter in given_parameters(click.get_current_context()):
+        if parameter.name in OF_ONE_CAMERA:
             raise click.UsageError(f"{parameter.opts[0]}: is of one camera, and {path} is a rig")
 
 

@@ -13,6 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.batch.summary import JSONL
 from semcal_cli.calibration import read_calibration
 from semcal_cli.documents import is_folder, read_json_lines
 from semcal_cli.drive import Stamp, first_stamp, read_drive
@@ -21,7 +22,6 @@ from semcal_cli.poses import Pose
 from semcal_cli.provenance import camera_hash
 from semcal_cli.validation import FileName, StrictModel, Transform, Vector6, length, validate
 
-SUMMARY = "summary.jsonl"
 SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
 """Standard errors that a calibration can have, of the camera's place and of its rotation."""
 LEAST_EIGENVALUE = 1e-9
@@ -31,7 +31,7 @@ SAME = 1e-6
 
 
 class _Line(StrictModel):
-    """A line of a batch's summary."""
+    """A line of a batch's summary: `batch.tasks.Outcome`, checked."""
 
     drive: FileName
     status: Literal["trusted", "not_trusted", "not_assessed", "failed"]
@@ -103,7 +103,7 @@ def _check_different(members: Sequence[Member]) -> None:
 
 def _read_batch(folder: Path) -> list[tuple[Path, Member]]:
     """Give the folder of each drive's results, by which it is known, and what it says."""
-    path, found = folder / SUMMARY, []
+    path, found = folder / JSONL, []
     for number, document in enumerate(read_json_lines(path), start=1):
         where = Path(f"{path}: line {number}")
         if isinstance(document, dict) and document.get("status") in ("pass", "fail", "inconclusive"):

@@ -6,10 +6,9 @@ import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from semcal_cli.fleet.assessment import Fleet, Standing
 from semcal_cli.fleet.plot import plot_fleet
+from semcal_cli.limits import Limits
 from semcal_cli.poses import camera_center
 from semcal_cli.provenance import versions
 from semcal_cli.report.notations import notations
@@ -63,21 +62,22 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         scatter_deg=scatter[3:].tolist(),
         plot=base64.b64encode(plot_fleet(fleet, "svg")).decode(),
         notations=notations(fleet.T_camera_lidar),
-        rows=[_row(standing) for standing in fleet.standings],
+        rows=[_row(standing, fleet.limits) for standing in fleet.standings],
     )
 
 
-def _row(standing: Standing) -> DriveRow:
-    offset = standing.offset
-    center, rotation = 100.0 * offset.center_m, offset.rotation_deg
-    beyond = {True: "farther off than is allowed", False: ""}[standing.is_far]
+def _row(standing: Standing, limits: Limits) -> DriveRow:
+    center, rotation = (check for check in standing.offset.judge(limits) if check.name.endswith("in all"))
+    assert center.half_width is not None
+    assert rotation.half_width is not None
+    beyond = "farther off than is allowed" if standing.is_far else ""
     surely = "surely " if standing.verdict == "fail" else ""
     return DriveRow(
         drive=standing.member.drive,
         time=f"{standing.time:g}",
-        center=f"{np.linalg.norm(center):.3f}",
-        center_half=f"{100.0 * np.linalg.norm(offset.half_widths[:3]) / 3**0.5:.3f}",
-        rotation=f"{np.linalg.norm(rotation):.4f}",
-        rotation_half=f"{np.linalg.norm(offset.half_widths[3:]) / 3**0.5:.4f}",
+        center=f"{center.offset:.3f}",
+        center_half=f"{center.half_width:.3f}",
+        rotation=f"{rotation.offset:.4f}",
+        rotation_half=f"{rotation.half_width:.4f}",
         verdict=surely + beyond or ("disagrees, within what is allowed" if standing.disagrees else "agrees"),
     )

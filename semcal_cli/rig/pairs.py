@@ -21,7 +21,7 @@ import numpy.typing as npt
 from semcal_cli.calibration import Calibration
 from semcal_cli.limits import joint_quantile
 from semcal_cli.metrics import PoseError, compare_poses
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.poses import Pose, cross_matrix, inverse
 from semcal_cli.uncertainty import Uncertainty
 
 
@@ -85,6 +85,5 @@ def make_pair(
 
 def adjoint(T: Pose) -> npt.NDArray[np.float64]:
     """Give the adjoint (6, 6) of a transform, by which T exp(xi) = exp(Ad xi) T; xi = (rho, phi)."""
-    R, (x, y, z) = T[:3, :3], T[:3, 3]
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.block([[R, cross @ R], [np.zeros((3, 3)), R]])
+    R = T[:3, :3]
+    return np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
