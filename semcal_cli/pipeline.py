@@ -11,37 +11,29 @@ from time import perf_counter
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core, reasons
-from semcal_cli.calibration import (
-    Calibration,
-    HypothesisRecord,
-    LabelBleed,
-    PolishRecord,
-    Quality,
-    Repeatability,
-    Settings,
-    Stage,
-    Status,
-    UncertaintyRecord,
-)
-from semcal_cli.cues import LABELS, Cue, choose_frames, describe_cues, files_of, load_cues
-from semcal_cli.drive import Drive, Motion
+from semcal_cli import _core
+from semcal_cli.assessment import findings as reasons
+from semcal_cli.assessment.consistency import doubts
+from semcal_cli.assessment.priors import Fused, Prior, fuse, hold
+from semcal_cli.assessment.uncertainty import Uncertainty, estimate_uncertainty, label_bleed
+from semcal_cli.baselines.soic import Soic, SoicConfig
+from semcal_cli.drive.cues import LABELS, Cue, choose_frames, describe_cues, files_of, load_cues
+from semcal_cli.drive.document import Drive, Motion
+from semcal_cli.drive.frame_selection import MAX_FRAMES
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.initialization import (
+from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.geometry.pose_error import PoseError, compare_poses
+from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.initialization.search import (
     Hypothesis,
     InitializationConfig,
     initialize,
     margin,
     runner_up,
 )
-from semcal_cli.metrics import PoseError, compare_poses
-from semcal_cli.observations import Observations
-from semcal_cli.point_clouds import Sweeps
-from semcal_cli.polish import Polish, PolishConfig, polish
-from semcal_cli.poses import Pose, rotation_error_deg
-from semcal_cli.prior import Fused, Prior, fuse, hold
-from semcal_cli.provenance import describe_input, versions
-from semcal_cli.refinement import (
+from semcal_cli.refinement.polish import Polish, PolishConfig, polish
+from semcal_cli.refinement.pyramid import (
     EDGE_BAND_PX,
     FAR_DEG,
     MAX_BASELINE_M,
@@ -53,10 +45,19 @@ from semcal_cli.refinement import (
     PyramidConfig,
     refine,
 )
-from semcal_cli.selection import MAX_FRAMES
-from semcal_cli.soic import Soic, SoicConfig
-from semcal_cli.trust import doubts
-from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, label_bleed
+from semcal_cli.result.calibration import (
+    Calibration,
+    HypothesisRecord,
+    LabelBleed,
+    PolishRecord,
+    Quality,
+    Repeatability,
+    Settings,
+    Stage,
+    Status,
+    UncertaintyRecord,
+)
+from semcal_cli.result.provenance import describe_input, versions
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """How far a hypothesis of the initial calibration may be off, to be compared with what is known."""
@@ -383,7 +384,7 @@ class Run:
             exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
             return ExactClimb(observations, exact, self.seed), {"exact": asdict(exact)}
         self.progress("loading torch")
-        from semcal_cli.mine import VECTORS, MineClimb, MineConfig
+        from semcal_cli.refinement.mine import VECTORS, MineClimb, MineConfig
 
         usual = VECTORS if observations.point_vectors else MineConfig()
         mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)

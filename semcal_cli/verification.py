@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from semcal_cli.assessment.limits import Check, Limits, Verdict, judge, together
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.initialization import InitializationConfig
-from semcal_cli.limits import Check, Limits, Verdict, judge, together
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.initialization.search import InitializationConfig
 from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 
 NEAR_DEG = 5.0
 """An estimate that is farther from the transform than this is searched for from nothing ..."""

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.pictures import write_picture
-from semcal_cli.poses import Pose
+from semcal_cli.files.images import write_picture
+from semcal_cli.geometry.poses import Pose
 
 FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
 """T_camera_lidar of a camera at the LiDAR's origin: x right = -y, y down = -z, z forward = x."""

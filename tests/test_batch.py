@@ -25,9 +25,9 @@ from semcal_cli.batch.summary import worst
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.metrics import compare_poses
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize
 
 TINY = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)
 QUICK = ("--", "--no-polish", "--search-deg", "5", "--init")

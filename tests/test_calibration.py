@@ -9,7 +9,10 @@ from conftest import make_pose, poses
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semcal_cli.calibration import (
+from semcal_cli.drive.document import Camera
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import (
     Calibration,
     HypothesisRecord,
     Input,
@@ -24,9 +27,6 @@ from semcal_cli.calibration import (
     read_calibration,
     write_calibration,
 )
-from semcal_cli.drive import Camera
-from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.poses import Pose
 from semcal_cli.schemas import FOLDER, SCHEMAS, schema_text
 
 POSE = make_pose((0.1, -1.2, 0.3), (0.5, -0.0, -2.0))

@@ -16,15 +16,15 @@ import yaml
 from hostile_drives import HOSTILE, Edit, break_drive
 from scipy.spatial.transform import Rotation
 
-from semcal_cli import reasons
-from semcal_cli.calibration import Calibration, Repeatability, UncertaintyRecord, read_calibration
+from semcal_cli.assessment import findings as reasons
 from semcal_cli.cli import EXIT_FAILURE, main
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED
-from semcal_cli.documents import document_text, read_document, write_text
-from semcal_cli.drive import DRIVE_FILE
-from semcal_cli.metrics import compare_poses
-from semcal_cli.polish import PolishConfig
-from semcal_cli.poses import OPTICAL_AXES, Pose, camera_center, inverse
+from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, inverse
+from semcal_cli.refinement.polish import PolishConfig
+from semcal_cli.result.calibration import Calibration, Repeatability, UncertaintyRecord, read_calibration
 
 EXIT_USAGE = 2
 
@@ -217,7 +217,7 @@ def test_calibrate_then_evaluate(
 def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("semcal_cli.reasons.MIN_OVERLAP", 1.1)
+    monkeypatch.setattr("semcal_cli.assessment.findings.MIN_OVERLAP", 1.1)
     code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
@@ -230,7 +230,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
 def test_a_runner_up_that_is_close_is_not_trusted(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("semcal_cli.reasons.MIN_RUNNER_UP_MARGIN", 1000.0)
+    monkeypatch.setattr("semcal_cli.assessment.findings.MIN_RUNNER_UP_MARGIN", 1000.0)
     code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
     assert code == EXIT_NOT_TRUSTED
     (reason,) = read_calibration(tmp_path / "out.yaml").reasons

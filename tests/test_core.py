@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from semcal_cli import _core
-from semcal_cli.camera import core_camera
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
-from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 EMPTY = 2**32 - 1
 SUM_ORDER = 1e-9

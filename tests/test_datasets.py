@@ -35,7 +35,7 @@ from semcal_cli.datasets import DATASETS
 from semcal_cli.datasets.carla import pose_from_unreal
 from semcal_cli.datasets.ontologies import ontology_names, read_ontology
 from semcal_cli.datasets.ply import read_vertices
-from semcal_cli.drive import Drive, Frame, read_drive
+from semcal_cli.drive.document import Drive, Frame, read_drive
 from semcal_cli.errors import InputError
 
 PRINTED = 1e-9  # digits of the generated calibration files

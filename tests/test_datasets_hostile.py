@@ -13,7 +13,7 @@ from test_datasets import complaint, imported, run_import
 from test_folder import KALIBR, OPENCV, ROS, own_data
 
 from semcal_cli.datasets.intrinsics import read_intrinsics
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 
 HUGE = "9" * 400

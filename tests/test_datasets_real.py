@@ -10,12 +10,12 @@ from scipy.spatial.transform import Rotation
 from test_datasets import run_import
 
 from semcal_cli import _core
-from semcal_cli.camera import core_camera
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.observations import Observations, load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.observations import Observations, load_observations
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.geometry.poses import Pose, inverse
 
 SAME_NAMES_AT_REFERENCE = 0.75
 """The published transform of the RELLIS-3D frame, true to a degree, gives 0.77."""

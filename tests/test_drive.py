@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 
 Edit = Callable[[dict[str, Any]], object]

@@ -13,8 +13,8 @@ from semcal_cli.cli import semcal
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments import accuracy, runner, speed, trust
 from semcal_cli.experiments.runner import Result, run_cases, summarise, write_accuracy
-from semcal_cli.metrics import compare_poses
-from semcal_cli.synthesis import synthesize
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.synthetic.synthesis import synthesize
 
 
 @dataclass(frozen=True)

@@ -13,16 +13,16 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
 from semcal_cli.cli import semcal
-from semcal_cli.cues import FEATURES, load_cues
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.drive.cues import FEATURES, load_cues
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.features import observe_features
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.features import observe_features
-from semcal_cli.metrics import compare_poses
-from semcal_cli.mine import VECTORS, SeparableNetwork, _averaged, _PointsWithVectors
-from semcal_cli.observations import Observations
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.poses import Pose
-from semcal_cli.se3 import exp_se3
+from semcal_cli.refinement.mine import VECTORS, SeparableNetwork, _averaged, _PointsWithVectors
+from semcal_cli.refinement.se3 import exp_se3
 
 RIGHT_DEG, RIGHT_CM = 0.3, 6.0
 """Of four small pairs with noise as long as classes are apart."""

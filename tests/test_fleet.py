@@ -12,18 +12,18 @@ from click.testing import CliRunner, Result
 from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.assessment.limits import Limits
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
-from semcal_cli.documents import read_document
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.files.documents import read_document
 from semcal_cli.fleet.assessment import assess
 from semcal_cli.fleet.changes import ALPHA, change_points, drift
 from semcal_cli.fleet.consensus import extra_scatter, local_coordinates, moved, robust_mean
 from semcal_cli.fleet.members import Member, _Line
 from semcal_cli.fleet.record import describe_fleet
 from semcal_cli.formats import read_transform
-from semcal_cli.limits import Limits
-from semcal_cli.poses import Pose, camera_center
+from semcal_cli.geometry.poses import Pose, camera_center
 
 TRUTH = make_pose((1.2, -0.3, 0.8), (0.4, -0.2, 0.7))
 MANY = 1e6

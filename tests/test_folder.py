@@ -14,7 +14,7 @@ from test_datasets import complaint, run_import
 
 from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 
 MODELS = "plumb_bob, rational_polynomial, thin_prism, fisheye, omnidirectional, equirectangular, fov, double_sphere"

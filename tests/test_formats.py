@@ -17,13 +17,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.calibration import read_calibration
 from semcal_cli.cli import semcal
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS, find_format, put_transform, read_transform, write_transform
 from semcal_cli.formats.format import Asked, CameraFrame, Source
-from semcal_cli.poses import check_rigid, inverse
+from semcal_cli.geometry.poses import check_rigid, inverse
+from semcal_cli.result.calibration import read_calibration
 
 RELLIS3D_KEY = "os1_cloud_node-pylon_camera_node"
 PRINTED = 1e-9  # decimals of the reference in the drive.yaml of the real frame

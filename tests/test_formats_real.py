@@ -16,13 +16,13 @@ from conftest import TEST_DATA
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.camera import core_camera
-from semcal_cli.drive import Camera, read_drive
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.observations import load_observations
+from semcal_cli.files.images import read_picture
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.format import Asked
-from semcal_cli.observations import load_observations
-from semcal_cli.pictures import read_picture
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.geometry.poses import Pose, inverse
 
 TURN_DEG = 4.0
 """A file that is read right puts points so much nearer to where they belong that turning it so far shows."""

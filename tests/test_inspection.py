@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from semcal_cli.assessment.inspection import inspect
 from semcal_cli.cli import semcal
-from semcal_cli.documents import document_text, read_document, write_text
-from semcal_cli.drive import DRIVE_FILE, read_drive
-from semcal_cli.inspection import inspect
-from semcal_cli.pictures import write_picture
+from semcal_cli.drive.document import DRIVE_FILE, read_drive
+from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.files.images import write_picture
 
 
 def changed(street: Path, folder: Path, **changes: object) -> Path:

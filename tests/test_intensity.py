@@ -14,16 +14,16 @@ from conftest import make_pose
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
-from semcal_cli.cues import INTENSITY, choose_frames, load_cues, summed
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.drive.cues import INTENSITY, choose_frames, load_cues, summed
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.intensity import lens_mask, observe_intensity
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.intensity import lens_mask, observe_intensity
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose
-from semcal_cli.synthesis import make_camera
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import make_camera
 
 UNMOVED = 0.9
 """Share of the levels that a slow change leaves within one of where they were."""

@@ -3,9 +3,10 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.drive import Camera
-from semcal_cli.label_noise import (
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.observations import Observations, mend
+from semcal_cli.synthetic.label_noise import (
     BLOB_SHARE,
     POINT_SHARE,
     as_by_a_network,
@@ -14,7 +15,6 @@ from semcal_cli.label_noise import (
     with_ragged_things,
     with_wrong_labels,
 )
-from semcal_cli.observations import Observations, mend
 
 
 def share_changed(before: np.ndarray, after: np.ndarray) -> float:

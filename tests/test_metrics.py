@@ -4,8 +4,8 @@ from conftest import make_pose, poses
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.metrics import compare_poses
-from semcal_cli.poses import (
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import (
     Pose,
     camera_center,
     inverse,

@@ -6,9 +6,9 @@ import torch
 from conftest import make_pose
 
 from semcal_cli import _core
-from semcal_cli.mine import DonskerVaradhan, StatisticsNetwork, sample_shares
-from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.mine import DonskerVaradhan, StatisticsNetwork, sample_shares
 
 ERROR = 0.1
 CHANNEL_MI = math.log(2) + ERROR * math.log(ERROR) + (1 - ERROR) * math.log(1 - ERROR)

@@ -8,12 +8,12 @@ import pytest
 from conftest import make_pose
 from scipy.linalg import expm
 
-from semcal_cli.documents import document_text, read_document, write_text
-from semcal_cli.drive import DRIVE_FILE, read_drive
+from semcal_cli.assessment.inspection import inspect
+from semcal_cli.drive.document import DRIVE_FILE, read_drive
+from semcal_cli.drive.observations import Observations, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.inspection import inspect
-from semcal_cli.observations import Observations, read_observations
-from semcal_cli.poses import Pose, quaternion_xyzw
+from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 
 TWIST = {"linear_m_s": [9.0, 0.5, -0.2], "angular_rad_s": [0.03, -0.02, 0.35]}
 SWEEP_S = 0.1

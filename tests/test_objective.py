@@ -6,11 +6,11 @@ import torch
 from conftest import make_pose
 
 from semcal_cli import _core
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.objective import MutualInformation
-from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose
-from semcal_cli.se3 import exp_se3
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.objective import MutualInformation
+from semcal_cli.refinement.se3 import exp_se3
 
 
 class Bilinear(torch.nn.Module):

@@ -7,13 +7,13 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from semcal_cli.classes import NO_CLASS
 from semcal_cli.cli import semcal
-from semcal_cli.drive import Camera, Drive, Frame
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Camera, Drive, Frame
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
-from semcal_cli.observations import Observations
-from semcal_cli.overlay import (
+from semcal_cli.report.overlay import (
     Overlays,
     _depth_colors,
     before_after,

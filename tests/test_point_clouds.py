@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from plyfile import PlyData, PlyElement
 
 from semcal_cli import _core
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.observations import read_observations
-from semcal_cli.point_clouds import read_point_clouds
+from semcal_cli.files.point_clouds import read_point_clouds
 
 
 def real(name: str) -> Path:

@@ -6,13 +6,13 @@ import pytest
 from conftest import make_pose
 
 from semcal_cli import _core, pipeline
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.drive import read_drive
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations
-from semcal_cli.polish import Polish, PolishConfig, polish, split
-from semcal_cli.poses import Pose, rotation_error_deg
-from semcal_cli.refinement import Level, Refinement
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.refinement.polish import Polish, PolishConfig, polish, split
+from semcal_cli.refinement.pyramid import Level, Refinement
 
 CONFIG = PolishConfig()
 PIXEL_OFF = make_pose((0.002, -0.003, 0.002), (0.01, 0.01, -0.01))

@@ -7,12 +7,12 @@ from conftest import make_pose, poses, triples
 from hypothesis import given
 from scipy.linalg import expm
 
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.observations import Observations
-from semcal_cli.polish import PolishConfig, climb
-from semcal_cli.poses import Pose, camera_center, rotation_difference
-from semcal_cli.prior import Prior, _Known, _Labels, _solve, fuse, hold
-from semcal_cli.uncertainty import Uncertainty, estimate_uncertainty, sensitivity
+from semcal_cli.assessment.priors import Prior, _Known, _Labels, _solve, fuse, hold
+from semcal_cli.assessment.uncertainty import Uncertainty, estimate_uncertainty, sensitivity
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
+from semcal_cli.refinement.polish import PolishConfig, climb
 
 FREE = (np.inf,) * 6
 

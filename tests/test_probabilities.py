@@ -7,15 +7,15 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from semcal_cli import _core
-from semcal_cli.documents import document_text, read_document, write_text
-from semcal_cli.drive import DRIVE_FILE, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, read_drive
+from semcal_cli.drive.observations import Observations, load_observations, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.metrics import compare_poses
-from semcal_cli.mine import MineClimb, MineConfig
-from semcal_cli.observations import Observations, load_observations, read_observations
-from semcal_cli.polish import PolishConfig, polish
-from semcal_cli.poses import Pose
-from semcal_cli.refinement import Climb, ExactClimb, ExactConfig, PyramidConfig, refine
+from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.mine import MineClimb, MineConfig
+from semcal_cli.refinement.polish import PolishConfig, polish
+from semcal_cli.refinement.pyramid import Climb, ExactClimb, ExactConfig, PyramidConfig, refine
 
 NUM_CLASSES = 25  # of the synthetic street's ids, 255 is unlabelled
 

@@ -6,9 +6,9 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from semcal_cli.camera import core_camera
-from semcal_cli.drive import Camera
-from semcal_cli.projection import Projection
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Camera
+from semcal_cli.refinement.projection import Projection
 
 SAME_PIXEL = 1e-6
 FOCAL = (600.0, 610.0)

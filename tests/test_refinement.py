@@ -5,13 +5,13 @@ import pytest
 import torch
 from conftest import make_pose
 
-from semcal_cli.drive import Camera
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.metrics import compare_poses
-from semcal_cli.mine import MineClimb, MineConfig
-from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose
-from semcal_cli.refinement import (
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.mine import MineClimb, MineConfig
+from semcal_cli.refinement.pyramid import (
     FAR_DEG,
     Climb,
     ExactClimb,

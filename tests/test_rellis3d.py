@@ -9,12 +9,12 @@ import pytest
 import yaml
 
 from semcal_cli import _core
-from semcal_cli.calibration import read_calibration
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.observations import load_observations
-from semcal_cli.poses import rotation_error_deg
+from semcal_cli.geometry.poses import rotation_error_deg
+from semcal_cli.result.calibration import read_calibration
 
 PUBLISHED_IS_TRUE_TO_DEG = 1.5
 SEMCAL = Path(sysconfig.get_path("scripts")) / "semcal"

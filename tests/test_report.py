@@ -20,22 +20,22 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from semcal_cli import _core
-from semcal_cli.calibration import read_calibration, write_calibration
-from semcal_cli.camera import core_camera
 from semcal_cli.cli import semcal
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import find_format, read_transform
 from semcal_cli.formats.format import Asked, Source
-from semcal_cli.overlay import class_colors
-from semcal_cli.poses import Pose, camera_center, inverse, pose_from_mounting
+from semcal_cli.geometry.poses import Pose, camera_center, inverse, pose_from_mounting
 from semcal_cli.report import Subject, read_subject, write_report
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.notations import files, notations
+from semcal_cli.report.overlay import class_colors
 from semcal_cli.report.words import uncertainty_sentences, verdict
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import Lens, SynthConfig
+from semcal_cli.result.calibration import read_calibration, write_calibration
+from semcal_cli.synthetic.config import Lens, SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize
 
 T_ANY = make_pose((0.4, -1.1, 0.7), (0.3, -0.2, 1.4))
 MAX_BYTES = 5_000_000

@@ -13,18 +13,18 @@ from click.testing import CliRunner, Result
 from conftest import make_pose
 from scipy.linalg import expm
 
-from semcal_cli import point_clouds
-from semcal_cli.calibration import Calibration, read_calibration
 from semcal_cli.cli import semcal
-from semcal_cli.documents import read_document
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import read_pictures
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.observations import read_pictures
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.files import point_clouds
+from semcal_cli.files.documents import read_document
+from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.rig.document import find_rig, read_rig
 from semcal_cli.rig.pairs import Reference, adjoint, make_pair
-from semcal_cli.synthesis import synthesize, synthesize_rig
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 SMALL = SynthConfig(
     num_frames=3, seed=5, channels=32, columns=500, width=480, height=270, camera_roll_deg=0.0

@@ -13,13 +13,13 @@ from dataset_trees import KITTI_360_DRIVE, moved, numbers, write
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import rivals
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, WITH_MINE
 from semcal_cli.experiments.rivals import EXPERIMENTS, Case, Experiment, Finding, Setting
+from semcal_cli.files.images import read_picture, write_picture
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.pictures import read_picture, write_picture
-from semcal_cli.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting, rotation_vector_deg
+from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting, rotation_vector_deg
 
 
 def run_table(drive: Path, out: Path, *arguments: object) -> str:

@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.frame_selection import farthest_points, select_frames
 from semcal_cli.errors import InputError
-from semcal_cli.selection import farthest_points, select_frames
 
 
 def test_rows_that_differ_are_chosen_before_rows_that_repeat() -> None:

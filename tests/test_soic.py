@@ -9,16 +9,16 @@ import yaml
 from click.testing import CliRunner
 
 from semcal_cli import _core
-from semcal_cli.camera import core_camera
+from semcal_cli.baselines.soic import Soic, SoicConfig
 from semcal_cli.cli import semcal
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.accuracy import off
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.label_noise import with_wrong_labels
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose, pose_from_mounting
-from semcal_cli.soic import Soic, SoicConfig
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, pose_from_mounting
+from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 
 @pytest.fixture(scope="module")

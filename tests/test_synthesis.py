@@ -8,15 +8,15 @@ import pytest
 from click.testing import CliRunner
 
 from semcal_cli import _core
-from semcal_cli.camera import core_camera
 from semcal_cli.cli.synth import synth
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.observations import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
-from semcal_cli.observations import load_observations
-from semcal_cli.poses import Pose, camera_center, check_rigid
-from semcal_cli.synthesis import LENSES, UNLABELED, make_camera, make_renderer, mounting, synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.geometry.poses import Pose, camera_center, check_rigid
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import LENSES, UNLABELED, make_camera, make_renderer, mounting, synthesize
 
 TINY = SynthConfig(num_frames=2, seed=5, channels=32, columns=400, width=320, height=180)
 EXACT = 1e-9  # degrees or metres: round-off of a few rotations

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from semcal_cli import _core
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.observations import Observations
-from semcal_cli.polish import PolishConfig, climb
-from semcal_cli.poses import Pose
-from semcal_cli.refinement import ExactClimb, ExactConfig, PyramidConfig, refine
-from semcal_cli.trust import doubts
+from semcal_cli.assessment.consistency import doubts
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.polish import PolishConfig, climb
+from semcal_cli.refinement.pyramid import ExactClimb, ExactConfig, PyramidConfig, refine
 
 
 def test_a_good_drive_leaves_no_doubt(street_observations: Observations, street_truth: Pose) -> None:

@@ -5,12 +5,7 @@ import pytest
 from scipy.stats import chi2, t
 
 from semcal_cli import _core
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations
-from semcal_cli.polish import PolishConfig, climb
-from semcal_cli.poses import Pose, inverse
-from semcal_cli.uncertainty import (
+from semcal_cli.assessment.uncertainty import (
     SHARED_FRAMES,
     Sensitivity,
     Uncertainty,
@@ -20,6 +15,11 @@ from semcal_cli.uncertainty import (
     label_bleed,
     sandwich,
 )
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.refinement.polish import PolishConfig, climb
 
 CONFIG = PolishConfig()
 

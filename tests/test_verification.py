@@ -12,11 +12,11 @@ from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import semcal
-from semcal_cli.documents import document_text, read_document, write_text
-from semcal_cli.drive import DRIVE_FILE
+from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.metrics import compare_poses
-from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 from semcal_cli.verification import recognise
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4

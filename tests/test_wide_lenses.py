@@ -6,13 +6,13 @@ from pathlib import Path
 import pytest
 from conftest import STREET
 
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.initialization import InitializationConfig, initialize
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import load_observations
-from semcal_cli.refinement import ExactClimb, ExactConfig, PyramidConfig, refine
-from semcal_cli.synthesis import synthesize
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.initialization.search import InitializationConfig, initialize
+from semcal_cli.refinement.pyramid import ExactClimb, ExactConfig, PyramidConfig, refine
+from semcal_cli.synthetic.synthesis import synthesize
 
 # Three times what was measured: a pixel is a third of a degree.
 RIGHT_DEG = 0.06

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.batch.tasks import Outcome
-from semcal_cli.documents import write_text
-from semcal_cli.poses import camera_center, quaternion_xyzw
+from semcal_cli.files.documents import write_text
+from semcal_cli.geometry.poses import camera_center, quaternion_xyzw
 
 WORST_FIRST = (1, 3, 4, 0)
 """Exit codes: what matters most over many drives."""

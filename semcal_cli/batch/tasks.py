@@ -16,11 +16,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.calibration import read_calibration
-from semcal_cli.documents import read_bytes, read_document, read_text, write_text
-from semcal_cli.drive import drive_file, first_stamp, read_drive
+from semcal_cli.drive.document import drive_file, first_stamp, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.provenance import camera_hash
+from semcal_cli.files.documents import read_bytes, read_document, read_text, write_text
+from semcal_cli.result.calibration import read_calibration
+from semcal_cli.result.provenance import camera_hash
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
 RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}

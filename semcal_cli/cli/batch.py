@@ -157,7 +157,7 @@ def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[
         click.UsageError: the command has no such options, or the batch gives them.
         InputError: a transform is none.
     """
-    from semcal_cli.drive import drive_file
+    from semcal_cli.drive.document import drive_file
     from semcal_cli.formats import read_transform
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])

@@ -14,8 +14,8 @@ from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 
 if TYPE_CHECKING:
-    from semcal_cli.calibration import Calibration
     from semcal_cli.cli.session import Session
+    from semcal_cli.result.calibration import Calibration
 
 WITH_SOIC = (
     *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),

@@ -12,7 +12,7 @@ from xml.etree import ElementTree
 import click
 
 if TYPE_CHECKING:
-    from semcal_cli.limits import Check, Verdict
+    from semcal_cli.assessment.limits import Check, Verdict
 
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 cannot hold."""

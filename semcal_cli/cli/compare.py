@@ -12,7 +12,7 @@ import click
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options
 
 if TYPE_CHECKING:
-    from semcal_cli.comparison import Axis
+    from semcal_cli.assessment.comparison import Axis
 
 EXIT_DIFFERENT = 3
 
@@ -28,9 +28,9 @@ def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float,
     """Compare two transforms."""
     from dataclasses import asdict
 
+    from semcal_cli.assessment.comparison import compare as difference
+    from semcal_cli.assessment.comparison import read_known
     from semcal_cli.cli.session import error_lines
-    from semcal_cli.comparison import compare as difference
-    from semcal_cli.comparison import read_known
 
     found = difference(read_known(a), read_known(b))
     error = found.error

@@ -114,9 +114,9 @@ def convert(
     """Convert the transform of IN into another format."""
     from dataclasses import replace
 
-    from semcal_cli.documents import is_same_file
-    from semcal_cli.drive import drive_file
+    from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
+    from semcal_cli.files.documents import is_same_file
     from semcal_cli.formats import put_transform, read_transform, write_transform
 
     if (to is None) == (into is None):

@@ -26,14 +26,14 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     import numpy as np
 
     from semcal_cli.cli.session import Session, error_lines, make_console
-    from semcal_cli.drive import read_drive
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.observations import load_observations
     from semcal_cli.formats import read_transform
-    from semcal_cli.metrics import compare_poses
-    from semcal_cli.observations import load_observations
-    from semcal_cli.overlay import Overlays
+    from semcal_cli.geometry.pose_error import compare_poses
     from semcal_cli.pipeline import set_threads
-    from semcal_cli.synthesis import synthesize
-    from semcal_cli.synthesis_config import SynthConfig
+    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.synthetic.config import SynthConfig
+    from semcal_cli.synthetic.synthesis import synthesize
 
     console = make_console(quiet)
     set_threads(threads)

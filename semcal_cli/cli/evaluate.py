@@ -27,7 +27,7 @@ def evaluate(calibration: Path, reference: Path, as_json: bool) -> None:
     Rotation in degrees, camera centre in centimetres, along the axes of the camera.
     """
     from semcal_cli.formats import read_transform
-    from semcal_cli.metrics import compare_poses
+    from semcal_cli.geometry.pose_error import compare_poses
 
     error = compare_poses(read_transform(calibration), read_transform(reference))
     if as_json:

@@ -56,17 +56,18 @@ def fleet(
     quiet: bool,
 ) -> None:
     """Put the drives of a rig together."""
+    from semcal_cli.assessment.limits import Limits
     from semcal_cli.batch.summary import JSONL
     from semcal_cli.cli.session import check_outputs, check_page, make_console
-    from semcal_cli.documents import (
+    from semcal_cli.drive.document import drive_file
+    from semcal_cli.errors import InputError
+    from semcal_cli.files.documents import (
         document_text,
         is_folder,
         output_format,
         write_bytes,
         write_text,
     )
-    from semcal_cli.drive import drive_file
-    from semcal_cli.errors import InputError
     from semcal_cli.fleet.assessment import assess
     from semcal_cli.fleet.members import read_members
     from semcal_cli.fleet.page import page_html
@@ -74,8 +75,7 @@ def fleet(
     from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats import read_transform
     from semcal_cli.formats.format import MAX_YAML_BYTES
-    from semcal_cli.limits import Limits
-    from semcal_cli.provenance import hash_files
+    from semcal_cli.result.provenance import hash_files
 
     read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []

@@ -13,7 +13,7 @@ from semcal_cli.cli.options import PATH
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from semcal_cli.inspection import DriveReport
+    from semcal_cli.assessment.inspection import DriveReport
 
 NUM_NAMED = 4
 """Classes that are named in the table, the commonest first."""
@@ -28,8 +28,8 @@ def inspect(drive: Path, as_json: bool) -> None:
     """Show what DRIVE holds, frame by frame, and what looks wrong with it."""
     from dataclasses import asdict
 
-    from semcal_cli.drive import read_drive
-    from semcal_cli.inspection import inspect as look_through
+    from semcal_cli.assessment.inspection import inspect as look_through
+    from semcal_cli.drive.document import read_drive
 
     report = look_through(read_drive(drive))
     if as_json:

@@ -10,7 +10,7 @@ import click
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, quiet_option
 
 if TYPE_CHECKING:
-    from semcal_cli.overlay import Coloring
+    from semcal_cli.report.overlay import Coloring
 
 COLORINGS = ("class", "depth", "agreement")
 
@@ -58,11 +58,11 @@ def overlay(
 ) -> None:
     """Draw points on pictures."""
     from semcal_cli.cli.session import check_pictures, make_console
-    from semcal_cli.drive import drive_file, read_drive
+    from semcal_cli.drive.document import drive_file, read_drive
+    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.observations import load_points, read_observations
     from semcal_cli.formats import read_transform
-    from semcal_cli.observations import load_points, read_observations
-    from semcal_cli.overlay import Overlays
-    from semcal_cli.selection import evenly_spaced
+    from semcal_cli.report.overlay import Overlays
 
     given = [path for path in (against, calibration) if path is not None]
     poses = {str(path): read_transform(path) for path in given}

@@ -10,8 +10,8 @@ import click
 from semcal_cli.cli.options import Command, FiniteRange
 
 if TYPE_CHECKING:
+    from semcal_cli.assessment.priors import Prior
     from semcal_cli.pipeline import Given
-    from semcal_cli.prior import Prior
 
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 UNKNOWN = math.inf
@@ -77,9 +77,9 @@ def make_priors(options: dict[str, Any], given: Given | None, max_baseline_m: fl
             nothing left to find.
         InputError: the camera is known to be farther from the LiDAR than it may be.
     """
+    from semcal_cli.assessment.priors import EXACT, Prior
     from semcal_cli.errors import InputError
-    from semcal_cli.poses import pose_from_mounting
-    from semcal_cli.prior import EXACT, Prior
+    from semcal_cli.geometry.poses import pose_from_mounting
 
     names = ("fix", "prior_translation_m", "prior_rotation_deg")
     fix, place, rotation = (options.pop(name) for name in names)

@@ -36,7 +36,7 @@ def refine(drive: Path, init: Path, max_baseline_m: float | None, **options: Any
     from semcal_cli.cli.session import Session
     from semcal_cli.formats import read_transform
     from semcal_cli.pipeline import Given
-    from semcal_cli.refinement import MAX_BASELINE_M
+    from semcal_cli.refinement.pyramid import MAX_BASELINE_M
 
     given = Given(read_transform(init), name=str(init), source=init)
     config = make_refinement(options, MAX_BASELINE_M if max_baseline_m is None else max_baseline_m, given)

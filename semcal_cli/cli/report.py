@@ -29,7 +29,7 @@ def report(
 ) -> None:
     """Write a page about a transform."""
     from semcal_cli.cli.session import check_outputs, check_page, make_console, progress_line
-    from semcal_cli.drive import drive_file, read_drive
+    from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.pipeline import set_threads
     from semcal_cli.report import read_subject, write_report
 

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.calibration import Calibration
 from semcal_cli.cli.options import given_parameters
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED, Session, check_outputs, make_console, matrix_lines, row
-from semcal_cli.documents import document_text, is_folder, write_text
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.point_clouds import Sweeps
-from semcal_cli.provenance import hash_files
+from semcal_cli.files.documents import document_text, is_folder, write_text
+from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
 
 if TYPE_CHECKING:
-    from semcal_cli.drive import Drive
+    from semcal_cli.drive.document import Drive
     from semcal_cli.rig.pairs import Pair
 
 OF_ONE_CAMERA = (

@@ -12,7 +12,7 @@ import click
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, Command, FiniteRange, max_baseline_option
 
 if TYPE_CHECKING:
-    from semcal_cli.initialization import InitializationConfig
+    from semcal_cli.initialization.search import InitializationConfig
     from semcal_cli.pipeline import Given
 
 ALL_ROLLS_DEG = 180.0
@@ -78,7 +78,7 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, Given | 
         click.UsageError: options that exclude one another.
         InputError: the file of `--init` is no transform, or the camera is too far from the LiDAR.
     """
-    from semcal_cli.initialization import AlignmentConfig, InitializationConfig
+    from semcal_cli.initialization.search import AlignmentConfig, InitializationConfig
 
     names = ("init", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
     init, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = (options.pop(name) for name in names)
@@ -117,8 +117,8 @@ def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, z
 
 def _given(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> Given | None:
     from semcal_cli.formats import read_transform
+    from semcal_cli.geometry.poses import pose_from_mounting
     from semcal_cli.pipeline import Given
-    from semcal_cli.poses import pose_from_mounting
 
     if init is not None:
         return Given(read_transform(init), name=str(init), source=init)
@@ -135,7 +135,7 @@ def check_distance(given: Given, max_baseline_m: float) -> None:
         InputError: it is farther away.
     """
     from semcal_cli.errors import InputError
-    from semcal_cli.poses import camera_center
+    from semcal_cli.geometry.poses import camera_center
 
     distance = math.hypot(*camera_center(given.T_camera_lidar))
     if distance > max_baseline_m:

@@ -16,27 +16,27 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from semcal_cli.calibration import (
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import is_folder, output_format, write_text
+from semcal_cli.formats import write_transform
+from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.pipeline import Run, StageReport, set_threads
+from semcal_cli.result.calibration import (
     Calibration,
     Repeatability,
     UncertaintyRecord,
     calibration_text,
     write_calibration,
 )
-from semcal_cli.documents import is_folder, output_format, write_text
-from semcal_cli.drive import read_drive
-from semcal_cli.errors import InputError
-from semcal_cli.formats import write_transform
-from semcal_cli.pipeline import Run, StageReport, set_threads
-from semcal_cli.poses import Pose, camera_center
-from semcal_cli.selection import evenly_spaced
 
 if TYPE_CHECKING:
-    from semcal_cli.cues import Cue
-    from semcal_cli.drive import Drive
+    from semcal_cli.drive.cues import Cue
+    from semcal_cli.drive.document import Drive
     from semcal_cli.formats.format import Asked
-    from semcal_cli.initialization import Hypothesis
-    from semcal_cli.metrics import PoseError
+    from semcal_cli.geometry.pose_error import PoseError
+    from semcal_cli.initialization.search import Hypothesis
     from semcal_cli.pipeline import Given
 
 EXIT_NOT_TRUSTED = 3
@@ -235,7 +235,7 @@ def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
 
 def _check_images(spec: Drive) -> None:
     """Check the pictures that points will be drawn on, if the drive is no longer than what is shown of it."""
-    from semcal_cli.observations import read_image
+    from semcal_cli.drive.observations import read_image
 
     for index in evenly_spaced(range(len(spec.frames)), MAX_PICTURES):
         read_image(spec, spec.frames[index])
@@ -260,7 +260,7 @@ def check_pictures(folder: Path, count: int, read: Sequence[Path]) -> None:
     Raises:
         InputError: they would.
     """
-    from semcal_cli.overlay import picture_paths
+    from semcal_cli.report.overlay import picture_paths
 
     if folder.exists() and not is_folder(folder):
         raise InputError(f"{folder}: found a file, needed a folder for pictures")

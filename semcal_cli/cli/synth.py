@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 import click
 
 from semcal_cli.cli.options import MAX_SEED, PATH, quiet_option, seed_option, threads_option
-from semcal_cli.synthesis_config import MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
+from semcal_cli.synthetic.config import MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -169,7 +169,7 @@ def synth(
     from rich.progress import Progress
 
     from semcal_cli import _core
-    from semcal_cli.synthesis import synthesize, synthesize_rig
+    from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
     if threads is not None:
         _core.set_num_threads(threads)

@@ -18,11 +18,11 @@ from semcal_cli import _core
 from semcal_cli.datasets.files import inside, need_file, numbered_files, pick
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
-from semcal_cli.documents import describe, read_list
+from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe, read_list
 from semcal_cli.formats.values import MAX_MOUNT_M, number, picture_side
-from semcal_cli.poses import OPTICAL_AXES, Pose, inverse
-from semcal_cli.selection import evenly_spaced
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
 
 PLACES, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 FOV_DEG = 0.1, 179.9
@@ -195,6 +195,6 @@ def _convert(path: Path) -> Cloud:
 
 def _are_raw(label_images: list[Path]) -> bool:
     """Whether label images hold tags in the red channel, and not the colours of CityScapesPalette."""
-    from semcal_cli.pictures import read_picture
+    from semcal_cli.files.images import read_picture
 
     return not any(read_picture(path)[..., :2].any() for path in evenly_spaced(label_images, NUM_PROBED))

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from semcal_cli.datasets.recording import Recording, SourceFrame
-from semcal_cli.drive import Drive
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.errors import InputError
-from semcal_cli.selection import evenly_spaced, select_frames
 
 SPREAD_FRAMES = 20
 """Frames that `spread` chooses if no other number is given."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from semcal_cli.documents import describe, is_folder, one_of, read_bytes
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe, is_folder, one_of, read_bytes
 
 
 def need_file(path: Path) -> Path:

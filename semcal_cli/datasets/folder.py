@@ -11,12 +11,12 @@ import numpy as np
 from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s, stem
 from semcal_cli.datasets.recording import Recording, SourceFrame
-from semcal_cli.drive import drive_file
+from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError
+from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.values import rigid
-from semcal_cli.poses import Pose
-from semcal_cli.validation import MAX_TRANSLATION_M
+from semcal_cli.geometry.poses import Pose
 
 
 @dataclass(frozen=True)

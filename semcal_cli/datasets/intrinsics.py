@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.datasets.files import pick
-from semcal_cli.documents import describe, parse_document, read_text
-from semcal_cli.drive import DISTORTION_COUNTS, PARAMETERS
+from semcal_cli.drive.document import DISTORTION_COUNTS, PARAMETERS
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe, parse_document, read_text
 from semcal_cli.formats.storage import Storage, is_storage
 from semcal_cli.formats.values import camera_block, number, picture_side
 

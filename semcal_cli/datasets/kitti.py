@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import listed
 from semcal_cli.formats.values import camera_block, numbers, read_keyed, rigid, transform
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
 """Velodyne HDL-64E, 10 turns a second."""

@@ -20,10 +20,10 @@ from semcal_cli.datasets.kitti_raw import read_stamps, rectified_size
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, speeds_mps
-from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_text
 from semcal_cli.formats.values import MAX_WORLD_M, parse_numbers, pose_from_rows, read_keyed, transform
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.geometry.poses import Pose, inverse
 
 USUAL_CAMERA = "image_00"
 PICTURES = {"image_00": "data_rect", "image_01": "data_rect", "image_02": "data_rgb", "image_03": "data_rgb"}

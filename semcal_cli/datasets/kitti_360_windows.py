@@ -17,7 +17,7 @@ import numpy.typing as npt
 from semcal_cli.datasets.ply import read_vertices, vertex_column
 from semcal_cli.datasets.recording import Cloud, Conversion
 from semcal_cli.errors import InputError
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 RADIUS_M = 60.0
 """Farther points are left out."""

@@ -12,8 +12,8 @@ from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pi
 from semcal_cli.datasets.pictures import picture_size
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_positions, speeds_mps
-from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_text
 from semcal_cli.formats.values import parse_numbers, stamp_s
 
 USUAL_CAMERA = "image_2"

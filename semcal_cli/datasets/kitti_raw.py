@@ -11,10 +11,10 @@ from pathlib import Path
 from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_text
 from semcal_cli.formats.values import numbers, parse_numbers, picture_side, read_keyed, stamp_s
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 USUAL_CAMERA = "image_02"
 FORWARD_SPEED = 8

@@ -26,11 +26,11 @@ from semcal_cli.datasets.nuscenes_tables import (
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import speeds_mps
-from semcal_cli.documents import describe
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe
+from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats.values import camera_block, picture_side, rigid
-from semcal_cli.poses import Pose, inverse
-from semcal_cli.validation import MAX_TRANSLATION_M
+from semcal_cli.geometry.poses import Pose, inverse
 
 LIDAR_CHANNEL = "LIDAR_TOP"
 USUAL_CAMERA = "CAM_FRONT"

@@ -8,11 +8,11 @@ from typing import Annotated, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
-from semcal_cli.documents import describe, read_list
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe, read_list
+from semcal_cli.files.validation import FileName, Vector3, Vector4, length, validate
 from semcal_cli.formats.values import MAX_STAMP_S, MAX_WORLD_M
-from semcal_cli.poses import Pose, pose_from_quaternion
-from semcal_cli.validation import FileName, Vector3, Vector4, length, validate
+from semcal_cli.geometry.poses import Pose, pose_from_quaternion
 
 Metres: TypeAlias = Annotated[float, Field(ge=-MAX_WORLD_M, le=MAX_WORLD_M)]
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from semcal_cli.documents import read_bytes
+from semcal_cli.files.documents import read_bytes
 from semcal_cli.formats.values import picture_side
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -27,7 +27,7 @@ def _size(path: Path) -> tuple[int, int]:
     header = _header(path)
     if header.startswith(PNG_SIGNATURE) and len(header) == PNG_HEADER_SIZE:
         return int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
-    from semcal_cli.pictures import read_picture
+    from semcal_cli.files.images import read_picture
 
     height, width = read_picture(path).shape[:2]
     return width, height

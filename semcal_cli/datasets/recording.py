@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from semcal_cli.datasets.files import need_folder
 from semcal_cli.datasets.ontologies import Ontology
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,11 @@ from semcal_cli.datasets.files import files_by_stem, folders, pick
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_positions, speeds_mps
-from semcal_cli.documents import read_text
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_text
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.values import camera_block, parse_numbers, rigid
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 CAMERA = "pylon_camera_node"
 WIDTH, HEIGHT = 1920, 1200

@@ -17,12 +17,12 @@ from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
 from semcal_cli.datasets.pictures import holds_colors
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
-from semcal_cli.documents import document_text, write_bytes, write_text
-from semcal_cli.drive import DRIVE_FILE, Drive
+from semcal_cli.drive.document import DRIVE_FILE, Drive
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import document_text, write_bytes, write_text
+from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
 from semcal_cli.formats.values import rigid
-from semcal_cli.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
-from semcal_cli.validation import MAX_TRANSLATION_M, validate
+from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 
 UNWRITTEN = Path("the drive that is to be written")
 """Named by complaints about what no single file of the data set says."""

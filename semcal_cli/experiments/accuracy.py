@@ -12,22 +12,22 @@ from time import perf_counter
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import Observations, mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.runner import Pool, Result
 from semcal_cli.formats import read_transform
-from semcal_cli.initialization import InitializationConfig
-from semcal_cli.label_noise import (
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.initialization.search import InitializationConfig
+from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.refinement.pyramid import EDGE_BAND_PX, Estimator
+from semcal_cli.synthetic.label_noise import (
     as_by_a_network,
     with_disjoint_ontologies,
     with_ragged_things,
     with_wrong_labels,
 )
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations, mend, read_observations
-from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.poses import Pose, camera_center
-from semcal_cli.refinement import EDGE_BAND_PX, Estimator
 
 Degrade = Callable[[Observations, np.random.Generator], Observations]
 

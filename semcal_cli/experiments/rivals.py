@@ -15,19 +15,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semcal_cli.cues import load_cues
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.cues import load_cues
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import off
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, WITH_MINE, Scene
 from semcal_cli.experiments.runner import distribution, draw_boxes, machine, write_results
 from semcal_cli.formats import read_transform
-from semcal_cli.label_noise import with_wrong_labels
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import mend, read_observations
-from semcal_cli.poses import Pose
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.label_noise import with_wrong_labels
+from semcal_cli.synthetic.synthesis import synthesize
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.documents import read_text, write_bytes, write_text
-from semcal_cli.drive import DRIVE_FILE
+from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.files.documents import read_text, write_bytes, write_text
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semcal_cli.documents import document_text, read_document, write_text
-from semcal_cli.drive import DRIVE_FILE
+from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.accuracy import off
 from semcal_cli.experiments.runner import machine, write_results
+from semcal_cli.files.documents import document_text, read_document, write_text
 from semcal_cli.formats import read_transform
-from semcal_cli.metrics import compare_poses
-from semcal_cli.poses import Pose
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

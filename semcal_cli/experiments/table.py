@@ -16,20 +16,20 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.calibration import Status
-from semcal_cli.cues import load_cues
-from semcal_cli.drive import Drive
+from semcal_cli.baselines.soic import Soic, SoicConfig
+from semcal_cli.drive.cues import load_cues
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.observations import Observations, read_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
 from semcal_cli.experiments.runner import machine, write_results
-from semcal_cli.initialization import InitializationConfig
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import Observations, read_image
-from semcal_cli.overlay import Overlays, add_caption, draw_legend
-from semcal_cli.pictures import write_picture
+from semcal_cli.files.images import write_picture
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, mounting_rpy_deg, rotation_vector_deg
+from semcal_cli.initialization.search import InitializationConfig
 from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.poses import Pose, mounting_rpy_deg, rotation_vector_deg
-from semcal_cli.soic import Soic, SoicConfig
+from semcal_cli.report.overlay import Overlays, add_caption, draw_legend
+from semcal_cli.result.calibration import Status
 
 ORDER = ("SOIC", "PMI", "PMI, MINE", "semcal", "semcal, MINE")
 PICTURES = ("reference", "SOIC", "PMI", "semcal")

@@ -15,8 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.documents import listed
+from semcal_cli.assessment.limits import Check, Limits, Verdict, joint_quantile, judge, together
 from semcal_cli.errors import CalibrationError
+from semcal_cli.files.documents import listed
 from semcal_cli.fleet.changes import Drift, change_points, drift, misfit
 from semcal_cli.fleet.consensus import (
     Matrices,
@@ -27,8 +28,7 @@ from semcal_cli.fleet.consensus import (
     robust_mean,
 )
 from semcal_cli.fleet.members import Member
-from semcal_cli.limits import Check, Limits, Verdict, joint_quantile, judge, together
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 ALPHA = 0.01
 """A fleet that agrees has a drive that is said to disagree no more often than this (Bonferroni)."""

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.fleet.consensus import STUDENT_DOF, Matrices, Vectors
-from semcal_cli.limits import joint_quantile
 
 ALPHA = 0.01
 MIN_LENGTH = 3

@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from scipy.stats import t as student_t
 
-from semcal_cli.poses import Pose, camera_center
+from semcal_cli.geometry.poses import Pose, camera_center
 
 Vectors = npt.NDArray[np.float64]
 """(N, 6) local coordinates."""

@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.batch.summary import JSONL
-from semcal_cli.calibration import read_calibration
-from semcal_cli.documents import is_folder, read_json_lines
-from semcal_cli.drive import Stamp, first_stamp, read_drive
+from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.poses import Pose
-from semcal_cli.provenance import camera_hash
-from semcal_cli.validation import FileName, StrictModel, Transform, Vector6, length, validate
+from semcal_cli.files.documents import is_folder, read_json_lines
+from semcal_cli.files.validation import FileName, StrictModel, Transform, Vector6, length, validate
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import read_calibration
+from semcal_cli.result.provenance import camera_hash
 
 SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
 """Standard errors that a calibration can have, of the camera's place and of its rotation."""

@@ -6,13 +6,13 @@ import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from semcal_cli.assessment.limits import Limits
 from semcal_cli.fleet.assessment import Fleet, Standing
 from semcal_cli.fleet.plot import plot_fleet
-from semcal_cli.limits import Limits
-from semcal_cli.poses import camera_center
-from semcal_cli.provenance import versions
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import notations
 from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.result.provenance import versions
 
 TITLES = {
     "pass": "The rig holds",

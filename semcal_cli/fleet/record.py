@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.fleet.assessment import Fleet, Offset, Part, Standing
-from semcal_cli.poses import inverse, quaternion_xyzw
-from semcal_cli.provenance import versions
+from semcal_cli.geometry.poses import inverse, quaternion_xyzw
+from semcal_cli.result.provenance import versions
 
 
 def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None = None) -> dict[str, Any]:

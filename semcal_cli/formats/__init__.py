@@ -6,9 +6,9 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-from semcal_cli.documents import describe, listed, write_bytes, write_text
-from semcal_cli.drive import drive_file
+from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe, listed, write_bytes, write_text
 from semcal_cli.formats import (
     autoware,
     camera_entries,
@@ -29,7 +29,7 @@ from semcal_cli.formats import (
 )
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Asked, Format, Source
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,

@@ -11,8 +11,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import listed
 from semcal_cli.formats.format import (
     CAMERA_NAME,
     FRAMES,
@@ -26,7 +26,7 @@ from semcal_cli.formats.format import (
     xyz,
 )
 from semcal_cli.formats.values import mapping_at, numbers_at
-from semcal_cli.poses import Pose, inverse, rpy
+from semcal_cli.geometry.poses import Pose, inverse, rpy
 
 KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import listed
 from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_rows
 from semcal_cli.formats.values import matrix_at
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 
 def _format(name: str, equation: str, key: str, first_camera: str, *, as_json: bool = False) -> Format:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import listed
 from semcal_cli.formats.format import CAMERA, Asked, Format, Source, from_quaternion, wxyz, xyz
 from semcal_cli.formats.values import numbers_in
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_quaternion, xyz
 from semcal_cli.formats.values import at, numbers_in
-from semcal_cli.poses import Pose, inverse, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
 
 KEY = "T_lidar_camera"
 

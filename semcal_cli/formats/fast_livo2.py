@@ -9,7 +9,7 @@ import numpy as np
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, checked, document_writer
 from semcal_cli.formats.values import numbers_in
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 BLOCK, KEYS = "extrin_calib", {"Rcl", "Pcl"}
 

@@ -12,10 +12,10 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.documents import document_text, parse_any, read_bytes
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import document_text, parse_any, read_bytes
 from semcal_cli.formats.values import rigid
-from semcal_cli.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 """Which points a matrix maps: p_camera = T p_lidar, or p_lidar = T p_camera."""

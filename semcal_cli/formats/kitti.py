@@ -13,7 +13,7 @@ import numpy as np
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, checked, from_rows
 from semcal_cli.formats.values import keyed_lines, numbers, rigid
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 CAMERAS = ("P0", "P1", "P2", "P3")
 OBJECT_KEY, ODOMETRY_KEY = "Tr_velo_to_cam", "Tr"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from semcal_cli.formats.format import Asked, Format, Source, from_rows
 from semcal_cli.formats.kitti import row
 from semcal_cli.formats.values import parse_numbers
-from semcal_cli.poses import Pose, inverse
+from semcal_cli.geometry.poses import Pose, inverse
 
 FILE = "calib_cam_to_velo.txt"
 

@@ -12,7 +12,7 @@ import numpy as np
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, from_quaternion, from_rows, turned, xyz
 from semcal_cli.formats.values import parse_numbers
-from semcal_cli.poses import Pose, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 
 SHAPES = ((3, 4), (4, 4))
 NPY = b"\x93NUMPY"

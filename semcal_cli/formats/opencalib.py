@@ -8,7 +8,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, from_rows
 from semcal_cli.formats.kitti import row
 from semcal_cli.formats.values import keyed_lines, numbers
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 
 def _read(source: Source, asked: Asked) -> Pose:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Asked, Format, Source, from_rows, turned
 from semcal_cli.formats.storage import Storage, is_storage
-from semcal_cli.poses import Pose
+from semcal_cli.geometry.poses import Pose
 
 KEY = "CameraExtrinsicMat"
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic import Field
 
+from semcal_cli.files.validation import StrictModel, validate
 from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_quaternion, wxyz, xyz
-from semcal_cli.poses import Pose, inverse
-from semcal_cli.validation import StrictModel, validate
+from semcal_cli.geometry.poses import Pose, inverse
 
 KEY = "os1_cloud_node-pylon_camera_node"
 """Other files of the dataset have the same layout but relate two LiDARs; only the key tells them apart."""

@@ -10,8 +10,8 @@ import re
 import shlex
 from contextlib import suppress
 
-from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import listed
 from semcal_cli.formats.format import (
     CAMERA_NAME,
     FRAMES,
@@ -26,7 +26,7 @@ from semcal_cli.formats.format import (
 )
 from semcal_cli.formats.values import parse_number
 from semcal_cli.formats.xml import parse_xml
-from semcal_cli.poses import Pose, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 
 PUBLISHER = "static_transform_publisher"
 PLACES, QUATERNION, ANGLES = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("roll", "pitch", "yaw")

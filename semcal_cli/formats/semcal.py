@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
-from semcal_cli.calibration import Calibration, UncertaintyRecord, Widths, check_forms
-from semcal_cli.drive import Drive, drive_file
+from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.errors import InputError
+from semcal_cli.files.validation import StrictModel, Transform, Vector3, Vector4, Version, validate
 from semcal_cli.formats.format import Asked, Format, Source, document_writer
-from semcal_cli.poses import Pose
-from semcal_cli.validation import StrictModel, Transform, Vector3, Vector4, Version, validate
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import Calibration, UncertaintyRecord, Widths, check_forms
 
 CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_transform"
 FLEET = "semcal_fleet"

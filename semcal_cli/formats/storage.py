@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.documents import describe, listed, parse_document, read_text
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe, listed, parse_document, read_text
 from semcal_cli.formats.values import number, picture_side
 from semcal_cli.formats.xml import parse_xml
 

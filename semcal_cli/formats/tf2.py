@@ -22,7 +22,7 @@ from semcal_cli.formats.format import (
     xyz,
 )
 from semcal_cli.formats.values import at, mapping_at, numbers_at, text_at
-from semcal_cli.poses import Pose, inverse, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
 
 
 def _read(source: Source, asked: Asked) -> Pose:

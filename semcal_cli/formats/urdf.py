@@ -7,8 +7,8 @@ from contextlib import suppress
 
 import numpy as np
 
-from semcal_cli.documents import listed
 from semcal_cli.errors import InputError
+from semcal_cli.files.documents import listed
 from semcal_cli.formats.format import (
     CAMERA_NAME,
     FRAMES,
@@ -24,7 +24,7 @@ from semcal_cli.formats.format import (
 )
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.formats.xml import parse_xml
-from semcal_cli.poses import Pose, inverse, rpy
+from semcal_cli.geometry.poses import Pose, inverse, rpy
 
 
 def _links(joint: ET.Element) -> tuple[str, str]:

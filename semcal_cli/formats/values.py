@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.documents import describe, one_of, read_text
-from semcal_cli.drive import Camera
+from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.poses import Pose, Vector, check_rigid, nearest_rigid
-from semcal_cli.validation import validate
+from semcal_cli.files.documents import describe, one_of, read_text
+from semcal_cli.files.validation import validate
+from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
 
 MAX_SIDE = 0xFFFF
 """Pixels along a side of a picture, as a drive takes them."""

@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.observations import Observations
-from semcal_cli.overlay import over_chance
+from semcal_cli.drive.observations import Observations
+from semcal_cli.report.overlay import over_chance
 
 NUM_PIXEL_CLASSES = 3
 """So many classes of pixels are named for each class of points."""

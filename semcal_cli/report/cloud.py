@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.camera import core_camera
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.observations import read_image
-from semcal_cli.overlay import Colors, hex_color, palettes, points_in_picture
-from semcal_cli.poses import camera_center, inverse
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.observations import read_image
+from semcal_cli.geometry.poses import camera_center, inverse
+from semcal_cli.report.overlay import Colors, hex_color, palettes, points_in_picture
 from semcal_cli.report.subject import Subject
-from semcal_cli.selection import evenly_spaced
 
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
 """So many points that the camera sees are kept, and so many others."""

@@ -9,9 +9,9 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.calibration import UncertaintyRecord
-from semcal_cli.observations import Observations
-from semcal_cli.poses import Pose
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import UncertaintyRecord
 
 SPAN_M, SPAN_DEG = 0.1, 0.5
 """Curves reach so far to either side ..."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import cv2
 
-from semcal_cli.overlay import Legend, Picture, hex_color
+from semcal_cli.report.overlay import Legend, Picture, hex_color
 from semcal_cli.report.subject import Subject
 
 MAX_FRAMES = 20

@@ -9,7 +9,7 @@ import numpy as np
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
 from semcal_cli.formats.format import Asked, wxyz
-from semcal_cli.poses import (
+from semcal_cli.geometry.poses import (
     Pose,
     Vector,
     camera_center,

@@ -9,11 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.calibration import Calibration
-from semcal_cli.documents import document_text, write_text
-from semcal_cli.metrics import compare_poses
-from semcal_cli.poses import camera_center
-from semcal_cli.provenance import describe_input, versions
+from semcal_cli.files.documents import document_text, write_text
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
@@ -23,6 +21,8 @@ from semcal_cli.report.plots import BOX, plots
 from semcal_cli.report.subject import Subject
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import runner_up_sentence, uncertainty_sentences, verdict
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.provenance import describe_input, versions
 
 
 @dataclass(frozen=True)

@@ -7,17 +7,17 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.calibration import Calibration, InputFrame
-from semcal_cli.cues import CUES, LABELS, Cue, choose_frames, load_cues
-from semcal_cli.documents import listed
-from semcal_cli.drive import Drive, Frame
+from semcal_cli.drive.cues import CUES, LABELS, Cue, choose_frames, load_cues
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.frame_selection import MAX_FRAMES, evenly_spaced
+from semcal_cli.drive.observations import Observations
+from semcal_cli.files.documents import listed
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.semcal import read_record
-from semcal_cli.observations import Observations
-from semcal_cli.overlay import Overlays
-from semcal_cli.poses import Pose
-from semcal_cli.provenance import describe_input
-from semcal_cli.selection import MAX_FRAMES, evenly_spaced
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.report.overlay import Overlays
+from semcal_cli.result.calibration import Calibration, InputFrame
+from semcal_cli.result.provenance import describe_input
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.calibration import Calibration, UncertaintyRecord
-from semcal_cli.camera import core_camera
-from semcal_cli.drive import Camera
-from semcal_cli.reasons import MIN_RUNNER_UP_MARGIN
+from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Camera
 from semcal_cli.report.subject import Subject
+from semcal_cli.result.calibration import Calibration, UncertaintyRecord
 
 DEPTHS_M = 10.0, 50.0
 """How far away points are whose place in the picture is told."""

@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.calibration import Calibration, Status
-from semcal_cli.drive import Drive
-from semcal_cli.poses import inverse, quaternion_xyzw
-from semcal_cli.provenance import versions
+from semcal_cli.assessment.uncertainty import Uncertainty
+from semcal_cli.drive.document import Drive
+from semcal_cli.geometry.poses import inverse, quaternion_xyzw
+from semcal_cli.result.calibration import Calibration, Status
+from semcal_cli.result.provenance import versions
 from semcal_cli.rig.document import Rig
 from semcal_cli.rig.pairs import Pair, Reference, make_pair
-from semcal_cli.uncertainty import Uncertainty
 
 WORST_FIRST: tuple[Status, ...] = ("not_trusted", "not_assessed", "trusted")
 

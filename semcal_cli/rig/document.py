@@ -10,11 +10,11 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
-from semcal_cli.documents import describe, is_folder, one_of, read_bytes, read_document
-from semcal_cli.drive import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
+from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.poses import Pose, inverse, nearest_rigid
-from semcal_cli.validation import FileName, StrictModel, Transform, Version, mismatch, validate
+from semcal_cli.files.documents import describe, is_folder, one_of, read_bytes, read_document
+from semcal_cli.files.validation import FileName, StrictModel, Transform, Version, mismatch, validate
+from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
 
 RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[\r{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)
 """Without it, the document need not be read, which for a long drive takes seconds."""

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.calibration import Calibration
-from semcal_cli.limits import joint_quantile
-from semcal_cli.metrics import PoseError, compare_poses
-from semcal_cli.poses import Pose, cross_matrix, inverse
-from semcal_cli.uncertainty import Uncertainty
+from semcal_cli.assessment.limits import joint_quantile
+from semcal_cli.assessment.uncertainty import Uncertainty
+from semcal_cli.geometry.pose_error import PoseError, compare_poses
+from semcal_cli.geometry.poses import Pose, cross_matrix, inverse
+from semcal_cli.result.calibration import Calibration
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@
 import json
 from pathlib import Path
 
-from semcal_cli.calibration import Calibration
-from semcal_cli.drive import Drive
+from semcal_cli.drive.document import Drive
+from semcal_cli.files.validation import StrictModel
+from semcal_cli.result.calibration import Calibration
 from semcal_cli.rig.document import Rig
-from semcal_cli.validation import StrictModel
 
 FOLDER = Path(__file__).parent
 SCHEMAS: dict[str, type[StrictModel]] = {

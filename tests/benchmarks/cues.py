@@ -18,16 +18,16 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.camera import core_camera
-from semcal_cli.cues import Cue
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.cues import Cue
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.observations import read_image
 from semcal_cli.formats import read_transform
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import read_image
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.pipeline import Given, Run
-from semcal_cli.poses import Pose, camera_center
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize
 
 START_DEG, START_M = 2.0, 0.2
 CUES: tuple[tuple[Cue, ...], ...] = (("labels",), ("intensity",), ("labels", "intensity"))

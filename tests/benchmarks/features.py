@@ -17,13 +17,13 @@ import cues
 import numpy as np
 import yaml
 
-from semcal_cli.drive import Drive, read_drive
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.observations import read_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import read_observations
+from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize
 
 CHANNELS = 16
 

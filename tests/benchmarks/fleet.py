@@ -11,11 +11,11 @@ from __future__ import annotations
 import click
 import numpy as np
 
+from semcal_cli.assessment.limits import Limits
 from semcal_cli.fleet.assessment import assess
 from semcal_cli.fleet.consensus import local_coordinates, moved
 from semcal_cli.fleet.members import Member
-from semcal_cli.limits import Limits
-from semcal_cli.poses import pose_from_mounting
+from semcal_cli.geometry.poses import pose_from_mounting
 
 TRUTH = pose_from_mounting((0.0, 5.0, 30.0), (1.2, -0.3, 0.5))
 SIGMAS = np.array([0.004, 0.003, 0.006, *np.radians([0.02, 0.03, 0.01])])

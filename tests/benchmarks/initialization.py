@@ -21,14 +21,20 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.drive import read_drive
+from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.initialization import AlignmentConfig, InitializationConfig, initialize, margin, runner_up
-from semcal_cli.metrics import compare_poses
-from semcal_cli.observations import load_observations
-from semcal_cli.reasons import MIN_RUNNER_UP_MARGIN
-from semcal_cli.synthesis import synthesize
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.initialization.search import (
+    AlignmentConfig,
+    InitializationConfig,
+    initialize,
+    margin,
+    runner_up,
+)
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 4
 RIGHT_DEG = 5.0

@@ -17,14 +17,14 @@ import numpy as np
 import torch
 from torch.nn import functional
 
-from semcal_cli.classes import NO_CLASS
-from semcal_cli.drive import read_drive
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.mine import DonskerVaradhan, MineConfig, StatisticsNetwork
-from semcal_cli.observations import load_observations
-from semcal_cli.projection import Projection
-from semcal_cli.refinement import FAR_DEG, ExactConfig, PyramidConfig, pyramid_factors
-from semcal_cli.se3 import exp_se3
+from semcal_cli.refinement.mine import DonskerVaradhan, MineConfig, StatisticsNetwork
+from semcal_cli.refinement.projection import Projection
+from semcal_cli.refinement.pyramid import FAR_DEG, ExactConfig, PyramidConfig, pyramid_factors
+from semcal_cli.refinement.se3 import exp_se3
 
 
 def main() -> None:

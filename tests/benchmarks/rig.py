@@ -19,9 +19,9 @@ from time import perf_counter
 import click
 import numpy as np
 
-from semcal_cli.documents import read_document
-from semcal_cli.synthesis import synthesize, synthesize_rig
-from semcal_cli.synthesis_config import SynthConfig
+from semcal_cli.files.documents import read_document
+from semcal_cli.synthetic.config import SynthConfig
+from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 SEMCAL = shutil.which("semcal") or "semcal"
 

@@ -17,13 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.camera import core_camera
-from semcal_cli.classes import NO_CLASS, class_table
-from semcal_cli.drive import read_drive
-from semcal_cli.observations import Observations, load_observations
-from semcal_cli.poses import Pose
-from semcal_cli.synthesis import UNLABELED, make_camera, make_renderer, mounting
-from semcal_cli.synthesis_config import Lens, SynthConfig
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.classes import NO_CLASS, class_table
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.observations import Observations, load_observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.synthetic.config import Lens, SynthConfig
+from semcal_cli.synthetic.synthesis import UNLABELED, make_camera, make_renderer, mounting
 
 HIDDEN, VISIBLE = 1, 2
 MIN_POINTS = 50

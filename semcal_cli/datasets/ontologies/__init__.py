@@ -7,10 +7,10 @@ from pathlib import Path
 
 from pydantic import field_validator
 
-from semcal_cli.documents import read_document
-from semcal_cli.drive import Color, Ids
+from semcal_cli.drive.document import Color, Ids
 from semcal_cli.errors import InputError
-from semcal_cli.validation import StrictModel, check_distinct, validate
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.validation import StrictModel, check_distinct, validate
 
 FOLDER = Path(__file__).parent
 MAX_RED = 255

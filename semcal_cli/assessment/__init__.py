@@ -1,0 +1,1 @@
+"""How sure a pose is, and what speaks against it."""

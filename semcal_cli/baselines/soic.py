@@ -1,0 +1,200 @@
+"""SOIC, for comparison: semantic centroids to begin with, then points onto the pixels of their own class.
+
+Source: Wang, Nobuhara, Nakamura and Sakurada, *SOIC: Semantic Online Initialization and Calibration for LiDAR and
+Camera*, arXiv 2003.04260. Both sides need classes of the same names, and how sure a pose is nobody knows.
+
+A sweep goes all round, a picture does not, and the centroid of a class in the whole sweep is no point of the picture.
+So centroids in many sectors as wide as the picture are tried, and of their poses the one with the least cost is taken.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import CalibrationError
+from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.initialization.pnp import PnpConfig, solve_pnp
+
+BINS_PER_SECTOR = 4
+"""Sectors overlap, and are made of so narrow ones."""
+
+
+@dataclass(frozen=True)
+class SoicConfig:
+    """How centroids and costs are computed, and how the cost is minimised: Powell's method."""
+
+    num_sectors: int = 24
+    """Directions in which centroids are computed."""
+    centroid_error_deg: float = 5.0
+    """Centroids of what is seen from elsewhere, and partly, are no more than so exact ..."""
+    min_centroids: int = 8
+    """... but so many have to agree on a pose."""
+    min_pixels: int = 50
+    """Classes with less in a picture or fewer points in a sector have no centroid there."""
+    block_px: int = 2
+    """Side of the blocks in which distances to classes are kept."""
+    max_points: int = 400_000
+    """Points in the pictures or beside them that are looked at."""
+    step_deg: float = 2.0
+    """A line search reaches so far ..."""
+    step_m: float = 0.3
+    tolerance: float = 1e-3
+    """... and ends within this share of it."""
+    max_rounds: int = 30
+    """Of Powell's method, from each start ..."""
+    max_restarts: int = 20
+    """... and it starts so often again, until that gains nothing."""
+
+
+@dataclass(frozen=True)
+class Settled:
+    """Where the cost is least."""
+
+    T_camera_lidar: Pose
+    cost_px: float
+    num_evaluations: int
+    converged: bool
+
+
+class Soic:
+    """The cost of SOIC over all frames of a drive, in pixels."""
+
+    def __init__(self, observations: Observations, config: SoicConfig) -> None:
+        """Compute the distance fields.
+
+        Raises:
+            CalibrationError: no frame has points and pixels of one class name.
+        """
+        self.observations, self.config = observations, config
+        image_classes = {name: index for index, name in enumerate(observations.image_class_names)}
+        self.classes = [
+            (index, image_classes[name])
+            for index, name in enumerate(observations.point_class_names)
+            if name in image_classes
+        ]
+        """Of points and of pixels, that have one name."""
+        parts = [part for frame in range(observations.num_frames) for part in self._parts(frame)]
+        num_classes = len({number for number, _, _ in parts})
+        if num_classes < 2:
+            raise CalibrationError(
+                f"SOIC: found {num_classes} classes of one name on both sides of a frame, needed at least 2"
+            )
+        self.distance = _core.SemanticDistance(core_camera(observations.camera), parts, block=config.block_px)
+
+    def cost(self, T_camera_lidar: Pose) -> float:
+        """Give the mean distance of points to the pixels of their class, averaged over classes, in pixels."""
+        return self.distance.at(T_camera_lidar)
+
+    def initialize(self, max_baseline_m: float) -> Pose:
+        """Give the pose of the semantic centroids, from nothing, with the camera no farther from the LiDAR.
+
+        Raises:
+            CalibrationError: centroids of no sector determine such a pose.
+        """
+        camera, config = self.observations.camera, self.config
+        pnp = PnpConfig(max_error_deg=config.centroid_error_deg, min_inliers=config.min_centroids)
+        found: list[Pose] = []
+        for points, pixels in self._centroids():
+            try:
+                T_camera_lidar, _ = solve_pnp(points, pixels, camera, pnp)
+            except CalibrationError:
+                continue
+            if np.linalg.norm(camera_center(T_camera_lidar)) <= max_baseline_m:
+                found.append(T_camera_lidar)
+        if not found:
+            most = len(self.classes) * self.observations.num_frames
+            raise CalibrationError(
+                f"SOIC: of {most} semantic centroids at most, {len(self.classes)} classes in "
+                f"{self.observations.num_frames} frames, no direction has {config.min_centroids} that agree on a pose "
+                f"within {max_baseline_m:g} m of the LiDAR"
+            )
+        return min(found, key=self.cost)
+
+    def minimize(self, T_init: Pose) -> Settled:
+        """Minimise the cost from a pose.
+
+        Raises:
+            CalibrationError: no point lands in the picture there.
+        """
+        config = self.config
+        return Settled(
+            *self.distance.minimize(
+                T_init,
+                step_rad=math.radians(config.step_deg),
+                step_m=config.step_m,
+                tolerance=config.tolerance,
+                max_rounds=config.max_rounds,
+                max_restarts=config.max_restarts,
+                max_points=config.max_points,
+            )
+        )
+
+    def _parts(self, frame: int) -> Iterator[tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
+        """Number, points and distance field of each class that a frame has on both sides."""
+        points, classes = self.observations.points[frame], self.observations.point_classes[frame]
+        image, block = self.observations.image_classes[frame], self.config.block_px
+        height, width = (max(side // block, 1) for side in image.shape)
+        for number, (of_points, of_pixels) in enumerate(self.classes):
+            chosen = points[classes == of_points]
+            others = image != of_pixels
+            if len(chosen) == 0 or others.all():
+                continue
+            distances = cv2.distanceTransform(others.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            # A last row that fills no block is left out, so that blocks lie where they are thought to be.
+            whole = distances[: height * block, : width * block]
+            small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
+            yield number, chosen, small.astype(np.float32, copy=False)
+
+    def _centroids(self) -> Iterator[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
+        """Centroids of classes in each sector, (N, 3) metres, and those of their pixels, (N, 2), over all frames."""
+        config = self.config
+        num_bins = BINS_PER_SECTOR * config.num_sectors
+        # (frames, classes, bins, 4) and (frames, classes, 3): sums, and how many.
+        points = np.array(
+            [self._point_sums(frame, num_bins) for frame in range(self.observations.num_frames)]
+        )
+        pixels = np.array([self._pixel_sums(frame) for frame in range(self.observations.num_frames)])
+        # A picture that goes all round has each bin once.
+        reach = min(round(self._half_width() / (2.0 * math.pi) * num_bins), (num_bins - 1) // 2)
+        window = np.arange(-reach, reach + 1)
+        for sector in range(config.num_sectors):
+            inside = points[:, :, (BINS_PER_SECTOR * sector + window) % num_bins].sum(2)
+            seen = (inside[..., -1] >= config.min_pixels) & (pixels[..., -1] >= config.min_pixels)
+            of_points, of_pixels = inside[seen], pixels[seen]
+            yield of_points[:, :3] / of_points[:, 3:], of_pixels[:, :2] / of_pixels[:, 2:]
+
+    def _point_sums(self, frame: int, num_bins: int) -> npt.NDArray[np.float64]:
+        """Sums of x, y, z and 1 over the points of each class in each bin of azimuth, (classes, bins, 4)."""
+        points, classes = self.observations.points[frame], self.observations.point_classes[frame]
+        turns = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * math.pi)
+        bins = np.rint(turns * num_bins).astype(int) % num_bins
+        sums = np.zeros((len(self.classes), num_bins, 4))
+        for number, (of_points, _) in enumerate(self.classes):
+            chosen = classes == of_points
+            for axis in range(3):
+                sums[number, :, axis] = np.bincount(bins[chosen], points[chosen, axis], num_bins)
+            sums[number, :, 3] = np.bincount(bins[chosen], minlength=num_bins)
+        return sums
+
+    def _pixel_sums(self, frame: int) -> npt.NDArray[np.float64]:
+        """Sums of u, v and 1 over the pixels of each class, (classes, 3)."""
+        image = self.observations.image_classes[frame]
+        moments = [cv2.moments((image == of_pixels).view(np.uint8), True) for _, of_pixels in self.classes]
+        return np.array([[found["m10"], found["m01"], found["m00"]] for found in moments])
+
+    def _half_width(self) -> float:
+        """Half of the picture's width as an angle, radians."""
+        camera, lens = self.observations.camera, core_camera(self.observations.camera)
+        middle = camera.K[1][2]
+        rays = lens.unproject(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
+        angles = np.arctan2(np.abs(rays[:, 0]), rays[:, 2])
+        return float(np.where(np.isfinite(angles), angles, lens.limit).mean())

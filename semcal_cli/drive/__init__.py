@@ -1,0 +1,1 @@
+"""The drive: what a calibration reads."""

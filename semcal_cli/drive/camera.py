@@ -1,0 +1,13 @@
+"""The camera of a drive, for the Rust core."""
+
+from __future__ import annotations
+
+from semcal_cli import _core
+from semcal_cli.drive.document import Camera
+
+
+def core_camera(camera: Camera) -> _core.Camera:
+    """Build the Rust core's camera."""
+    K = [list(row) for row in camera.K]
+    distortion = list(camera.distortion)
+    return _core.Camera(camera.model, camera.width, camera.height, K, distortion, camera.parameters)

@@ -1,0 +1,125 @@
+"""What points and pixels are compared by: labels, intensity, both, or features."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.features import FeaturesConfig, observe_features
+from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
+from semcal_cli.drive.intensity import IntensityConfig, observe_intensity
+from semcal_cli.drive.observations import Observations, load_observations
+from semcal_cli.errors import CalibrationError
+from semcal_cli.files.point_clouds import Sweeps
+
+Classes: TypeAlias = npt.NDArray[np.uint8]
+Cue: TypeAlias = Literal["labels", "intensity", "features"]
+CUES: tuple[Cue, ...] = ("labels", "intensity", "features")
+LABELS: tuple[Cue, ...] = ("labels",)
+
+INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
+
+
+def load_cues(drive: Drive, cues: Sequence[Cue], sweeps: Sweeps | None = None) -> Observations:
+    """Load every frame of a drive, with what the cues say of points and pixels; sweeps are read once.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says, or a cue needs one that is not given.
+        CalibrationError: one side says nothing.
+    """
+    sweeps = Sweeps() if sweeps is None else sweeps
+    found = [_load(drive, cue, sweeps) for cue in cues]
+    return found[0] if len(found) == 1 else summed(*found)
+
+
+def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
+    """Keep at most so many frames of a drive: those whose label images differ most, without labels evenly spaced ones.
+
+    Raises:
+        InputError: a label image is missing or is not what its name or the drive says.
+    """
+    if "labels" in cues:
+        return select_frames(drive, max_frames)
+    return drive.model_copy(update={"frames": tuple(evenly_spaced(drive.frames, max_frames))})
+
+
+def files_of(cues: Sequence[Cue]) -> list[str]:
+    """Name the files of a frame that cues need beside clouds and labels."""
+    names = {"intensity": ["image"], "features": ["point_features", "image_features"]}
+    return [name for cue in cues for name in names.get(cue, [])]
+
+
+def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:
+    """Tell the cues, and their settings."""
+    settings = {"intensity": asdict(INTENSITY), "features": asdict(FEATURES)}
+    return {cue: settings.get(cue, {}) for cue in cues}
+
+
+def _load(drive: Drive, cue: Cue, sweeps: Sweeps) -> Observations:
+    match cue:
+        case "labels":
+            return load_observations(drive, sweeps)
+        case "intensity":
+            return observe_intensity(drive, INTENSITY, sweeps)
+        case "features":
+            return observe_features(drive, FEATURES, sweeps)
+
+
+def summed(first: Observations, second: Observations) -> Observations:
+    """Put two cues of the same frames together, so that their mutual informations add up.
+
+    Frames are there twice, once with the classes of each cue, and no class belongs to both. So the joint histogram has
+    a block for each cue, and its mutual information is the mean of theirs but for a constant (chain rule: which block
+    a pair is in tells which classes it may have, on either side).
+
+    Raises:
+        CalibrationError: there are too many classes for one histogram.
+    """
+    num_point, num_image = len(first.point_class_names), len(first.image_class_names)
+    if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
+        raise CalibrationError(f"found more classes than {NO_CLASS} with those of all cues, needed fewer")
+    shifted = replace(
+        second,
+        point_classes=[_shifted(ids, num_point) for ids in second.point_classes],
+        image_classes=[_shifted(ids, num_image) for ids in second.image_classes],
+        image_shares=[shares and shares.renamed(_table(num_image)) for shares in second.image_shares],
+        point_shares=[shares and shares.renamed(_table(num_point)) for shares in second.point_shares],
+    )
+    both = (first, shifted)
+    return replace(
+        first,
+        points=[cloud for each in both for cloud in each.points],
+        point_classes=[ids for each in both for ids in each.point_classes],
+        image_classes=[ids for each in both for ids in each.image_classes],
+        point_class_names=[*first.point_class_names, *second.point_class_names],
+        image_class_names=[*first.image_class_names, *second.image_class_names],
+        point_shares=_together(both, "point_shares"),
+        image_shares=_together(both, "image_shares"),
+        num_no_returns=[count for each in both for count in each.num_no_returns],
+        twists_per_s=first.twists_per_s and [*first.twists_per_s, *first.twists_per_s],
+    )
+
+
+def _shifted(ids: Classes, by: int) -> Classes:
+    shifted: Classes = _table(by)[ids]
+    return shifted
+
+
+def _table(by: int) -> Classes:
+    """Classes of the second cue come after those of the first."""
+    table = np.full(256, NO_CLASS, np.uint8)
+    table[: NO_CLASS - by] = np.arange(by, NO_CLASS)
+    return table
+
+
+def _together(
+    both: Sequence[Observations], side: Literal["point_shares", "image_shares"]
+) -> list[_core.ClassShares | None]:
+    return [shares for each in both for shares in (getattr(each, side) or [None] * each.num_frames)]

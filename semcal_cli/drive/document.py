@@ -1,0 +1,348 @@
+"""The drive: what a calibration reads, described by its `drive.yaml`."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe, is_folder, read_document
+from semcal_cli.files.validation import (
+    FileName,
+    Matrix3,
+    StrictModel,
+    Transform,
+    Version,
+    check_distinct,
+    length,
+    mismatch,
+    validate,
+)
+from semcal_cli.geometry.poses import nearest_rigid
+
+DRIVE_FILE = "drive.yaml"
+RIG_FILE, RIG = "rig.yaml", "semcal_rig"
+"""Of several cameras: see `semcal_cli.rig`."""
+OF_CALIBRATE = "found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
+
+CameraModel: TypeAlias = Literal[
+    "plumb_bob",
+    "rational_polynomial",
+    "thin_prism",
+    "fisheye",
+    "omnidirectional",
+    "equirectangular",
+    "fov",
+    "double_sphere",
+]
+
+DISTORTION_COUNTS: dict[CameraModel, tuple[int, ...]] = {
+    "plumb_bob": (0, 4, 5),
+    "rational_polynomial": (0, 8),
+    "thin_prism": (0, 12, 14),
+    "fisheye": (0, 4),
+    "omnidirectional": (0, 4),
+    "equirectangular": (0,),
+    "fov": (1,),
+    "double_sphere": (0,),
+}
+"""Coefficients that each camera model takes; 0 is a lens without distortion."""
+
+
+class Interval(NamedTuple):
+    """Values that a number may have."""
+
+    low: float
+    high: float
+    is_open: bool = False
+
+    def check(self, name: str, value: float) -> None:
+        """Raise a `ValueError` for a value outside."""
+        inside = self.low < value < self.high or (not self.is_open and value in (self.low, self.high))
+        if not inside:
+            least, most = ("more than", "less than") if self.is_open else ("at least", "at most")
+            raise mismatch(f"{name} {value}", f"{least} {self.low:g} and {most} {self.high:g}")
+
+
+RIGHT_ANGLE = Interval(-math.pi / 2, math.pi / 2, is_open=True)
+
+COEFFICIENTS: dict[CameraModel, dict[int, Interval]] = {
+    "fov": {0: Interval(0.0, math.pi, is_open=True)},
+    "thin_prism": {12: RIGHT_ANGLE, 13: RIGHT_ANGLE},
+}
+"""Coefficients that are angles, by their place."""
+
+PARAMETERS: dict[CameraModel, dict[str, Interval]] = {
+    "omnidirectional": {"xi": Interval(0.0, 100.0)},
+    "double_sphere": {"xi": Interval(-1.0, 1.0, is_open=True), "alpha": Interval(0.0, 1.0)},
+}
+"""What the models need beyond K and distortion."""
+
+Id = Annotated[int, Field(ge=0, le=0xFFFF)]
+Ids = Annotated[tuple[Id, ...], length(0)]
+ColorValue = Annotated[int, Field(ge=0, le=255)]
+Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
+PictureSide = Annotated[int, Field(gt=0, le=0xFFFF)]
+ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
+
+
+Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
+"""Seconds: nanoseconds since 1970 are more."""
+Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
+Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
+
+
+def _orthonormal(T: Transform) -> Transform:
+    return tuple(tuple(row) for row in nearest_rigid(np.array(T)).tolist())
+
+
+class Camera(StrictModel):
+    """Picture size, intrinsics and lens."""
+
+    model: CameraModel
+    """plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are OpenCV's, omnidirectional is its
+    omnidir (Mei and Rives), fov is Devernay and Faugeras's, double_sphere that of Usenko, Demmel and Cremers."""
+    width: PictureSide
+    """Columns of the picture."""
+    height: PictureSide
+    """Rows of the picture."""
+    K: Matrix3
+    """Intrinsic matrix in pixels, zero skew; an integer pixel is a pixel centre. The focal lengths of an
+    equirectangular picture are pixels a radian, width / (2 pi) if it goes all round; its principal point is where z
+    points."""
+    distortion: Annotated[tuple[float, ...], length(0), Field(validate_default=True)] = ()
+    """Coefficients in OpenCV's order; absent means none. That of fov is w, in radians."""
+    parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
+    """What a model needs beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
+
+    def zoomed(self, scale: float) -> "Camera":
+        """The same with other focal lengths."""
+        (fx, _, cx), (_, fy, cy), last_row = self.K
+        return self.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
+
+    @field_validator("K")
+    @classmethod
+    def _check_intrinsics(cls, K: Matrix3) -> Matrix3:
+        (fx, skew, _), (below, fy, _), last_row = K
+        if last_row != (0.0, 0.0, 1.0):
+            raise mismatch(f"last row {list(last_row)}", "[0, 0, 1]")
+        if skew != 0.0 or below != 0.0:
+            raise mismatch(f"skew {skew or below}", "0")
+        if fx <= 0.0 or fy <= 0.0:
+            raise mismatch(f"focal lengths {fx} and {fy}", "both above 0")
+        return K
+
+    @field_validator("distortion")
+    @classmethod
+    def _check_distortion(cls, distortion: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        model = info.data.get("model")
+        counts = DISTORTION_COUNTS.get(model, ()) if model else ()
+        if counts and len(distortion) not in counts:
+            needed = " or ".join(map(str, counts))
+            raise mismatch(f"{len(distortion)} coefficients", f"{needed} for {model}")
+        for place, interval in COEFFICIENTS.get(model, {}).items() if model else ():
+            if place < len(distortion):
+                interval.check(f"[{place}]", distortion[place])
+        return distortion
+
+    @field_validator("parameters")
+    @classmethod
+    def _check_parameters(cls, parameters: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        if "model" not in info.data:
+            return parameters
+        intervals = PARAMETERS.get(info.data["model"], {})
+        if set(parameters) != set(intervals):
+            found, needed = (", ".join(map(describe, names)) or "none" for names in (parameters, intervals))
+            raise mismatch(found, f"{needed} for {info.data['model']}")
+        for name, interval in intervals.items():
+            interval.check(name, parameters[name])
+        return parameters
+
+
+class Lidar(StrictModel):
+    """The scan pattern of a spinning LiDAR."""
+
+    channels: Annotated[int, Field(ge=2, le=4096)]
+    """Beams, the rows of the spherical image."""
+    columns: Annotated[int, Field(ge=4, le=0xFFFF)]
+    """Firings a turn."""
+    fov_up_deg: ElevationDeg
+    """Elevation of the highest beam."""
+    fov_down_deg: ElevationDeg
+    """Elevation of the lowest beam, negative below the horizon."""
+
+    @field_validator("fov_down_deg")
+    @classmethod
+    def _check_order(cls, fov_down_deg: float, info: ValidationInfo) -> float:
+        fov_up_deg = info.data.get("fov_up_deg", 90.0)
+        if fov_down_deg >= fov_up_deg:
+            raise mismatch(fov_down_deg, f"less than fov_up_deg, {fov_up_deg}")
+        return fov_down_deg
+
+
+class Frame(StrictModel):
+    """One sweep and the picture taken with it. Paths are relative to the drive."""
+
+    points: FileName
+    """Point cloud."""
+    point_labels: FileName | None = None
+    """Ids or class probabilities of the points; when absent, the point cloud's own field of ids."""
+    image_labels: FileName | None = None
+    """Ids or class probabilities of the pixels."""
+    image: FileName | None = None
+    """The picture itself."""
+    points_stamp: Stamp | None = None
+    """Seconds."""
+    image_stamp: Stamp | None = None
+    """Seconds."""
+    point_features: FileName | None = None
+    """N x C values of the points."""
+    image_features: FileName | None = None
+    """H x W x C values of the pixels."""
+
+    def key(self, name: str) -> str:
+        """Name one of its keys in a complaint, whichever place it has among the frames that are used."""
+        return f"frames[{self.points}].{name}"
+
+
+class Ignore(StrictModel):
+    """Ids that carry no information."""
+
+    points: Ids = ()
+    """Ids of points."""
+    image: Ids = ()
+    """Ids of pixels."""
+
+
+class Classes(StrictModel):
+    """Names, and merging of raw ids: ids not listed are ignored, and a side without names keeps its ids."""
+
+    points: dict[str, Ids] = {}
+    """Raw ids of points under each name."""
+    image: dict[str, Ids] = {}
+    """Raw ids of pixels under each name."""
+
+    @field_validator("points", "image")
+    @classmethod
+    def _check_ids(cls, side: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
+        check_distinct({name: [f"id {value}" for value in ids] for name, ids in side.items()})
+        return side
+
+
+class Twist(StrictModel):
+    """A steady motion of the LiDAR, in its own frame."""
+
+    linear_m_s: Annotated[tuple[Speed, ...], length(3, 3)]
+    """Velocity, metres a second."""
+    angular_rad_s: Annotated[tuple[Rate, ...], length(3, 3)]
+    """Angular velocity, radians a second."""
+
+
+class Motion(StrictModel):
+    """How the LiDAR moves during a sweep, for clouds that have a time for each point: one of three."""
+
+    twist: Twist | None = None
+    """One motion in all frames."""
+    poses: FileName | None = None
+    """File of the LiDAR's poses in a fixed frame, a line each: seconds x y z qx qy qz qw (the TUM format)."""
+    speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
+    """Has no direction, so that nothing is corrected; says how many pixels that may cost."""
+    point_times: Literal["relative", "absolute"] = "relative"
+    """Whether the times of points count from `points_stamp` on, or are on the clock of the stamps."""
+
+    @model_validator(mode="after")
+    def _check_one(self) -> "Motion":
+        ways = {"twist": self.twist, "poses": self.poses, "speed_m_s": self.speed_m_s}
+        found = [name for name, value in ways.items() if value is not None]
+        if len(found) != 1:
+            raise mismatch(" and ".join(found) or "none", f"one of {', '.join(ways)}")
+        return self
+
+
+class Drive(StrictModel):
+    """A drive.yaml. It knows where it lies; the files it names are looked for when they are loaded."""
+
+    semcal_drive: Version
+    """Version of this format."""
+    camera: Camera
+    """Intrinsics are given and right."""
+    lidar: Lidar | None = None
+    """Estimated from the points when absent."""
+    frames: Annotated[tuple[Frame, ...], length(1)]
+    """All frames of one rig."""
+    ignore: Ignore = Ignore()
+    """Ids that carry no information."""
+    classes: Classes | None = None
+    """Names, and merging of raw ids."""
+    palette: Annotated[dict[str, Color], length(1, 255)] | None = None
+    """Red, green, blue of each class in colour-coded label images; other colours carry no information."""
+    motion: Motion | None = None
+    """How the LiDAR moves during a sweep, for clouds that have a time for each point."""
+    T_camera_lidar: Annotated[Transform, AfterValidator(_orthonormal)] | None = None
+    """Reference that only commands that compare use: p_camera = T_camera_lidar * p_lidar."""
+
+    _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
+
+    @field_validator("palette")
+    @classmethod
+    def _check_colors(cls, palette: dict[str, tuple[int, ...]] | None) -> dict[str, tuple[int, ...]] | None:
+        check_distinct({name: [f"color {list(color)}"] for name, color in (palette or {}).items()})
+        return palette
+
+    @property
+    def path(self) -> Path:
+        """The file that was read."""
+        return self._path
+
+    @property
+    def root(self) -> Path:
+        """The folder that paths are relative to."""
+        return self._path.parent
+
+    def input_files(self) -> Iterator[str]:
+        """Give the names of all files that a calibration reads."""
+        for frame in self.frames:
+            yield from filter(None, (frame.points, frame.point_labels, frame.image_labels))
+        if self.motion and self.motion.poses:
+            yield self.motion.poses
+
+    def files(self) -> Iterator[str]:
+        """Give the names of all files that belong to the drive."""
+        yield from self.input_files()
+        for frame in self.frames:
+            yield from filter(None, (frame.image, frame.point_features, frame.image_features))
+
+    def resolve(self, relative: str) -> Path:
+        """Locate a file named in the drive. Absolute names stay; neither `~` nor `$VAR` is expanded."""
+        return self.root / relative
+
+
+def first_stamp(drive: Drive) -> float | None:
+    """Give the stamp of a drive's first frame, seconds."""
+    frame = drive.frames[0]
+    return frame.points_stamp if frame.points_stamp is not None else frame.image_stamp
+
+
+def drive_file(path: Path) -> Path:
+    """Locate the drive.yaml of a drive that is given as its folder or as the file."""
+    return path / DRIVE_FILE if is_folder(path) else path
+
+
+def read_drive(path: Path) -> Drive:
+    """Read and check a drive, given as its folder or as the file.
+
+    Raises:
+        InputError: the first complaint: file, key, what was found, what was needed.
+    """
+    file = drive_file(path)
+    if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
+        raise InputError(f"{path / RIG_FILE}: {OF_CALIBRATE}")
+    document = read_document(file)
+    if RIG in document:
+        raise InputError(f"{file}: {OF_CALIBRATE}")
+    drive = validate(Drive, document, file)
+    drive._path = file
+    return drive

@@ -1,0 +1,158 @@
+"""The features cue: vectors of points and of pixels, as networks make them, instead of labels.
+
+Nothing is known of what they mean, and the two sides need have nothing in common. The mutual information of vectors has
+no histogram; MINE bounds it (`semcal_cli.refinement.mine`). Where a histogram will do, to find where to begin, each
+side's vectors are replaced by codes, the nearest of some centres (k-means).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+from scipy.cluster.vq import kmeans2, vq
+
+from semcal_cli import _core
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.motion import compensated, motion_error_px
+from semcal_cli.drive.observations import Observations, read_clouds
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.files.point_clouds import Sweeps
+
+Vectors = npt.NDArray[np.float16]
+
+SAMPLES = 20_000
+"""So many vectors tell the centres."""
+MAX_CHANNELS = 4096
+
+
+@dataclass(frozen=True)
+class FeaturesConfig:
+    """How vectors become codes."""
+
+    num_codes: int = 24
+    iterations: int = 20
+
+
+def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None = None) -> Observations:
+    """Load every frame of a drive with its features, each channel scaled to unit variance, and their codes for classes.
+
+    Raises:
+        InputError: a file is missing or is not what the drive needs.
+        CalibrationError: one side's features are all the same.
+    """
+    clouds = read_clouds(drive, sweeps)
+    points, twists_per_s = compensated(drive, clouds)
+    of_points = [_of_points(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
+    of_images = [_of_image(drive, frame) for frame in drive.frames]
+    sides = {}
+    for name, key, vectors in (
+        ("points", "point_features", of_points),
+        ("pixels", "image_features", of_images),
+    ):
+        for frame, found in zip(drive.frames, vectors, strict=True):
+            if found.shape[-1] != vectors[0].shape[-1]:
+                where = drive.resolve(str(getattr(frame, key)))
+                raise InputError(f"{where}: found {found.shape[-1]} channels, needed {vectors[0].shape[-1]}")
+        sides[name] = _coded(name, vectors, config)
+    (point_vectors, point_codes), (image_vectors, image_codes) = sides["points"], sides["pixels"]
+    names = [str(code) for code in range(config.num_codes)]
+    scale = drive.camera.width // image_vectors[0].shape[1]
+    return Observations(
+        camera=drive.camera,
+        lidar=drive.lidar,
+        points=points,
+        point_classes=point_codes,
+        image_classes=[codes.repeat(scale, axis=0).repeat(scale, axis=1) for codes in image_codes],
+        point_class_names=names,
+        image_class_names=names,
+        point_vectors=point_vectors,
+        image_vectors=image_vectors,
+        num_no_returns=[cloud.num_no_returns for cloud in clouds],
+        twists_per_s=twists_per_s,
+        motion_error_px=motion_error_px(drive, clouds),
+    )
+
+
+def _of_points(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Vectors:
+    """Features (N, C) of the returns of a cloud, whose file has them of every entry."""
+    path, vectors = _read(drive, frame, "point_features")
+    count = len(cloud.is_return)
+    if vectors.ndim != 2 or len(vectors) != count:
+        raise InputError(
+            f"{path}: found shape {vectors.shape}, needed ({count}, C): {frame.points} has {count} points"
+        )
+    return vectors[cloud.is_return]
+
+
+def _of_image(drive: Drive, frame: Frame) -> Vectors:
+    """Features (H / s, W / s, C) of a picture."""
+    path, vectors = _read(drive, frame, "image_features")
+    height, width = drive.camera.height, drive.camera.width
+    rows, columns = vectors.shape[:2] if vectors.ndim == 3 else (0, 0)
+    if not rows or not columns or width % columns or height % rows or width // columns != height // rows:
+        needed = f"({height}, {width}, C), or both sides divided by a whole number"
+        raise InputError(f"{path}: found shape {vectors.shape}, needed {needed}")
+    return vectors
+
+
+def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
+    name = getattr(frame, key)
+    if name is None:
+        raise InputError(f"{drive.path}: {frame.key(key)}: found nothing, needed a .npy file of features")
+    path = drive.resolve(name)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            vectors = np.load(path, mmap_mode="r", allow_pickle=False)
+    except OSError as error:
+        raise InputError(
+            f"{path}: {(error.strerror or 'is damaged').lower()}, needed a NumPy array"
+        ) from None
+    except Exception:  # Its header is Python, and fails in as many ways.
+        raise InputError(f"{path}: found no NumPy array, needed one") from None
+    if not isinstance(vectors, np.ndarray) or vectors.dtype.kind not in "fiu":
+        raise InputError(
+            f"{path}: found {getattr(vectors, 'dtype', 'several arrays')}, needed an array of numbers"
+        )
+    if not vectors.ndim or not 1 <= vectors.shape[-1] <= MAX_CHANNELS:
+        raise InputError(f"{path}: found shape {vectors.shape}, needed 1 to {MAX_CHANNELS} channels")
+    return path, vectors
+
+
+def _coded(
+    side: str, vectors: Sequence[Vectors], config: FeaturesConfig
+) -> tuple[list[Vectors], list[npt.NDArray[np.uint8]]]:
+    """Scale the channels of all frames alike, and code each vector by its nearest centre."""
+    rng = np.random.default_rng(0)
+    share = max(1, SAMPLES // len(vectors))
+    flat = [each.reshape(-1, each.shape[-1]) for each in vectors]
+    some = np.concatenate([each[rng.integers(len(each), size=share)] for each in flat]).astype(np.float64)
+    if not np.isfinite(some).all():
+        raise InputError(f"features of {side}: found values that are not finite, needed numbers")
+    mean, spread = some.mean(axis=0), some.std(axis=0)
+    if not (spread > 0.0).any():
+        raise CalibrationError(f"features of {side} are all the same: they say nothing of the pose")
+    spread[spread == 0.0] = 1.0
+    some = (some - mean) / spread
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # A centre to which nothing is near stays where it is.
+        centres, _ = kmeans2(
+            some, some[rng.permutation(len(some))[: config.num_codes]], config.iterations, minit="matrix"
+        )
+
+    def of_frame(each: Vectors) -> tuple[Vectors, npt.NDArray[np.uint8]]:
+        scaled = ((each - mean) / spread).astype(np.float16)
+        if not np.isfinite(scaled).all():
+            raise InputError(f"features of {side}: found values that are not finite, needed numbers")
+        codes, _ = vq(scaled.reshape(-1, scaled.shape[-1]).astype(np.float32), centres.astype(np.float32))
+        return scaled, codes.astype(np.uint8).reshape(scaled.shape[:-1])
+
+    with ThreadPoolExecutor() as pool:
+        found = list(pool.map(of_frame, vectors))
+    return [scaled for scaled, _ in found], [codes for _, codes in found]

@@ -1,0 +1,161 @@
+"""Motion compensation (de-skew): sweeps as the LiDAR would have seen them at the moment of their picture."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Drive, Frame, Motion
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_text
+from semcal_cli.geometry.poses import Pose, pose_from_quaternion
+
+MAX_SWEEP_S = 1.0
+"""Times of points that are farther from their sweep's stamp are of another clock or unit."""
+MIN_SWEEP_S = 0.005
+"""Times that span less are of another unit: no LiDAR turns so fast."""
+MIN_RANGE_M = 0.1
+MEAN_SINE = math.pi / 4.0
+"""Of the angle between a motion of unknown direction and a line of sight."""
+
+
+class Compensated(NamedTuple):
+    """Sweeps as the LiDAR would have seen them at one moment each."""
+
+    points: list[npt.NDArray[np.float32]]
+    """(N, 3) of each frame, metres, in the LiDAR frame at `image_stamp`."""
+    twists_per_s: list[list[float]] | None
+    """(6,) of each frame: how the LiDAR moves then, metres and radians a second in its own frame; None if not known."""
+
+
+def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> Compensated:
+    """Compensate the motion of the LiDAR: see `rust/motion.rs`.
+
+    Points stay where they are if the drive does not say which way it moves.
+
+    Raises:
+        InputError: a cloud has no times or a frame no stamps, times do not go with the stamps, or the poses are none
+            or do not reach.
+    """
+    motion = drive.motion
+    if motion is None or motion.speed_m_s is not None:
+        return Compensated([cloud.points for cloud in clouds], None)
+    trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
+    moved, twists_per_s = [], []
+    for frame, cloud in zip(drive.frames, clouds, strict=True):
+        times = _times(drive, motion, frame, cloud)
+        moment = _moment(drive, frame)
+        along = trajectory or _steady(motion, moment)
+        try:
+            points = along.compensate(cloud.points, times, moment)
+            twists_per_s.append(along.twist_at(moment))
+        except ValueError as error:
+            needed = f"needed poses before and after {frame.points}"
+            raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
+        if not np.isfinite(points).all():
+            raise InputError(
+                f"{drive.path}: motion: found one that moves points of {frame.points} beyond all bounds"
+            )
+        moved.append(points)
+    return Compensated(moved, twists_per_s)
+
+
+def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float | None:
+    """Tell how many pixels half of the points are displaced, at least, by a motion that is not compensated.
+
+    None unless the drive gives a speed without a direction, and clouds have times. Without stamps that go with them
+    the picture is taken to be of the middle of the sweep. Turning, of which nothing is known, comes on top.
+    """
+    motion = drive.motion
+    if motion is None or motion.speed_m_s is None:
+        return None
+    shifts_px = []
+    for frame, cloud in zip(drive.frames, clouds, strict=True):
+        times = cloud.time
+        if times is None or not MIN_SWEEP_S <= np.ptp(times) <= MAX_SWEEP_S:
+            continue
+        middle = 0.5 * (times.min() + times.max())
+        if frame.points_stamp is not None and frame.image_stamp is not None:
+            zero = frame.points_stamp if motion.point_times == "relative" else 0.0
+            moment = frame.image_stamp - zero
+            middle = moment if abs(moment - middle) <= MAX_SWEEP_S else middle
+        ranges_m = np.maximum(np.linalg.norm(cloud.points, axis=1), MIN_RANGE_M)
+        shifts_px.append(np.abs(times - middle) * motion.speed_m_s * MEAN_SINE / ranges_m)
+    if not shifts_px:
+        return None
+    return float(np.median(np.concatenate(shifts_px))) * core_camera(drive.camera).pixels_per_radian
+
+
+def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
+    """When each point was measured, on the clock of the stamps."""
+    path = drive.resolve(frame.points)
+    if cloud.time is None:
+        needed = "needed a field named time, t, timestamp or the like for motion"
+        raise InputError(f"{path}: found no times of points, {needed}")
+    if frame.points_stamp is None:
+        raise InputError(f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed it for motion")
+    times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
+    first, last = cloud.time.min(), cloud.time.max()
+    if last - first < MIN_SWEEP_S:
+        found = f"found times of points that span {last - first:g} s"
+        needed = f"needed {MIN_SWEEP_S:g} s or more; whole numbers are taken for nanoseconds"
+        raise InputError(f"{path}: {found}, {needed}")
+    first, last = times.min() - frame.points_stamp, times.max() - frame.points_stamp
+    if not (first >= -MAX_SWEEP_S and last <= MAX_SWEEP_S):
+        found = f"found times of points from {first:g} to {last:g} s after points_stamp"
+        needed = f"needed them within {MAX_SWEEP_S:g} s; motion.point_times says {motion.point_times}"
+        raise InputError(f"{path}: {found}, {needed}")
+    return times
+
+
+def _moment(drive: Drive, frame: Frame) -> float:
+    """When the picture was taken, which is about when the sweep was."""
+    if frame.image_stamp is None:
+        raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
+    if frame.points_stamp is not None and abs(frame.image_stamp - frame.points_stamp) > MAX_SWEEP_S:
+        found = f"found {frame.image_stamp - frame.points_stamp:g} s after points_stamp"
+        raise InputError(
+            f"{drive.path}: {frame.key('image_stamp')}: {found}, needed at most {MAX_SWEEP_S:g} s for motion"
+        )
+    return frame.image_stamp
+
+
+def _steady(motion: Motion, moment: float) -> _core.Trajectory:
+    assert motion.twist is not None
+    return _core.Trajectory.constant((*motion.twist.linear_m_s, *motion.twist.angular_rad_s), moment)
+
+
+def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
+    path = drive.resolve(name)
+    stamps, poses = [], []
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
+        if line.strip() and not line.lstrip().startswith("#"):
+            try:
+                stamp, pose = _parse_pose(line)
+            except ValueError as error:
+                raise InputError(f"{path}: line {number}: {error}") from None
+            stamps.append(stamp)
+            poses.append(pose)
+    try:
+        return _core.Trajectory.through(stamps, poses)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+
+
+def _parse_pose(line: str) -> tuple[float, Pose]:
+    needed = "needed seconds x y z qx qy qz qw"
+    try:
+        values = [float(word) for word in line.replace(",", " ").split()]
+    except ValueError:
+        raise ValueError(f"found something that is no number, {needed}") from None
+    if len(values) != 8:
+        raise ValueError(f"found {len(values)} numbers, {needed}")
+    if not all(map(math.isfinite, values)):
+        raise ValueError(f"found a number that is not finite, {needed}")
+    return values[0], pose_from_quaternion(values[4:], values[1:4])

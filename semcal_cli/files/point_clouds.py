@@ -1,0 +1,162 @@
+"""Point clouds of every format: LAS and LAZ by laspy, the extra `las`; all others by the core."""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_bytes
+
+if TYPE_CHECKING:
+    import laspy
+
+CHUNK = 1_000_000
+"""Points that are unpacked at a time, so that a header that promises too many costs nothing."""
+MAX_INFLATION = 100
+"""A LAZ file that promises to grow more than that is refused; ten times is common."""
+HEADER = struct.Struct("<4s20xBB68xHIIBHI")
+"""Signature, version, bytes of the header and before the points, VLRs, point format, bytes a point, points."""
+COUNT_1_4 = struct.Struct("<247xQ")
+"""The number of points since version 1.4."""
+VLR = struct.Struct("<H16sHH32s")
+"""Reserved, user, record, bytes after this header, description."""
+VLR_BYTES = VLR.size
+PACKED = 0x80
+"""The bit of the point format that says LAZ."""
+LASZIP_RECORD = (b"laszip encoded", 22204)
+LASZIP = struct.Struct("<12xI16xH")
+"""Points in a chunk, and items in a point."""
+MIN_CHUNK_POINTS = 100
+"""Fewer make more table than data."""
+
+FIELDS = {
+    "x": "x",
+    "y": "y",
+    "z": "z",
+    "intensity": "intensity",
+    "gps_time": "time",
+    "classification": "label",
+}
+"""What is used of a LAS, and what it is called in a cloud."""
+
+
+def read_point_clouds(files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
+    """Read sweeps, each with its file of labels or, without one, with its own field of labels, if any.
+
+    Raises:
+        InputError: a file cannot be read or is not what its name says, or counts differ.
+    """
+    others = iter(_core.read_point_clouds([file for file in files if not _is_las(file[0])]))
+    return [_read_las(*file) if _is_las(file[0]) else next(others) for file in files]
+
+
+class Sweeps:
+    """Reads each sweep, with its labels, once, however many cameras or cues need it, and keeps it."""
+
+    def __init__(self) -> None:
+        self._clouds: dict[tuple[str, str | None], _core.PointCloud] = {}
+
+    def read(self, files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
+        """Give sweeps as `read_point_clouds` does; arguments and errors are the same."""
+        keys = [
+            (os.path.realpath(points), None if labels is None else os.path.realpath(labels))
+            for points, labels in files
+        ]
+        missing = {key: file for key, file in zip(keys, files, strict=True) if key not in self._clouds}
+        self._clouds.update(zip(missing, read_point_clouds(list(missing.values())), strict=True))
+        return [self._clouds[key] for key in keys]
+
+    @property
+    def num_different(self) -> int:
+        """How many different clouds were read; one with labels of each camera's own is read for each."""
+        return len({points for points, _ in self._clouds})
+
+
+def _is_las(path: Path) -> bool:
+    return path.suffix.lower() in (".las", ".laz")
+
+
+def _read_las(path: Path, labels: Path | None) -> _core.PointCloud:
+    try:
+        import laspy
+    except ImportError:
+        raise InputError(f"{path}: LAS and LAZ need laspy: pip install 'semcal[las]'") from None
+    _check_header(path)
+    try:
+        with laspy.open(path, read_evlrs=False) as file:
+            chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
+    except (
+        BaseException
+    ) as error:  # laspy lets struct's, NumPy's and lazrs's errors through, and lazrs's panics
+        if not isinstance(error, Exception) and type(error).__name__ != "PanicException":
+            raise
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{path}: is no readable LAS: {reason}") from None
+    if not chunks:
+        raise InputError(f"{path}: holds no points")
+    contents = io.BytesIO()
+    np.save(contents, np.concatenate(chunks))
+    return _core.parse_point_cloud(path, contents.getvalue(), labels)
+
+
+def _check_header(path: Path) -> None:
+    """Refuse what laspy and lazrs would take on trust: how many points, records and chunks there are."""
+    start = read_bytes(path, COUNT_1_4.size)
+    size = path.stat().st_size
+    if len(start) < HEADER.size or not start.startswith(b"LASF"):
+        raise InputError(f"{path}: is no readable LAS: it does not start like one")
+    _, major, minor, header_bytes, offset, num_vlrs, point_format, record_bytes, count = HEADER.unpack_from(
+        start
+    )
+    if (major, minor) >= (1, 4) and len(start) >= COUNT_1_4.size:
+        (count,) = COUNT_1_4.unpack_from(start)
+    if offset > size or header_bytes + num_vlrs * VLR_BYTES > offset:
+        raise InputError(
+            f"{path}: promises a header of {header_bytes} bytes and {num_vlrs} records before byte {offset} of {size}"
+        )
+    is_packed = bool(point_format & PACKED)
+    if is_packed:
+        _check_packing(path, read_bytes(path, offset + 8)[header_bytes:], num_vlrs, offset, size)
+    if count * record_bytes > (MAX_INFLATION * size if is_packed else size - offset):
+        raise InputError(f"{path}: promises {count} points of {record_bytes} bytes in {size} bytes")
+
+
+def _check_packing(path: Path, records: bytes, num_vlrs: int, offset: int, size: int) -> None:
+    """Check LASzip's record and the table of chunks."""
+    begin, laszip = 0, None
+    for _ in range(num_vlrs):
+        _, user, record_id, length, _ = VLR.unpack_from(records, min(begin, max(len(records) - VLR.size, 0)))
+        begin += VLR.size + length
+        if (user.rstrip(b"\0"), record_id) == LASZIP_RECORD:
+            laszip = records[begin - length : begin]
+    if laszip is None or len(laszip) < LASZIP.size:
+        raise InputError(f"{path}: is no readable LAZ: it has no record of LASzip's")
+    chunk_points, num_items = LASZIP.unpack_from(laszip)
+    (table,) = struct.unpack("<q", records[-8:])
+    if not offset < table <= size - 8:
+        raise InputError(f"{path}: promises a table of chunks at byte {table} of {size}")
+    with path.open("rb") as file:
+        file.seek(table + 4)
+        (num_chunks,) = struct.unpack("<I", file.read(4))
+    if chunk_points < MIN_CHUNK_POINTS or num_items == 0 or num_chunks > size:
+        raise InputError(
+            f"{path}: promises {num_chunks} chunks of {chunk_points} points of {num_items} items in {size} bytes"
+        )
+
+
+def _records(chunk: laspy.ScaleAwarePointRecord) -> npt.NDArray[np.void]:
+    names = [*("x", "y", "z"), *(name for name in FIELDS if name in chunk.point_format.dimension_names)]
+    columns = {FIELDS[name]: np.asarray(chunk[name]) for name in names}
+    records = np.empty(len(chunk), [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        records[name] = column
+    return records

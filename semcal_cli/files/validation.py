@@ -1,0 +1,145 @@
+"""Checks of documents: pydantic's strictness, and complaints of one line."""
+
+import difflib
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias, TypeVar
+
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic_core import ErrorDetails
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import describe
+from semcal_cli.geometry.poses import check_rigid
+
+MAX_TRANSLATION_M = 1e6
+"""No LiDAR is farther from its camera, in whatever unit."""
+
+
+class StrictModel(BaseModel):
+    """Immutable; nothing is converted but a whole number to a float; unknown keys are errors."""
+
+    model_config = ConfigDict(
+        strict=True, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_nearest_key(cls, document: object) -> object:
+        known = [str(field.validation_alias or name) for name, field in cls.model_fields.items()]
+        for key in document if isinstance(document, dict) else ():
+            if key not in known:
+                nearest = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
+                raise ValueError(f"unknown key {describe(key)}; the nearest known key is {nearest!r}")
+        return document
+
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def validate(model: type[Model], document: object, path: Path) -> Model:
+    """Check a document that was read from `path`.
+
+    Raises:
+        InputError: the first complaint, as `file: key: what was found, what was needed`.
+    """
+    try:
+        return model.model_validate(document)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise InputError(": ".join(filter(None, (str(path), _key(first), _complaint(first))))) from None
+
+
+def mismatch(found: object, needed: object) -> ValueError:
+    """Make the error that a validator raises."""
+    return ValueError(f"found {found}, needed {needed}")
+
+
+def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
+    """Check that no value belongs to two names.
+
+    Raises:
+        ValueError: one does.
+    """
+    owners: dict[object, str] = {}
+    for name, values in names.items():
+        for value in values:
+            owner = owners.setdefault(value, name)
+            if owner != name:
+                raise mismatch(f"{value} under {describe(owner)} and {describe(name)}", "it under one name")
+
+
+def _check_version(version: int) -> int:
+    if version != 1:
+        raise mismatch(describe(version), "1, the only version there is")
+    return version
+
+
+def _check_file_name(name: str) -> str:
+    if not name or "\0" in name:
+        raise mismatch(describe(name), "a file name")
+    return name
+
+
+def _check_rigid(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    T = np.array(rows)
+    check_rigid(T)
+    if (farthest := np.abs(T[:3, 3]).max()) > MAX_TRANSLATION_M:
+        raise mismatch(f"a translation of {farthest:g}", f"at most {MAX_TRANSLATION_M:g} m")
+    return rows
+
+
+def length(minimum: int, maximum: int | None = None) -> Any:
+    """Annotate a tuple: made of a list, the only sequence of YAML and JSON, and as long as said."""
+    return Field(strict=False, min_length=minimum, max_length=maximum)
+
+
+Version = Annotated[int, AfterValidator(_check_version), Field(json_schema_extra={"const": 1})]
+FileName = Annotated[str, AfterValidator(_check_file_name), Field(json_schema_extra={"minLength": 1})]
+Vector3: TypeAlias = Annotated[tuple[float, ...], length(3, 3)]
+Vector4: TypeAlias = Annotated[tuple[float, ...], length(4, 4)]
+Vector6: TypeAlias = Annotated[tuple[float, ...], length(6, 6)]
+Matrix3: TypeAlias = Annotated[tuple[Vector3, ...], length(3, 3)]
+Transform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
+
+_NEEDED = {
+    "missing": "a value",
+    "bool_type": "true or false",
+    "int_type": "a whole number",
+    "float_type": "a number",
+    "finite_number": "a finite number",
+    "string_type": "text",
+    "dict_type": "a mapping",
+    "model_type": "a mapping",
+    "tuple_type": "a list",
+    "none_required": "null",
+    "too_short": "at least {min_length}",
+    "too_long": "at most {max_length}",
+    "greater_than": "more than {gt}",
+    "greater_than_equal": "at least {ge}",
+    "less_than_equal": "at most {le}",
+    "literal_error": "{expected}",
+    "string_pattern_mismatch": "text that matches {pattern}",
+}
+
+
+def _complaint(error: ErrorDetails) -> str:
+    context: dict[str, Any] = error.get("ctx", {})
+    if error["type"] == "value_error":
+        return str(context["error"])
+    found = "nothing" if error["type"] == "missing" else describe(error["input"])
+    if error["type"] in ("too_short", "too_long") and isinstance(error["input"], dict):
+        found = f"a mapping of {len(error['input'])}"
+    return f"found {found}, needed {_NEEDED.get(error['type'], error['msg']).format(**context)}"
+
+
+def _key(error: ErrorDetails) -> str:
+    parts = [part for part in error["loc"] if part != "[key]"]  # pydantic marks a complaint about a key so
+    return "".join(_key_part(part) for part in parts).removeprefix(".")
+
+
+def _key_part(part: int | str) -> str:
+    if isinstance(part, str) and part.isidentifier():
+        return f".{part}"
+    return f"[{describe(part)}]"

@@ -1,0 +1,1 @@
+"""Rigid transforms, and how far two of them are apart."""

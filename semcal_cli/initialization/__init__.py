@@ -1,0 +1,1 @@
+"""The initial calibration, from nothing (Alg. 2)."""

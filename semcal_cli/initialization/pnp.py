@@ -1,0 +1,202 @@
+"""The pose from pixels and the points they show (Alg. 2, line 8)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Camera
+from semcal_cli.errors import CalibrationError
+from semcal_cli.geometry.poses import Pose
+
+MIN_DEPTH = 0.2
+"""Rays farther than 78 degrees from the optical axis are left out: in a pinhole picture they run away."""
+
+VIRTUAL_MIN_DEPTH = math.cos(math.radians(50.0))
+"""A wide lens is seen through a pinhole camera of 100 degrees."""
+
+NUM_DIRECTIONS = 64
+"""Such a pinhole camera may look along so many of the rays ..."""
+
+MAX_VIEWS = 4
+"""... and so many are tried, each where most of the rays are that no other sees: wrong pairs may crowd somewhere."""
+
+MAX_STEPS = 20
+"""Of the joint refinement; from a robust start it takes about five."""
+
+LEAST_RANGE = 1e-6
+"""Metres: in the camera itself, a point lies in no direction."""
+
+SETTLED = 1e-10
+"""Metres and radians of the last step."""
+
+Rays: TypeAlias = npt.NDArray[np.float64]
+"""(N, 3) unit vectors."""
+
+
+@dataclass(frozen=True)
+class PnpConfig:
+    """How the robust estimator works."""
+
+    max_error_deg: float = 1.0
+    """Pairs within this angle of the pose are its inliers."""
+    min_inliers: int = 12
+    confidence: float = 0.999
+    max_iterations: int = 1000
+
+
+def solve_pnp(
+    points_lidar: npt.NDArray[np.float64],
+    pixels: npt.NDArray[np.float64],
+    camera: Camera,
+    config: PnpConfig,
+) -> tuple[Pose, int]:
+    """Find the pose that maps LiDAR points onto their pixels: SQPnP inside RANSAC, then Levenberg-Marquardt.
+
+    The lens is undone first, so that one solver in normalised coordinates serves every model. These end at 90 degrees:
+    the pairs of a wide lens are seen through a virtual pinhole camera that looks at them, and its pose is then
+    refined over all of them, in angles.
+
+    Args:
+        points_lidar: (N, 3) float64, metres, LiDAR frame.
+        pixels: (N, 2) float64, (u, v), integer = pixel centre.
+        camera: The camera, with its lens.
+        config: How the robust estimator works.
+
+    Returns:
+        T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, and the number of inliers.
+
+    Raises:
+        CalibrationError: fewer pairs or inliers than `config.min_inliers`, or points that determine no pose.
+    """
+    lens = core_camera(camera)
+    rays = lens.unproject(pixels)
+    reached = np.isfinite(rays).all(1)
+    points, rays = points_lidar[reached], rays[reached]
+    if lens.limit <= math.pi / 2:
+        return _solve_pinhole(points, rays, MIN_DEPTH, config)
+    return _solve_wide(points, rays, config)
+
+
+def _solve_wide(points_lidar: npt.NDArray[np.float64], rays: Rays, config: PnpConfig) -> tuple[Pose, int]:
+    """Solve PnP in virtual pinhole cameras, and refine the pose that most of all pairs agree with."""
+    found: list[tuple[Pose, int]] = []
+    complaint = f"PnP: found {len(rays)} pairs, needed {config.min_inliers}"
+    for R_virtual_camera in _views(rays, config):
+        T_camera_lidar = np.eye(4)
+        try:
+            T_virtual_lidar, _ = _solve_pinhole(
+                points_lidar, rays @ R_virtual_camera.T, VIRTUAL_MIN_DEPTH, config
+            )
+            T_camera_lidar[:3] = R_virtual_camera.T @ T_virtual_lidar[:3]
+            found.append(_refine_angles(points_lidar, rays, T_camera_lidar, config))
+        except CalibrationError as error:
+            complaint = str(error)
+    if not found:
+        raise CalibrationError(complaint)
+    return max(found, key=lambda pose_and_inliers: pose_and_inliers[1])
+
+
+def _solve_pinhole(
+    points_lidar: npt.NDArray[np.float64], rays: Rays, min_depth: float, config: PnpConfig
+) -> tuple[Pose, int]:
+    """Solve PnP with the rays whose z is at least so large."""
+    inside = rays[:, 2] > min_depth
+    points, rays = points_lidar[inside], rays[inside]
+    if len(points) < config.min_inliers:
+        raise CalibrationError(f"PnP: found {len(points)} pairs, needed {config.min_inliers}")
+    image = np.ascontiguousarray(rays[:, :2] / rays[:, 2:])
+    identity, no_distortion = np.eye(3), np.zeros(4)
+    try:
+        found, rotation, translation, inliers = cv2.solvePnPRansac(
+            points,
+            image,
+            identity,
+            no_distortion,
+            flags=cv2.SOLVEPNP_SQPNP,
+            reprojectionError=float(np.radians(config.max_error_deg)),
+            confidence=config.confidence,
+            iterationsCount=config.max_iterations,
+        )
+    except cv2.error:
+        raise CalibrationError("PnP: the points do not determine a pose") from None
+    num_inliers = 0 if inliers is None else len(inliers)
+    if not found or num_inliers < config.min_inliers:
+        raise CalibrationError(f"PnP: found {num_inliers} inliers, needed {config.min_inliers}")
+    kept = inliers[:, 0]
+    rotation, translation = cv2.solvePnPRefineLM(
+        points[kept], image[kept], identity, no_distortion, rotation, translation
+    )
+    T_camera_lidar = np.eye(4)
+    T_camera_lidar[:3, :3] = cv2.Rodrigues(rotation)[0]
+    T_camera_lidar[:3, 3] = translation[:, 0]
+    if not np.isfinite(T_camera_lidar).all():
+        raise CalibrationError("PnP: the points do not determine a pose")
+    return T_camera_lidar, num_inliers
+
+
+def _views(rays: Rays, config: PnpConfig) -> Iterator[npt.NDArray[np.float64]]:
+    """R_virtual_camera (3, 3) of cameras that look at the mean of most of the rays that none before has seen."""
+    directions = rays[:: -(-len(rays) // NUM_DIRECTIONS) or 1]
+    seen = rays @ directions.T > VIRTUAL_MIN_DEPTH
+    for _ in range(MAX_VIEWS):
+        num_seen = seen.sum(0)
+        if not num_seen.size or num_seen.max() < config.min_inliers:
+            return
+        chosen = seen[:, np.argmax(num_seen)].copy()
+        yield _looking_along(rays[chosen].mean(0))
+        seen[chosen] = False
+
+
+def _looking_along(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """R_virtual_camera (3, 3) of a camera with this optical axis."""
+    aside = np.eye(3)[np.argmin(np.abs(forward))]
+    right = np.cross(aside, forward)
+    rows = np.stack([right, np.cross(forward, right), forward])
+    R_virtual_camera: npt.NDArray[np.float64] = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return R_virtual_camera
+
+
+def _refine_angles(
+    points_lidar: npt.NDArray[np.float64], rays: Rays, T_start: Pose, config: PnpConfig
+) -> tuple[Pose, int]:
+    """Gauss-Newton on the chords between rays and the directions of their points, over the inliers at each step."""
+    max_chord = 2.0 * math.sin(0.5 * math.radians(config.max_error_deg))
+    T_camera_lidar = T_start
+    for _ in range(MAX_STEPS):
+        points_camera = points_lidar @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3]
+        ranges = np.maximum(np.linalg.norm(points_camera, axis=1, keepdims=True), LEAST_RANGE)
+        directions = points_camera / ranges
+        chords = rays - directions
+        kept = np.linalg.norm(chords, axis=1) <= max_chord
+        if kept.sum() < config.min_inliers:
+            raise CalibrationError(f"PnP: found {kept.sum()} inliers, needed {config.min_inliers}")
+        slopes = _direction_slopes(directions[kept], ranges[kept]).reshape(-1, 6)
+        # Of the normal equations: pairs that leave a direction open move the pose along the others only.
+        twist, *_ = np.linalg.lstsq(slopes.T @ slopes, slopes.T @ chords[kept].ravel(), rcond=None)
+        T_camera_lidar = _moved(T_camera_lidar, twist)
+        if np.abs(twist).max() < SETTLED:
+            break
+    return T_camera_lidar, int(kept.sum())
+
+
+def _direction_slopes(directions: Rays, ranges: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """(N, 3, 6): how directions from the camera change with a twist (rho, phi) on the left of the pose."""
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    by_rotation = -np.cross(directions[:, None, :], np.eye(3)).transpose(0, 2, 1)
+    return np.concatenate([across / ranges[:, :, None], by_rotation], 2)
+
+
+def _moved(T: Pose, twist: npt.NDArray[np.float64]) -> Pose:
+    moved = np.eye(4)
+    turn = cv2.Rodrigues(twist[3:])[0]
+    moved[:3, :3] = turn @ T[:3, :3]
+    moved[:3, 3] = turn @ T[:3, 3] + twist[:3]
+    return moved

@@ -1,0 +1,343 @@
+"""The initial calibration, from nothing (Alg. 2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from semcal_cli import _core
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.geometry.poses import Pose, camera_center, rotation_error_deg
+from semcal_cli.initialization.pnp import PnpConfig, solve_pnp
+
+Grid: TypeAlias = tuple[int, int, float, float]
+"""Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
+
+MIN_OVERLAP = 0.03
+"""A pose whose points cover less of the picture than this says little."""
+
+MAX_SHARE_OUTSIDE = 0.2
+"""A `lidar:` block whose field of view leaves out more of the points than this is not that of the sensor."""
+
+MIN_POINTS_OF_MOST = 0.02
+"""While hypotheses climb, those with a smaller share of the points of the one that has most are dropped."""
+
+
+@dataclass(frozen=True)
+class AlignmentConfig:
+    """How hypotheses climb the mutual information over SE(3), on label images in blocks."""
+
+    blocks_across: tuple[int, ...] = (120, 60, 120, 240)
+    """Each level has the largest power-of-two block, in pixels, of which at least so many fit across the picture."""
+    num_kept: tuple[int, ...] = (12, 8, 6, 6)
+    """The best hypotheses that go on from each level."""
+    blocks_across_given: tuple[int, ...] = (16, 30, 60, 120, 240)
+    """Levels for a given pose, which may be 20 degrees off, instead of a search ..."""
+    blocks_across_near: tuple[int, ...] = (60, 120, 240)
+    """... and for one that is off by a few: what intensity tells is local, and coarse levels may lead away from it."""
+    steps: int = 60
+    batch_size: int = 2048
+    step_size: float = 0.2
+    """Length of the first steps, in blocks; they fall along a cosine ..."""
+    final_step: float = 0.05
+    """... to this share."""
+    max_baseline_m: float = 3.0
+    """The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
+    max_points: int = 100_000
+    """Points, over all frames and directions, that are looked at."""
+    same_deg: float = 2.0
+    """Hypotheses that come together to within this rotation have found the same pose."""
+
+
+@dataclass(frozen=True)
+class InitializationConfig:
+    """How the mounting direction is searched for."""
+
+    zoom: str = "exact"
+    """How the label image is brought to the angular grid: `exact`, through K and the lens, or as the `paper` does."""
+    coarse_cell_deg: float = 3.0
+    """Cell of the exhaustive search; smaller for narrow lenses."""
+    fine_cell_deg: float = 1.5
+    """Block of the pictures in Powell's refinement; likewise."""
+    max_roll_deg: float = 15.0
+    """In-plane rotations from minus this to plus this are searched; 180 are all."""
+    roll_step_deg: float = 5.0
+    search_deg: float | None = None
+    """Narrows the search to rotations within this angle of the given one."""
+    around_given_deg: float = 5.0
+    """Likewise where climbs from a given pose end apart ..."""
+    meeting_deg: float = 0.5
+    """... by more than this."""
+    min_cells_of_most: float = 0.1
+    """A placement counts only with this share of the best overlapping one's cells."""
+    num_hypotheses: int = 24
+    separation_deg: float = 15.0
+    """Smallest rotation between two hypotheses of the registration."""
+    num_correspondences: int = 2000
+    pnp: PnpConfig = field(default_factory=PnpConfig)
+    alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    min_overlap: float = MIN_OVERLAP
+    """A pose counts only if its points cover this share of the picture."""
+    runner_up_deg: float = 7.5
+    """The runner-up is the best hypothesis at least this far from the winner: nearer ones mean the same answer."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """A pose that the camera may have."""
+
+    T_camera_lidar: Pose
+    mutual_information_nats: float
+    """Of the projected points in full resolution, all frames, plug-in estimate."""
+    bias_nats: float
+    """Miller and Madow's estimate of how far it is too high."""
+    sigma_nats: float
+    """Standard error of the same, over parts of the pictures."""
+    overlap: float
+    """Share of the picture's area that visible points cover."""
+    num_pairs: int | None
+    """Labelled returns, of those that the registration looked at, that it put on labelled pixels; None without one."""
+    num_inliers: int | None
+    """Pairs that PnP agreed on; None without it."""
+
+    @property
+    def corrected_nats(self) -> float:
+        """Mutual information less its bias, by which hypotheses are ranked."""
+        return self.mutual_information_nats - self.bias_nats
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A hypothesis on its way."""
+
+    T_camera_lidar: Pose
+    num_pairs: int | None = None
+    num_inliers: int | None = None
+
+
+def initialize(
+    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None = None
+) -> list[Hypothesis]:
+    """Search all mounting directions, or those around a given one.
+
+    Registers the label images with the spherical images and solves PnP for each of the best placements. The
+    registration turns the picture and moves it nowhere, so the poses climb the mutual information over SE(3) on coarse
+    label images until they have found their translation, too. Then the exact mutual information in full resolution
+    ranks them, so that a wrong peak among coarse cells is caught.
+
+    Args:
+        observations: Labelled points and label images.
+        config: How to search.
+        seed: Of every random choice.
+        T_given: A pose that is known about: the search is narrowed to rotations within `config.search_deg` of it and
+            the spherical images are taken from its camera centre; without `config.search_deg` there is no search, and
+            only this pose climbs.
+
+    Returns:
+        Hypotheses, best first.
+
+    Raises:
+        CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
+        InputError: the points do not lie in the field of view that the drive's `lidar:` block states.
+    """
+    is_searched = T_given is None or config.search_deg is not None
+    if is_searched:
+        around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
+        candidates = _align(observations, _candidates(observations, config, seed, around), config, seed)
+    else:
+        assert T_given is not None
+        candidates = _align_given(observations, _Candidate(T_given), config, seed)
+    hypotheses = [_assess(observations, candidate) for candidate in candidates]
+    hypotheses = [h for h in hypotheses if h.overlap >= config.min_overlap] or hypotheses
+    ranked = sorted(hypotheses, key=lambda hypothesis: -hypothesis.corrected_nats)
+    return ranked if is_searched else ranked[:1]
+
+
+def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) -> Hypothesis | None:
+    """Find the best hypothesis that says something else than the first."""
+    best, *others = hypotheses
+    for other in others:
+        if rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) >= config.runner_up_deg:
+            return other
+    return None
+
+
+def margin(best: Hypothesis, other: Hypothesis) -> float:
+    """Tell how far a hypothesis is behind the best, in standard errors of the difference of mutual information.
+
+    The errors are taken for independent. Where the two share a part of their view they are not, and the margin comes
+    out too small: on the safe side.
+    """
+    difference = best.corrected_nats - other.corrected_nats
+    sigma = math.hypot(best.sigma_nats, other.sigma_nats)
+    # Without any scatter nothing is known of the error: that is no margin.
+    return difference / sigma if sigma > 0.0 else 0.0
+
+
+def _candidates(
+    observations: Observations, config: InitializationConfig, seed: int, around: tuple[Pose, float] | None
+) -> list[_Candidate]:
+    """Register and solve PnP (Alg. 2); seen from the camera centre of a pose if the search is around one."""
+    grid = _grid(observations)
+    center = np.zeros(3) if around is None else camera_center(around[0])
+    if center.any():
+        moved = [(points - center).astype(np.float32) for points in observations.points]
+        observations = replace(observations, points=moved)
+    images = _core.SphericalImages(observations.core, grid)
+    placements = _register(observations, images, config, around)
+    samples = _core.sample_correspondences(
+        observations.core, images, config.zoom, placements, config.num_correspondences, seed
+    )
+    found: list[_Candidate] = []
+    complaint = "no placement of the picture"
+    for placement, (points, pixels) in zip(placements, samples, strict=True):
+        try:
+            T_camera_lidar, num_inliers = solve_pnp(points, pixels, observations.camera, config.pnp)
+        except CalibrationError as error:
+            complaint = str(error)
+            continue
+        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
+        found.append(_Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
+    if not found:
+        raise CalibrationError(f"no initial calibration: {complaint}")
+    return found
+
+
+def _align_given(
+    observations: Observations, given: _Candidate, config: InitializationConfig, seed: int
+) -> list[_Candidate]:
+    """Climb as from afar, as from near by, and not at all: exact mutual information tells which was right.
+
+    Where the two do not meet, at least one has not found the top, and a search around the pose is tried, too.
+    """
+    found = [given]
+    for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
+        levels = replace(config.alignment, blocks_across=blocks_across, num_kept=(1,) * len(blocks_across))
+        found += _align(observations, [given], replace(config, alignment=levels), seed)
+    _, *climbed = found
+    if _angle_deg(climbed[0], climbed[-1]) > config.meeting_deg:
+        around = given.T_camera_lidar, math.radians(config.around_given_deg)
+        with suppress(CalibrationError):
+            found += _align(observations, _candidates(observations, config, seed, around), config, seed)
+    return found
+
+
+def _align(
+    observations: Observations, candidates: Sequence[_Candidate], config: InitializationConfig, seed: int
+) -> list[_Candidate]:
+    """Climb over SE(3), level by level, and drop after each what is not among the best.
+
+    The first level is a fine one: where sweep and picture overlap in a narrow band, coarse blocks would lose the truth
+    among the others. The coarse one after it gets poses off a ledge.
+    """
+    levels = config.alignment
+    width, height = observations.camera.width, observations.camera.height
+    for blocks_across, num_kept in zip(levels.blocks_across, levels.num_kept, strict=True):
+        aligned = _core.align(
+            observations.core,
+            [candidate.T_camera_lidar for candidate in candidates],
+            factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),
+            edge_band=0,
+            visible_only=False,
+            steps=levels.steps,
+            batch_size=levels.batch_size,
+            step_size=levels.step_size,
+            final_step=levels.final_step,
+            max_baseline=levels.max_baseline_m,
+            max_points=levels.max_points,
+            seed=seed,
+        )
+        most = max(num_points for _, _, num_points, _ in aligned)
+        ranked = sorted(
+            (-information, index)
+            for index, (_, information, num_points, _) in enumerate(aligned)
+            if num_points >= MIN_POINTS_OF_MOST * most
+        )
+        moved = [replace(candidates[index], T_camera_lidar=aligned[index][0]) for _, index in ranked]
+        candidates = _best_apart(moved, num_kept, config)
+    return list(candidates)
+
+
+def _best_apart(
+    ranked: Sequence[_Candidate], num_kept: int, config: InitializationConfig
+) -> list[_Candidate]:
+    """Drop what has come to the same pose as a better one, and keep the best; a runner-up is always among them."""
+    apart: list[_Candidate] = []
+    for candidate in ranked:
+        if all(_angle_deg(candidate, better) > config.alignment.same_deg for better in apart):
+            apart.append(candidate)
+    kept, others = apart[:num_kept], apart[num_kept:]
+
+    def says_something_else(candidate: _Candidate) -> bool:
+        return _angle_deg(candidate, apart[0]) >= config.runner_up_deg
+
+    if not any(map(says_something_else, kept)):
+        kept += [candidate for candidate in others if says_something_else(candidate)][:1]
+    return kept
+
+
+def _angle_deg(a: _Candidate, b: _Candidate) -> float:
+    return rotation_error_deg(a.T_camera_lidar, b.T_camera_lidar)
+
+
+def _assess(observations: Observations, candidate: _Candidate) -> Hypothesis:
+    agreement = _core.agreement(observations.core, candidate.T_camera_lidar)
+    return Hypothesis(
+        T_camera_lidar=candidate.T_camera_lidar,
+        mutual_information_nats=agreement.mutual_information,
+        bias_nats=agreement.bias,
+        sigma_nats=agreement.sigma,
+        overlap=agreement.overlap,
+        num_pairs=candidate.num_pairs,
+        num_inliers=candidate.num_inliers,
+    )
+
+
+def _grid(observations: Observations) -> Grid:
+    lidar = observations.lidar
+    if lidar is None:
+        return _core.estimate_grid(observations.core)
+    fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
+    grid = _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
+    _check_field_of_view(observations, grid)
+    return grid
+
+
+def _check_field_of_view(observations: Observations, grid: Grid) -> None:
+    rows, _, top, cell_height = grid
+    x, y, z = np.concatenate(observations.points).T
+    elevations = np.arctan2(z, np.hypot(x, y))
+    outside = float(np.mean((elevations > top) | (elevations < top - rows * cell_height)))
+    if outside > MAX_SHARE_OUTSIDE:
+        low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
+        raise InputError(
+            f"lidar.fov_down_deg, lidar.fov_up_deg: found {outside:.0%} of the points outside of them, needed at most "
+            f"{MAX_SHARE_OUTSIDE:.0%}; the points lie from {low:.1f} to {high:.1f} degrees"
+        )
+
+
+def _register(
+    observations: Observations,
+    images: _core.SphericalImages,
+    config: InitializationConfig,
+    around: tuple[Pose, float] | None,
+) -> Sequence[_core.Hypothesis]:
+    return _core.register(
+        observations.core,
+        images,
+        zoom=config.zoom,
+        coarse_cell=math.radians(config.coarse_cell_deg),
+        fine_cell=math.radians(config.fine_cell_deg),
+        max_roll=math.radians(config.max_roll_deg),
+        roll_step=math.radians(config.roll_step_deg),
+        around=around,
+        min_cells_of_most=config.min_cells_of_most,
+        num_hypotheses=config.num_hypotheses,
+        separation=math.radians(config.separation_deg),
+    )

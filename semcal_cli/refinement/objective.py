@@ -1,0 +1,152 @@
+"""The objective as a torch module, to be embedded: mutual information as a function of the pose, and of all else.
+
+Nothing here is used by the calibration itself, whose sampling and gradients are in Rust. It is the same objective in
+plain torch: differentiable in the pose, in label shares and features of points and pixels, and in the weights of a
+statistics network, so that networks that make labels or features can be trained through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import CalibrationError
+from semcal_cli.refinement.projection import Projection
+
+
+class MutualInformation(torch.nn.Module):
+    """I(X; Y) of what points carry and of what the pixels carry that they land on, in nats.
+
+    Without a statistics network, X and Y are shares of classes, and the result is the plug-in mutual information of the
+    joint histogram: for one-hot labels, the exact one of the labels; for soft ones, that of ids drawn from the shares,
+    a lower bound. With a network `F(x, y)` they may be any vectors, and the result is the Donsker-Varadhan bound
+    (eq. 2), with y shuffled for the marginals; maximise it over the network's weights, too.
+    """
+
+    def __init__(
+        self,
+        camera: Camera,
+        points: Sequence[Tensor],
+        x: Sequence[Tensor],
+        y: Sequence[Tensor],
+        statistics: torch.nn.Module | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Hold frames.
+
+        Args:
+            camera: The camera of all frames.
+            points: (N_i, 3) float64 of each frame, metres, LiDAR frame.
+            x: (N_i, C_x) float of each frame: one-hot labels, shares or features of the points.
+            y: (C_y, H, W) float of each frame: the same of the pixels.
+            statistics: Maps x (N, C_x) and y (N, C_y) to (N,), or None for the plug-in estimate.
+            seed: Of the shuffling.
+        """
+        super().__init__()
+        self.projection = Projection(camera)
+        self.size = camera.width, camera.height
+        self.num_frames = len(points)
+        for frame, tensors in enumerate(zip(points, x, y, strict=True)):
+            for name, tensor in zip(("points", "x", "y"), tensors, strict=True):
+                # Buffers, so that they follow the module to another device; they are data, not its state.
+                self.register_buffer(f"{name}_{frame}", tensor, persistent=False)
+        self.statistics = statistics
+        self._generator = torch.Generator().manual_seed(seed)
+        self._anchored: list[Tensor] | None = None
+
+    @classmethod
+    def from_observations(cls, observations: Observations) -> MutualInformation:
+        """Hold the labelled points and the label images of observations, one-hot."""
+        num_x, num_y = len(observations.point_class_names), len(observations.image_class_names)
+        labelled = [classes != NO_CLASS for classes in observations.point_classes]
+        chosen = zip(observations.points, observations.point_classes, labelled, strict=True)
+        points, x = [], []
+        for positions, classes, is_labelled in chosen:
+            points.append(torch.from_numpy(positions[is_labelled]).double())
+            x.append(functional.one_hot(torch.from_numpy(classes[is_labelled]).long(), num_x).float())
+        # Pixels without a class are all zeros.
+        y = [
+            functional.one_hot(torch.from_numpy(image).long().clamp(max=num_y), num_y + 1)[..., :num_y]
+            .permute(2, 0, 1)
+            .float()
+            for image in observations.image_classes
+        ]
+        return cls(observations.camera, points, x, y)
+
+    @property
+    def frames(self) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """Points, x and y of each frame."""
+        return [
+            (getattr(self, f"points_{frame}"), getattr(self, f"x_{frame}"), getattr(self, f"y_{frame}"))
+            for frame in range(self.num_frames)
+        ]
+
+    def anchor(self, T_camera_lidar: Tensor) -> int:
+        """Choose the points that lie in the picture at a pose, and tell how many; they count until the next call.
+
+        A point that leaves the picture keeps counting, with what the nearest border pixel carries: so pushing points
+        out raises nothing.
+        """
+        with torch.no_grad():
+            self._anchored = [self._inside(points, T_camera_lidar) for points, _, _ in self.frames]
+        return int(sum(inside.sum() for inside in self._anchored))
+
+    def forward(self, T_camera_lidar: Tensor) -> Tensor:
+        """Estimate the mutual information at a pose (4, 4) float64, as a scalar; anchors there if nothing has.
+
+        Raises:
+            CalibrationError: no anchored point, or none of them on a labelled pixel.
+        """
+        if self._anchored is None:
+            self.anchor(T_camera_lidar)
+        x, y = self.pairs(T_camera_lidar)
+        if len(y) == 0:
+            raise CalibrationError("no overlap: no point lands on the pictures")
+        if self.statistics is not None:
+            order = torch.randperm(len(y), generator=self._generator).to(y.device)
+            shuffled = self.statistics(x, y[order])
+            count = torch.tensor(float(len(y)), device=y.device)
+            bound: Tensor = self.statistics(x, y).mean() - (shuffled.logsumexp(0) - count.log())
+            return bound
+        # Pixels without a class leave a share of less than one; pairs add up to their labelled share.
+        joint = x.T @ y
+        if not joint.sum() > 0.0:
+            raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")
+        joint = joint / joint.sum()
+        independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
+        seen = joint > 0.0
+        information: Tensor = (joint[seen] * (joint[seen] / independent[seen]).log()).sum()
+        return information
+
+    def pairs(self, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
+        """What the anchored points carry (N, C_x), and the pixels under them (N, C_y), bilinear between pixels."""
+        assert self._anchored is not None
+        pairs = [
+            (x[chosen], self._sample(y, self._pixels(points[chosen], T_camera_lidar)))
+            for (points, x, y), chosen in zip(self.frames, self._anchored, strict=True)
+        ]
+        return torch.cat([x for x, _ in pairs]), torch.cat([y for _, y in pairs])
+
+    def _pixels(self, points: Tensor, T_camera_lidar: Tensor) -> Tensor:
+        pixels: Tensor = self.projection(points @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3])[0]
+        return pixels
+
+    def _inside(self, points: Tensor, T_camera_lidar: Tensor) -> Tensor:
+        pixels, holds = self.projection(points @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3])
+        inside: Tensor = (
+            holds & (pixels >= -0.5).all(1) & (pixels < pixels.new_tensor(self.size) - 0.5).all(1)
+        )
+        return inside
+
+    def _sample(self, y: Tensor, pixels: Tensor) -> Tensor:
+        place = ((pixels + 0.5) / pixels.new_tensor(self.size) * 2.0 - 1.0).to(y.dtype)
+        sampled = functional.grid_sample(
+            y[None], place[None, None], mode="bilinear", padding_mode="border", align_corners=False
+        )
+        return sampled[0, :, 0].T

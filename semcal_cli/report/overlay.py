@@ -1,0 +1,388 @@
+"""Pictures of LiDAR points on camera images, coloured by class, depth or agreement: what a calibration looks like."""
+
+from __future__ import annotations
+
+import colorsys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Literal, NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Camera, Drive
+from semcal_cli.drive.observations import Observations, read_image
+from semcal_cli.errors import InputError
+from semcal_cli.files.images import make_picture_folder, write_picture
+from semcal_cli.geometry.poses import Pose
+
+Picture: TypeAlias = npt.NDArray[np.uint8]
+"""(H, W, 3) blue, green, red."""
+Colors: TypeAlias = npt.NDArray[np.uint8]
+"""(C, 3) blue, green, red of each class, or of each point."""
+Legend: TypeAlias = dict[str, tuple[int, ...]]
+"""Blue, green, red of what is named."""
+Coloring: TypeAlias = Literal["class", "depth", "agreement"]
+
+# Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on a picture.
+CARLA_COLORS = {
+    "road": (170, 95, 170),
+    "sidewalk": (244, 35, 232),
+    "building": (200, 145, 95),
+    "wall": (135, 135, 205),
+    "fence": (235, 190, 190),
+    "pole": (210, 210, 210),
+    "traffic_light": (250, 170, 30),
+    "traffic_sign": (220, 220, 0),
+    "vegetation": (125, 170, 40),
+    "terrain": (152, 251, 152),
+    "sky": (70, 130, 180),
+    "pedestrian": (220, 20, 60),
+    "rider": (255, 80, 0),
+    "car": (60, 120, 255),
+    "truck": (0, 200, 255),
+    "bus": (0, 160, 170),
+    "train": (0, 130, 160),
+    "motorcycle": (130, 80, 255),
+    "bicycle": (210, 70, 120),
+    "static": (110, 190, 160),
+    "dynamic": (170, 120, 50),
+    "other": (85, 140, 125),
+    "water": (65, 90, 215),
+    "road_line": (157, 234, 50),
+    "ground": (145, 0, 145),
+    "bridge": (150, 100, 100),
+    "rail_track": (230, 150, 140),
+    "guard_rail": (180, 165, 180),
+}
+# Red, green, blue. Okabe and Ito's colours without black, then some of Tol's: told apart by the colour-blind.
+QUALITATIVE_COLORS = (
+    (230, 159, 0),
+    (86, 180, 233),
+    (0, 158, 115),
+    (240, 228, 66),
+    (0, 114, 178),
+    (213, 94, 0),
+    (204, 121, 167),
+    (221, 204, 119),
+    (170, 68, 153),
+    (153, 153, 51),
+    (204, 102, 119),
+    (120, 100, 230),
+    (160, 50, 100),
+    (220, 220, 220),
+    (150, 100, 60),
+)
+
+GOLDEN_RATIO = 0.618034
+SATURATION = 0.65
+
+# Red, green, blue, of Okabe and Ito's.
+AGREEMENT_COLORS = {
+    "agree": (0, 158, 115),
+    "disagree": (213, 94, 0),
+    "hidden from the camera": (120, 120, 120),
+}
+DEPTHS_M = (2.0, 100.0)
+"""Colours span these, as logarithms; the legend names some between."""
+DEPTH_STEPS_M = (2, 5, 10, 20, 50, 100)
+WIDE = 2.0
+"""Pictures of so many columns a row, or more, are put above each other."""
+
+BACKGROUND_STRENGTH = 0.6
+BACKGROUND_GRAY = 0.6
+"""How much of a picture's colour is taken out, so that the dots' colours are the only ones."""
+LABEL_STRENGTH = 0.5
+COLUMNS_PER_DOT_RADIUS = 640
+TEXT_COLOR = (235, 235, 235)
+MARGIN_COLOR = (32, 32, 32)
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+FONT_HEIGHT = 22
+"""Pixels of the font's capitals at scale 1."""
+
+
+def class_colors(names: Sequence[str]) -> Colors:
+    """Choose the colour of each class: CARLA's for its names, else the next of a fixed list, then of the hues."""
+    unknown = [name for name in names if name not in CARLA_COLORS]
+    colors = {name: _color(number) for number, name in enumerate(unknown)}
+    rgb = [(CARLA_COLORS | colors)[name] for name in names]
+    return np.array(rgb, dtype=np.uint8).reshape(-1, 3)[:, ::-1]
+
+
+def _color(number: int) -> tuple[int, int, int]:
+    if number < len(QUALITATIVE_COLORS):
+        return QUALITATIVE_COLORS[number]
+    hue = number * GOLDEN_RATIO % 1.0
+    red, green, blue = colorsys.hsv_to_rgb(hue, SATURATION, 1.0 - 0.3 * (number % 2))
+    return round(255 * red), round(255 * green), round(255 * blue)
+
+
+def palettes(observations: Observations) -> tuple[Colors, Colors]:
+    """Choose the colours of the classes of points and of pixels; classes of one name have one colour."""
+    points, image = observations.point_class_names, observations.image_class_names
+    names = list(dict.fromkeys([*points, *image]))
+    colors = class_colors(names)
+    return colors[[names.index(name) for name in points]], colors[[names.index(name) for name in image]]
+
+
+def hex_color(blue_green_red: tuple[int, ...]) -> str:
+    """Write a colour as #rrggbb."""
+    return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
+
+
+def picture_paths(folder: Path, count: int) -> list[Path]:
+    """Name the pictures of frames in a folder."""
+    return [folder / f"{frame:06d}.png" for frame in range(count)]
+
+
+class Seen(NamedTuple):
+    """Points that land in a picture, farthest first."""
+
+    indices: npt.NDArray[np.intp]
+    pixels: npt.NDArray[np.intp]
+    """(M, 2), (u, v), the nearest."""
+    ranges_m: npt.NDArray[np.float64]
+    """(M,) from the camera."""
+    is_hidden: npt.NDArray[np.bool_]
+
+
+def points_in_picture(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
+    """Find the points (N, 3), metres, LiDAR frame, that land in the picture, and tell which of them are hidden."""
+    pixels, ranges, hidden = _core.land(core_camera(camera), points, T_camera_lidar)
+    seen = np.flatnonzero(np.isfinite(ranges))
+    seen = seen[np.argsort(-ranges[seen], kind="stable")]
+    return Seen(seen, np.rint(pixels[seen]).astype(np.intp), ranges[seen], hidden[seen])
+
+
+def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Picture:
+    """Draw a strip, (h, width, 3), of swatches and names."""
+    scale, line = _text_size(width)
+    spots: list[tuple[int, int]] = []
+    x, y = line // 2, 0
+    for name in names:
+        step = 2 * line + cv2.getTextSize(name, FONT, scale, 1)[0][0]
+        if x + step > width and x > line // 2:
+            x, y = line // 2, y + line
+        spots.append((x, y))
+        x += step
+    strip = _filled(y + line, width)
+    for name, color, (x, y) in zip(names, palette.tolist(), spots, strict=True):
+        cv2.circle(strip, (x + line // 3, y + line // 2), line // 4, color, cv2.FILLED, cv2.LINE_AA)
+        _write(strip, name, (x + line, y), scale, line)
+    return strip
+
+
+def add_caption(picture: Picture, caption: str, shown_width: int) -> Picture:
+    """Put a line of text above a picture, sized for the width of all that is shown."""
+    scale, line = _text_size(shown_width)
+    strip = _filled(line, picture.shape[1])
+    _write(strip, caption, (line // 2, 0), scale, line)
+    return np.vstack([strip, picture])
+
+
+def before_after(pictures: Mapping[str, Picture], *, stacked: bool = False) -> Picture:
+    """Put pictures of one size beside (or above) each other, in order, each under its caption."""
+    widths = [picture.shape[1] for picture in pictures.values()]
+    width = max(widths) if stacked else sum(widths)
+    captioned = [add_caption(picture, caption, width) for caption, picture in pictures.items()]
+    return np.vstack(captioned) if stacked else np.hstack(captioned)
+
+
+@dataclass(frozen=True)
+class Overlays:
+    """Pictures of the frames of a drive with their points, at each pose under its caption, and a legend.
+
+    A frame without a picture shows its label image instead. Poses are put beside each other, those of wide pictures
+    above each other.
+    """
+
+    drive: Drive
+    """Where pictures are looked for."""
+    observations: Observations
+    """Of the same drive; without labels if colours are those of depth."""
+    poses: Mapping[str, Pose]
+    """T_camera_lidar (4, 4) by caption; at least one."""
+    by: Coloring = "class"
+    """What colours say: the point's class; how far it is from the camera; or whether its class and the pixel's go
+    together, that is, are found together more often than by chance at the last pose."""
+
+    def write_all(self, folder: Path) -> Iterator[Path]:
+        """Write the PNG of every frame into a folder, which is made, and give each path when it is written.
+
+        Raises:
+            InputError: the folder cannot be made, or as `write`.
+        """
+        make_picture_folder(folder)
+        for frame, path in enumerate(picture_paths(folder, self.observations.num_frames)):
+            self.write(frame, path)
+            yield path
+
+    def write(self, frame: int, path: Path) -> None:
+        """Write the PNG of a frame, numbered from 0.
+
+        Raises:
+            InputError: there is no such frame, its picture is wrong, or the file cannot be written.
+        """
+        camera = self.observations.camera
+        pictures, legend = self.draw(frame)
+        picture = before_after(pictures, stacked=camera.width >= WIDE * camera.height)
+        swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
+        write_picture(np.vstack([picture, draw_legend(list(legend), swatches, picture.shape[1])]), path)
+
+    def draw(self, frame: int) -> tuple[dict[str, Picture], Legend]:
+        """Draw the points of a frame, numbered from 0, at each pose: pictures by caption, and what colours mean.
+
+        Raises:
+            InputError: there is no such frame, or its picture is wrong.
+        """
+        observations = self.observations
+        if not 0 <= frame < observations.num_frames:
+            raise InputError(
+                f"{self.drive.path}: found {observations.num_frames} frames, needed one numbered {frame}"
+            )
+        background = _background(self.drive, observations, frame)
+        pictures: dict[str, Picture] = {}
+        legend: Legend = {}
+        for caption, T in self.poses.items():
+            seen = points_in_picture(observations.points[frame], T, observations.camera)
+            pixels, colors, named = self._colored(frame, seen)
+            pictures[caption] = _draw_dots(background, pixels, colors)
+            legend |= named
+        return pictures, legend
+
+    def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
+        """Pixels (M, 2) and colours (M, 3) of the dots, and the legend."""
+        if self.by == "depth":
+            shown = ~seen.is_hidden
+            steps = map(tuple, _depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist())
+            legend = {f"{step} m": color for step, color in zip(DEPTH_STEPS_M, steps, strict=True)}
+            return seen.pixels[shown], _depth_colors(seen.ranges_m[shown]), legend
+        if self.by == "agreement":
+            colors = np.array(list(AGREEMENT_COLORS.values()), np.uint8)[:, ::-1]
+            pixels, kinds = by_agreement(self.observations, frame, seen, self._together)
+            return (
+                pixels,
+                colors[kinds],
+                dict(zip(AGREEMENT_COLORS, map(tuple, colors.tolist()), strict=True)),
+            )
+        names = self.observations.point_class_names
+        palette, _ = palettes(self.observations)
+        pixels, classes = _by_class(seen, self.observations.point_classes[frame])
+        present = {names[index]: tuple(palette[index].tolist()) for index in np.unique(classes).tolist()}
+        return pixels, palette[classes], present
+
+    @cached_property
+    def _together(self) -> npt.NDArray[np.bool_]:
+        return goes_together(self.observations, list(self.poses.values())[-1])
+
+
+def _by_class(
+    seen: Seen, classes: npt.NDArray[np.uint8]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
+    """Pixels and classes of the labelled points that the camera sees."""
+    shown = ~seen.is_hidden & (classes[seen.indices] != NO_CLASS)
+    return seen.pixels[shown], classes[seen.indices[shown]]
+
+
+def by_agreement(
+    observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Pixels of labelled points on labelled pixels, and the place in `AGREEMENT_COLORS` of each."""
+    point, pixel = _pairs(observations, frame, seen)
+    labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
+    kinds = np.where(seen.is_hidden[labelled], 2, ~together[point[labelled], pixel[labelled]])
+    return seen.pixels[labelled], kinds
+
+
+def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
+    """Which classes of points (rows) and of pixels are found together more often than by chance, over all frames."""
+    return over_chance(_core.agreement(observations.core, T_camera_lidar).joint) > 1.0
+
+
+def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Tell how many times as often as by chance pairs are seen: p(x, y) / (p(x) p(y)); 0 where never."""
+    by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
+    return np.asarray(joint / np.where(by_chance > 0.0, by_chance, 1.0))
+
+
+def _pairs(
+    observations: Observations, frame: int, seen: Seen
+) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
+    """Classes of points in the picture and of the pixels they land on."""
+    u, v = seen.pixels.T
+    image = observations.image_classes[frame]
+    rows, columns = v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)
+    return observations.point_classes[frame][seen.indices], image[rows, columns]
+
+
+def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
+    """(N, 3) red near by, blue far away."""
+    if len(ranges_m) == 0:
+        return np.zeros((0, 3), np.uint8)
+    near, far = np.log(DEPTHS_M)
+    share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
+    levels = np.rint(255.0 * (1.0 - share)).astype(np.uint8).reshape(-1, 1)
+    colors: Colors = cv2.applyColorMap(levels, cv2.COLORMAP_TURBO).reshape(-1, 3).astype(np.uint8)
+    return colors
+
+
+def _draw_dots(background: Picture, pixels: npt.NDArray[np.intp], colors: Colors) -> Picture:
+    """Draw dots in order; where they overlap, the last is seen."""
+    canvas = background.copy()
+    height, width = canvas.shape[:2]
+    radius = max(1, round(width / COLUMNS_PER_DOT_RADIUS))
+    span = np.arange(-radius, radius + 1)
+    du, dv = (grid.ravel() for grid in np.meshgrid(span, span))
+    is_disk = du**2 + dv**2 <= (radius + 0.5) ** 2
+    u, v = pixels[:, :1] + du[is_disk], pixels[:, 1:] + dv[is_disk]
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    # Assigned in order of points, so that the last of those on a pixel stays.
+    canvas[v[inside], u[inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[inside]
+    return canvas
+
+
+def _background(drive: Drive, observations: Observations, frame: int) -> Picture:
+    """The picture of a frame, dimmed; without one, its label image at half strength."""
+    name = drive.frames[frame].image
+    if name is None and not observations.image_classes:
+        key = drive.frames[frame].key("image")
+        raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
+    if name is None:
+        _, colors = palettes(observations)
+        table = np.zeros((256, 3), dtype=np.uint8)
+        table[: len(colors)] = (LABEL_STRENGTH * colors).astype(np.uint8)
+        return table[observations.image_classes[frame]]
+    picture = read_image(drive, drive.frames[frame])
+    assert picture is not None
+    return _dim(picture)
+
+
+def _dim(picture: Picture) -> Picture:
+    """Darken a picture and take colour out of it."""
+    gray = picture.mean(axis=2, keepdims=True)
+    mixed = BACKGROUND_GRAY * gray + (1.0 - BACKGROUND_GRAY) * picture
+    dimmed: Picture = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
+    return dimmed
+
+
+def _text_size(width: int) -> tuple[float, int]:
+    """Scale of the font and height of a line for a picture of a width."""
+    line = max(16, width // 40)
+    return 0.45 * line / FONT_HEIGHT, line
+
+
+def _filled(height: int, width: int) -> Picture:
+    return np.full((height, width, 3), MARGIN_COLOR, dtype=np.uint8)
+
+
+def _write(strip: Picture, text: str, corner: tuple[int, int], scale: float, line: int) -> None:
+    """Write text into the line whose upper left corner is given."""
+    x, y = corner
+    thickness = max(1, round(line / 24))
+    cv2.putText(strip, text, (x, y + round(0.7 * line)), FONT, scale, TEXT_COLOR, thickness, cv2.LINE_AA)

@@ -1,0 +1,73 @@
+"""What a calibration was made from and with: files with their hashes, versions."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+
+from semcal_cli.drive.document import Camera, Drive, drive_file
+from semcal_cli.files.documents import read_bytes
+from semcal_cli.result.calibration import Input, InputFrame
+
+LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
+"""Whose versions may change the answer."""
+
+
+def describe_input(
+    drive: Drive,
+    init: Path | None,
+    relative_to: Path,
+    also: Sequence[str] = (),
+    known: dict[str, str] | None = None,
+) -> Input:
+    """List the drive, its camera and frames, and the SHA-256 of each file that was read.
+
+    Args:
+        drive: The drive.
+        init: The file (or drive) of the transform that was started at.
+        relative_to: The folder that paths are given relative to, but for files of the drive: where the result goes.
+        also: Files of a frame that were read beside its cloud and its labels.
+        known: Hashes by the files' real paths; those that are missing are added.
+    """
+    keys = ("points", "point_labels", "image_labels", *also)
+    frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
+    known = {} if known is None else known
+    hashes = {drive.path.name: _sha256(drive.path, known)}
+    more = [name for frame in drive.frames for key in also if (name := getattr(frame, key)) is not None]
+    hashes |= {name: _sha256(drive.resolve(name), known) for name in (*drive.input_files(), *more)}
+    if init is not None:
+        hashes |= hash_files([drive_file(init)], relative_to, known)
+    return Input(
+        drive=os.path.relpath(drive.path, relative_to),
+        camera=drive.camera,
+        frames=tuple(frames),
+        sha256=hashes,
+    )
+
+
+def hash_files(
+    paths: Iterable[Path], relative_to: Path, known: dict[str, str] | None = None
+) -> dict[str, str]:
+    """Give the SHA-256 of files by their paths from a folder; `known` as of `describe_input`."""
+    known = {} if known is None else known
+    return {os.path.relpath(path, relative_to): _sha256(path, known) for path in paths}
+
+
+def _sha256(path: Path, known: dict[str, str]) -> str:
+    real = os.path.realpath(path)
+    if real not in known:
+        known[real] = hashlib.sha256(read_bytes(path)).hexdigest()
+    return known[real]
+
+
+def camera_hash(camera: Camera) -> str:
+    """Give what tells a camera's picture size, intrinsics and lens from others."""
+    return hashlib.sha256(camera.model_dump_json().encode()).hexdigest()[:16]
+
+
+def versions() -> dict[str, str]:
+    """The versions of semcal and of the libraries that compute."""
+    return {name: version(name) for name in LIBRARIES}

@@ -1,0 +1,162 @@
+"""Labels as experiments need them: wrong ones, ragged ones, a segmentation network's, and of another ontology."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.observations import Observations
+
+Labels = npt.NDArray[np.uint8]
+
+BORDER_RMS_PX = 2.0
+"""A network's borders lie so far from the true ones, root mean square along either axis ..."""
+BORDER_SCALE_PX = 12.0
+"""... moved by a random field that is smooth over this distance (standard deviation of its Gaussian kernel)."""
+BLOB_SHARE = 0.04
+"""Ellipses of a wrong class cover so much of a network's picture ..."""
+BLOB_RADIUS_PX = (5.0, 40.0)
+"""... with radii in this range."""
+POINT_SHARE = 0.06
+"""A network labels so many points wrongly."""
+
+THINGS = (
+    *("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "rider"),
+    *("pole", "traffic_light", "traffic_sign"),
+)
+"""What annotators draw too large or too small, in front of the rest."""
+MERGED_POINT_CLASSES = {
+    **{"road_line": "road", "truck": "car", "bus": "car", "rider": "pedestrian"},
+    **{"traffic_light": "pole", "traffic_sign": "pole"},
+}
+"""One ontology does not tell these from their neighbours ..."""
+MERGED_IMAGE_CLASSES = {
+    **{"wall": "building", "fence": "building", "terrain": "vegetation", "sidewalk": "road"},
+    **{"motorcycle": "bicycle", "rider": "bicycle"},
+}
+"""... and the other not these."""
+
+
+def mislabel(
+    ids: Labels, share: float, classes: Labels, rng: np.random.Generator, unlabelled: int = NO_CLASS
+) -> Labels:
+    """Give each labelled entry, with probability `share`, the id of another class, all alike."""
+    noisy = ids.copy()
+    wrong = (rng.random(ids.shape) < share) & (ids != unlabelled)
+    steps = rng.integers(1, len(classes), np.count_nonzero(wrong))
+    noisy[wrong] = classes[(np.searchsorted(classes, ids[wrong]) + steps) % len(classes)]
+    return noisy
+
+
+def with_wrong_labels(observations: Observations, share: float, rng: np.random.Generator) -> Observations:
+    """Mislabel a share of the points and of the pixels, each independently of all others."""
+    return replace(
+        observations,
+        point_classes=[
+            mislabel(ids, share, _point_classes(observations), rng) for ids in observations.point_classes
+        ],
+        image_classes=[
+            mislabel(ids, share, _image_classes(observations), rng) for ids in observations.image_classes
+        ],
+    )
+
+
+def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Observations:
+    """Move borders by a smooth random field, put blobs of wrong classes in, and mislabel some points."""
+    classes = _image_classes(observations)
+    images = [
+        _with_blobs(_with_moved_borders(image, rng), classes, rng) for image in observations.image_classes
+    ]
+    points = [
+        mislabel(ids, POINT_SHARE, _point_classes(observations), rng) for ids in observations.point_classes
+    ]
+    return replace(observations, point_classes=points, image_classes=images)
+
+
+def with_ragged_things(observations: Observations, grow_px: int) -> Observations:
+    """Dilate whatever stands in front of the rest by some pixels, or erode it where `grow_px` is negative."""
+    names = observations.image_class_names
+    things = [index for index, name in enumerate(names) if name in THINGS]
+    return replace(
+        observations,
+        image_classes=[_with_grown(image, things, grow_px) for image in observations.image_classes],
+    )
+
+
+def with_disjoint_ontologies(observations: Observations, rng: np.random.Generator) -> Observations:
+    """Merge some classes of the points and others of the pictures, shuffle the ids and take the names away."""
+    points, num_points = _without_names(observations.point_class_names, MERGED_POINT_CLASSES, rng)
+    images, num_images = _without_names(observations.image_class_names, MERGED_IMAGE_CLASSES, rng)
+    return replace(
+        observations,
+        point_classes=[points[ids] for ids in observations.point_classes],
+        image_classes=[images[ids] for ids in observations.image_classes],
+        point_class_names=tuple(f"point class {index}" for index in range(num_points)),
+        image_class_names=tuple(f"image class {index}" for index in range(num_images)),
+    )
+
+
+def _without_names(
+    names: Sequence[str], merged: Mapping[str, str], rng: np.random.Generator
+) -> tuple[Labels, int]:
+    """A table of new ids, (256,), and how many there are."""
+    kept = sorted({merged.get(name, name) for name in names})
+    ids = dict(zip(kept, rng.permutation(len(kept)), strict=True))
+    table = np.full(256, NO_CLASS, np.uint8)
+    table[: len(names)] = [ids[merged.get(name, name)] for name in names]
+    return table, len(kept)
+
+
+def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
+    from scipy.ndimage import grey_dilation
+
+    grows = np.isin(image, things) == (grow_px > 0)
+    # Zero is nothing, so that whatever grows covers it.
+    reach = 2 * abs(grow_px) + 1
+    above: npt.NDArray[np.int16] = grey_dilation(
+        np.where(grows, image.astype(np.int16) + 1, 0), (reach, reach)
+    )
+    grown: Labels = np.where(~grows & (above > 0), above - 1, image).astype(np.uint8)
+    return grown
+
+
+def _with_moved_borders(image: Labels, rng: np.random.Generator) -> Labels:
+    from scipy.ndimage import gaussian_filter
+
+    fields = [gaussian_filter(rng.standard_normal(image.shape), BORDER_SCALE_PX) for _ in range(2)]
+    down, right = (field * (BORDER_RMS_PX / field.std()) for field in fields)
+    v, u = np.indices(image.shape)
+    height, width = image.shape
+    rows = np.clip(np.rint(v + down), 0, height - 1).astype(int)
+    columns = np.clip(np.rint(u + right), 0, width - 1).astype(int)
+    moved: Labels = image[rows, columns]
+    return moved
+
+
+def _with_blobs(image: Labels, classes: Labels, rng: np.random.Generator) -> Labels:
+    blotted = image.copy()
+    height, width = image.shape
+    covered = 0.0
+    while covered < BLOB_SHARE * image.size:
+        radius = rng.uniform(*BLOB_RADIUS_PX)
+        flat = radius * rng.uniform(0.5, 1.0)
+        u, v = rng.uniform(0.0, width), rng.uniform(0.0, height)
+        top, left = max(int(v - flat), 0), max(int(u - radius), 0)
+        window = blotted[top : int(v + flat) + 2, left : int(u + radius) + 2]
+        rows, columns = np.indices(window.shape)
+        inside = ((columns + left - u) / radius) ** 2 + ((rows + top - v) / flat) ** 2 < 1.0
+        window[inside] = rng.choice(classes)
+        covered += np.count_nonzero(inside)
+    return blotted
+
+
+def _point_classes(observations: Observations) -> Labels:
+    return np.arange(len(observations.point_class_names), dtype=np.uint8)
+
+
+def _image_classes(observations: Observations) -> Labels:
+    return np.arange(len(observations.image_class_names), dtype=np.uint8)

@@ -1,0 +1,345 @@
+"""Synthetic drives: ray-cast streets with exact labels, seen by a rig whose calibration is known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera, CameraModel
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import document_text, write_text
+from semcal_cli.files.images import write_picture
+from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
+from semcal_cli.synthetic.config import MIN_BASELINE_M, Lens, SynthConfig
+from semcal_cli.synthetic.label_noise import mislabel
+
+Labels = npt.NDArray[np.uint8]
+
+UNLABELED = 0
+"""The id of pixels that the lens does not reach; no point has it."""
+SKY = "sky"
+FIRST_DISJOINT_ID = 100
+"""Above every id of the synthetic classes."""
+
+PITCH_DEG, ROLL_DEG = 8.0, 4.0
+CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
+"""A mounting at random stays within plus and minus this."""
+
+MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS = range(4)
+"""The streams of random numbers: what is drawn for one never moves another."""
+
+# Model, distortion in OpenCV's order, horizontal field of view. All are monotone as far as that.
+LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
+    "standard": ("plumb_bob", (0.0, 0.0, 0.0, 0.0, 0.0), 90.0),
+    "narrow": ("plumb_bob", (-0.12, 0.05, 0.0008, -0.0005, 0.0), 35.0),
+    "wide": ("rational_polynomial", (0.4, 0.02, 0.0005, -0.0003, 0.0, 0.62, 0.06, 0.0), 100.0),
+    "fisheye": ("fisheye", (-0.012, 0.002, -0.0006, 0.0), 200.0),
+    "omnidirectional": ("omnidirectional", (-0.05, 0.01, 0.0005, -0.0003), 190.0),
+    "equirectangular": ("equirectangular", (), 360.0),
+}
+LENS_PARAMETERS: dict[Lens, dict[str, float]] = {"omnidirectional": {"xi": 1.2}}
+
+FOLDERS = {"points": "bin", "point_labels": "label", "image_labels": "png", "images": "png"}
+SWEEP_FOLDERS = ("points", "point_labels")
+
+
+@dataclass(frozen=True)
+class SynthSummary:
+    """What was written."""
+
+    num_frames: int
+    num_points: int
+    num_classes: int
+    """Classes on either side, before label noise."""
+
+
+@dataclass(frozen=True)
+class _Written:
+    num_points: int
+    classes: frozenset[int]
+
+
+def synthesize(
+    config: SynthConfig,
+    out: Path,
+    progress: Callable[[int], None] | None = None,
+    *,
+    force: bool = False,
+    sweeps: str | None = None,
+    camera: int = 0,
+) -> SynthSummary:
+    """Write a drive with its true transform. The same config gives the same bytes.
+
+    `drive.yaml` is written last: a folder that has one is complete.
+
+    Args:
+        config: What the drive is like.
+        out: The folder to write, which is made if there is none.
+        progress: Called with the number of frames that are done.
+        force: Write into a folder that is not empty; files of other names stay.
+        sweeps: The folder, relative to `out`, of another camera's drive of the same world and LiDAR, whose clouds are
+            named instead of written.
+        camera: Its number among those of a rig, whose label images are wrong in places of their own.
+
+    Raises:
+        InputError: the folder is not empty or cannot be written, or no such rig can be.
+    """
+    T_camera_lidar = mounting(config)
+    renderer = make_renderer(config, T_camera_lidar)
+    _prepare_folder(out, force, sweeps)
+    ids = image_ids(config)
+    # Rust renders one frame at a time, on all cores; meanwhile the other thread writes the frame before.
+    with ThreadPoolExecutor(max_workers=2) as threads:
+        frames = []
+        for frame in threads.map(
+            partial(_write_frame, config, renderer, ids, out, sweeps, camera), range(config.num_frames)
+        ):
+            frames.append(frame)
+            if progress is not None:
+                progress(len(frames))
+    write_text(document_text(_drive_document(config, T_camera_lidar, sweeps), "yaml"), out / DRIVE_FILE)
+    return SynthSummary(
+        num_frames=len(frames),
+        num_points=sum(frame.num_points for frame in frames),
+        num_classes=len(frozenset().union(*(frame.classes for frame in frames)) - {UNLABELED}),
+    )
+
+
+def synthesize_rig(
+    config: SynthConfig,
+    num_cameras: int,
+    out: Path,
+    progress: Callable[[int], None] | None = None,
+    *,
+    force: bool = False,
+) -> SynthSummary:
+    """Write a drive for each of several cameras of one LiDAR, evenly around it, and a `rig.yaml` that names them.
+
+    Arguments and errors are as of `synthesize`; what the mounting leaves open is drawn for each camera.
+    """
+    _check_empty(out, force)
+    try:
+        (out / RIG_FILE).unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    rig_seed = config.seed if config.rig_seed is None else config.rig_seed
+    first_deg = config.camera_azimuth_deg or 0.0
+    names = [f"camera_{index}" for index in range(num_cameras)]
+    num_done = 0
+
+    def tell(num_frames: int) -> None:
+        if progress is not None:
+            progress(num_done + num_frames)
+
+    for index, name in enumerate(names):
+        azimuth_deg = (first_deg + 360.0 * index / num_cameras + 180.0) % 360.0 - 180.0
+        one = replace(config, rig_seed=rig_seed + index, camera_azimuth_deg=azimuth_deg)
+        sweeps = f"../{names[0]}" if index else None
+        summary = synthesize(one, out / name, tell, force=force, sweeps=sweeps, camera=index)
+        num_done += config.num_frames
+    document = {"semcal_rig": 1, "cameras": {name: name for name in names}}
+    write_text(document_text(document, "yaml"), out / RIG_FILE)
+    return summary
+
+
+def mounting(config: SynthConfig) -> Pose:
+    """Mount the camera: as the config says, and at random where it says nothing.
+
+    Returns:
+        T_camera_lidar (4, 4), metres.
+    """
+    rig = config if config.rig_seed is None else replace(config, seed=config.rig_seed)
+    rng = _generator(rig, MOUNTING)
+    azimuth, pitch, roll = rng.uniform((-180.0, -PITCH_DEG, -ROLL_DEG), (180.0, PITCH_DEG, ROLL_DEG))
+    azimuth = azimuth if config.camera_azimuth_deg is None else config.camera_azimuth_deg
+    pitch = pitch if config.camera_pitch_deg is None else config.camera_pitch_deg
+    roll = roll if config.camera_roll_deg is None else config.camera_roll_deg
+    return pose_from_mounting((roll, -pitch, azimuth), _camera_center(config, rng).tolist())
+
+
+def make_camera(config: SynthConfig) -> Camera:
+    """Make the camera whose picture spans the horizontal field of view, through its lens.
+
+    Raises:
+        InputError: the lens does not reach so far.
+    """
+    model, distortion, lens_hfov_deg = LENSES[config.lens]
+    hfov_deg = lens_hfov_deg if config.hfov_deg is None else config.hfov_deg
+    focal = round(config.width / _width_at_unit_focal(config.lens, math.radians(0.5 * hfov_deg)), 6)
+    parameters = LENS_PARAMETERS.get(config.lens)
+    return Camera.model_validate(
+        {
+            "model": model,
+            "width": config.width,
+            "height": config.height,
+            "K": (
+                (focal, 0.0, 0.5 * (config.width - 1)),
+                (0.0, focal, 0.5 * (config.height - 1)),
+                (0.0, 0.0, 1.0),
+            ),
+            "distortion": distortion,
+        }
+        | ({"parameters": parameters} if parameters else {})
+    )
+
+
+def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
+    """Columns of a picture of focal length one that spans so much, radians, on either side of the optical axis."""
+    model, distortion, _ = LENSES[lens]
+    if model == "equirectangular":
+        return 2.0 * half_angle
+    camera = _core.Camera(model, 1, 1, np.eye(3).tolist(), distortion, LENS_PARAMETERS.get(lens, {}))
+    across, ahead = math.sin(half_angle), math.cos(half_angle)
+    left, right = camera.project(np.array([[-across, 0.0, ahead], [across, 0.0, ahead]]))[:, 0]
+    width = float(right - left)
+    if not math.isfinite(width):
+        raise InputError(
+            f"--hfov-deg: found {math.degrees(2.0 * half_angle):g}, which the {lens} lens does not reach"
+        )
+    return width
+
+
+def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:
+    """Make the renderer of a rig.
+
+    Raises:
+        InputError: the camera is too far from the LiDAR, or the LiDAR has no rays.
+    """
+    return _core.Renderer(
+        core_camera(make_camera(config)),
+        T_camera_lidar,
+        pattern=config.pattern,
+        channels=config.channels,
+        columns=config.columns,
+        fov_up_deg=config.fov_up_deg,
+        fov_down_deg=config.fov_down_deg,
+        range_noise_m=config.range_noise_m,
+        dropout=config.dropout,
+        max_range_m=config.max_range_m,
+        tilt_deg=config.lidar_tilt_deg,
+    )
+
+
+def image_ids(config: SynthConfig) -> Labels:
+    """Table (256,) from the ids of the synthetic classes to those of the label images."""
+    table = np.arange(256, dtype=np.uint8)
+    if config.ontology == "disjoint":
+        classes = _class_ids()
+        shuffled = _generator(config, ONTOLOGY).permutation(len(classes))
+        table[classes] = FIRST_DISJOINT_ID + shuffled
+    return table
+
+
+def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
+    """Draw where the camera sits, (3,) metres in the LiDAR frame."""
+    distance = math.inf
+    while not MIN_BASELINE_M <= distance <= config.max_baseline_m:
+        center: Vector = rng.uniform(-CENTER_BOX_M, CENTER_BOX_M)
+        distance = float(np.linalg.norm(center))
+    return center if config.baseline_m is None else center * (config.baseline_m / distance)
+
+
+def _write_frame(
+    config: SynthConfig,
+    renderer: _core.Renderer,
+    ids: Labels,
+    out: Path,
+    sweeps: str | None,
+    camera: int,
+    number: int,
+) -> _Written:
+    points, labels, _, image_labels, picture, _ = renderer.frame(config.seed, number)
+    path = {folder: out / name for folder, name in _file_names(number).items()}
+    try:
+        if sweeps is None:
+            points.astype("<f4").tofile(path["points"])
+            _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
+    except OSError as error:
+        raise _unwritable(out, error) from None
+    # The networks of two cameras err in other places.
+    rng = _generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
+    noisy = mislabel(image_labels, config.label_noise, _class_ids(), rng, UNLABELED)
+    write_picture(ids[noisy], path["image_labels"])
+    write_picture(picture[..., ::-1], path["images"])
+    classes = np.union1d(labels & 0xFFFF, image_labels)
+    return _Written(len(points), frozenset(classes.tolist()))
+
+
+def _noisy_point_labels(
+    config: SynthConfig, labels: npt.NDArray[np.uint32], number: int
+) -> npt.NDArray[np.uint32]:
+    """Mislabel points (N,), `instance << 16 | class`; no LiDAR takes a return for the sky."""
+    classes = np.array([id_ for id_, name in _core.synthetic_classes() if name != SKY], dtype=np.uint8)
+    true = (labels & 0xFFFF).astype(np.uint8)
+    noisy = mislabel(true, config.label_noise, classes, _generator(config, POINT_LABELS, number), UNLABELED)
+    return (labels & np.uint32(0xFFFF0000)) | noisy
+
+
+def _class_ids() -> Labels:
+    return np.array([id_ for id_, _ in _core.synthetic_classes()], dtype=np.uint8)
+
+
+def _generator(config: SynthConfig, stream: int, frame: int = 0, *more: int) -> np.random.Generator:
+    return np.random.default_rng((config.seed, stream, frame, *more))
+
+
+def _file_names(number: int) -> dict[str, str]:
+    return {folder: f"{folder}/{number:06d}.{suffix}" for folder, suffix in FOLDERS.items()}
+
+
+def _check_empty(out: Path, force: bool) -> None:
+    try:
+        if not force and out.is_dir() and any(out.iterdir()):
+            raise InputError(f"{out}: the folder is not empty; name another, or write into it with --force")
+    except OSError as error:
+        raise _unwritable(out, error) from None
+
+
+def _prepare_folder(out: Path, force: bool, sweeps: str | None) -> None:
+    _check_empty(out, force)
+    try:
+        for folder in FOLDERS if sweeps is None else FOLDERS.keys() - set(SWEEP_FOLDERS):
+            (out / folder).mkdir(parents=True, exist_ok=True)
+        (out / DRIVE_FILE).unlink(missing_ok=True)
+    except OSError as error:
+        raise _unwritable(out, error) from None
+
+
+def _unwritable(out: Path, error: OSError) -> InputError:
+    return InputError(f"{out}: cannot be written: {(error.strerror or str(error)).lower()}")
+
+
+def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | None) -> dict[str, Any]:
+    document: dict[str, Any] = {"semcal_drive": 1}
+    document["camera"] = make_camera(config).model_dump(mode="json", exclude_unset=True)
+    if config.pattern == "spinning":
+        keys = ("channels", "columns", "fov_up_deg", "fov_down_deg")
+        document["lidar"] = {key: getattr(config, key) for key in keys}
+    document["frames"] = [_frame_document(number, sweeps) for number in range(config.num_frames)]
+    document["ignore"] = {"points": [UNLABELED], "image": [UNLABELED]}
+    if config.ontology == "shared":
+        names = {name: [id_] for id_, name in _core.synthetic_classes()}
+        document["classes"] = {"points": names, "image": names}
+    document["T_camera_lidar"] = T_camera_lidar.tolist()
+    return document
+
+
+def _frame_document(number: int, sweeps: str | None) -> dict[str, str]:
+    names = _file_names(number)
+    place = "" if sweeps is None else f"{sweeps}/"
+    return {
+        "points": place + names["points"],
+        "point_labels": place + names["point_labels"],
+        "image_labels": names["image_labels"],
+        "image": names["images"],
+    }
