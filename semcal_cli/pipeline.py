@@ -16,35 +16,31 @@ from semcal_cli.assessment import findings as reasons
 from semcal_cli.assessment.consistency import doubts
 from semcal_cli.assessment.priors import Fused, Prior, fuse, hold
 from semcal_cli.assessment.uncertainty import Uncertainty, estimate_uncertainty, label_bleed
-from semcal_cli.baselines.soic import Soic, SoicConfig
-from semcal_cli.drive.cues import LABELS, Cue, choose_frames, describe_cues, files_of, load_cues
+from semcal_cli.baselines.soic import Soic
+from semcal_cli.config import (
+    EDGE_BAND_PX,
+    FAR_DEG,
+    LABELS,
+    MAX_BASELINE_M,
+    MAX_FRAMES,
+    Cue,
+    Estimator,
+    ExactConfig,
+    InitializationConfig,
+    PolishConfig,
+    PyramidConfig,
+    SoicConfig,
+)
+from semcal_cli.drive.cues import choose_frames, describe_cues, files_of, load_cues
 from semcal_cli.drive.document import Drive, Motion
-from semcal_cli.drive.frame_selection import MAX_FRAMES
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
-from semcal_cli.initialization.search import (
-    Hypothesis,
-    InitializationConfig,
-    initialize,
-    margin,
-    runner_up,
-)
-from semcal_cli.refinement.polish import Polish, PolishConfig, polish
-from semcal_cli.refinement.pyramid import (
-    EDGE_BAND_PX,
-    FAR_DEG,
-    MAX_BASELINE_M,
-    Climb,
-    Estimator,
-    ExactClimb,
-    ExactConfig,
-    Level,
-    PyramidConfig,
-    refine,
-)
+from semcal_cli.initialization.search import Hypothesis, initialize, margin, runner_up
+from semcal_cli.refinement.polish import Polish, polish
+from semcal_cli.refinement.pyramid import Climb, ExactClimb, Level, refine
 from semcal_cli.result.calibration import (
     Calibration,
     HypothesisRecord,
@@ -384,9 +380,10 @@ class Run:
             exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
             return ExactClimb(observations, exact, self.seed), {"exact": asdict(exact)}
         self.progress("loading torch")
-        from semcal_cli.refinement.mine import VECTORS, MineClimb, MineConfig
+        from semcal_cli.config import MINE_WITH_VECTORS, MineConfig
+        from semcal_cli.refinement.mine import MineClimb
 
-        usual = VECTORS if observations.point_vectors else MineConfig()
+        usual = MINE_WITH_VECTORS if observations.point_vectors else MineConfig()
         mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
         climb = MineClimb(observations, mine, self.seed, config.device)
         return climb, {"mine": asdict(mine), "device": config.device}

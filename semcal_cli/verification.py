@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from semcal_cli.assessment.limits import Check, Limits, Verdict, judge, together
+from semcal_cli.assessment.limits import Check, Verdict, judge, together
+from semcal_cli.config import InitializationConfig, Limits
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
-from semcal_cli.initialization.search import InitializationConfig
 from semcal_cli.pipeline import Given, RefinementConfig, Run
 
 NEAR_DEG = 5.0

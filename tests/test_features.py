@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
 from semcal_cli.cli import semcal
+from semcal_cli.config import MINE_WITH_VECTORS
 from semcal_cli.drive.cues import FEATURES, load_cues
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.features import observe_features
@@ -21,7 +22,7 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.refinement.mine import VECTORS, SeparableNetwork, _averaged, _PointsWithVectors
+from semcal_cli.refinement.mine import SeparableNetwork, _averaged, _PointsWithVectors
 from semcal_cli.refinement.se3 import exp_se3
 
 RIGHT_DEG, RIGHT_CM = 0.3, 6.0
@@ -62,7 +63,7 @@ def test_vectors_between_blocks_have_the_derivative_of_the_pose(
     observations: Observations, street_truth: Pose
 ) -> None:
     generator = torch.Generator().manual_seed(0)
-    network = SeparableNetwork(16, 16, VECTORS, generator)
+    network = SeparableNetwork(16, 16, MINE_WITH_VECTORS, generator)
     points = _PointsWithVectors(
         observations, network, street_truth, 8, np.eye(6), torch.device("cpu"), visible_only=False
     )

@@ -12,9 +12,9 @@ from click.testing import CliRunner, Result
 from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.assessment.limits import Limits
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
+from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.fleet.assessment import assess

@@ -6,12 +6,13 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
+from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center, inverse, rotation_error_deg
 from semcal_cli.initialization import search as initialization
-from semcal_cli.initialization.search import Hypothesis, InitializationConfig, initialize, margin, runner_up
+from semcal_cli.initialization.search import Hypothesis, initialize, margin, runner_up
 
 RIGHT_DEG = 1.0  # pictures of 640 x 360 climb on blocks of 2 pixels, a quarter of a degree
 RIGHT_CM = 15.0

@@ -6,12 +6,13 @@ import pytest
 from conftest import make_pose
 
 from semcal_cli import _core, pipeline
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
-from semcal_cli.refinement.polish import Polish, PolishConfig, polish, split
+from semcal_cli.refinement.polish import Polish, polish, split
 from semcal_cli.refinement.pyramid import Level, Refinement
 
 CONFIG = PolishConfig()

@@ -9,10 +9,11 @@ from scipy.linalg import expm
 
 from semcal_cli.assessment.priors import Prior, _Known, _Labels, _solve, fuse, hold
 from semcal_cli.assessment.uncertainty import Uncertainty, estimate_uncertainty, sensitivity
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
-from semcal_cli.refinement.polish import PolishConfig, climb
+from semcal_cli.refinement.polish import climb
 
 FREE = (np.inf,) * 6
 

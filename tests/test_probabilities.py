@@ -7,15 +7,16 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from semcal_cli import _core
+from semcal_cli.config import ExactConfig, MineConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.observations import Observations, load_observations, read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import document_text, read_document, write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.mine import MineClimb, MineConfig
-from semcal_cli.refinement.polish import PolishConfig, polish
-from semcal_cli.refinement.pyramid import Climb, ExactClimb, ExactConfig, PyramidConfig, refine
+from semcal_cli.refinement.mine import MineClimb
+from semcal_cli.refinement.polish import polish
+from semcal_cli.refinement.pyramid import Climb, ExactClimb, refine
 
 NUM_CLASSES = 25  # of the synthetic street's ids, 255 is unlabelled
 

@@ -5,21 +5,14 @@ import pytest
 import torch
 from conftest import make_pose
 
+from semcal_cli.config import FAR_DEG, ExactConfig, MineConfig, PyramidConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.mine import MineClimb, MineConfig
-from semcal_cli.refinement.pyramid import (
-    FAR_DEG,
-    Climb,
-    ExactClimb,
-    ExactConfig,
-    PyramidConfig,
-    pyramid_factors,
-    refine,
-)
+from semcal_cli.refinement.mine import MineClimb
+from semcal_cli.refinement.pyramid import Climb, ExactClimb, pyramid_factors, refine
 
 # Three times what four frames of 640 x 360 were measured to end at.
 MAX_ROTATION_DEG = 0.1

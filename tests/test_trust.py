@@ -5,11 +5,12 @@ import pytest
 
 from semcal_cli import _core
 from semcal_cli.assessment.consistency import doubts
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.polish import PolishConfig, climb
-from semcal_cli.refinement.pyramid import ExactClimb, ExactConfig, PyramidConfig, refine
+from semcal_cli.refinement.polish import climb
+from semcal_cli.refinement.pyramid import ExactClimb, refine
 
 
 def test_a_good_drive_leaves_no_doubt(street_observations: Observations, street_truth: Pose) -> None:

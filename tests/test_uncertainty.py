@@ -15,11 +15,12 @@ from semcal_cli.assessment.uncertainty import (
     label_bleed,
     sandwich,
 )
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, inverse
-from semcal_cli.refinement.polish import PolishConfig, climb
+from semcal_cli.refinement.polish import climb
 
 CONFIG = PolishConfig()
 

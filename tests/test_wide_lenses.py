@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 from conftest import STREET
 
+from semcal_cli.config import ExactConfig, InitializationConfig, PyramidConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.initialization.search import InitializationConfig, initialize
-from semcal_cli.refinement.pyramid import ExactClimb, ExactConfig, PyramidConfig, refine
+from semcal_cli.initialization.search import initialize
+from semcal_cli.refinement.pyramid import ExactClimb, refine
 from semcal_cli.synthetic.synthesis import synthesize
 
 # Three times what was measured: a pixel is a third of a degree.

@@ -12,13 +12,14 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import REGIONS_ACROSS, Sensitivity, is_determined, sandwich
+from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.pyramid import ExactClimb, ExactConfig, PyramidConfig, refine
+from semcal_cli.refinement.pyramid import ExactClimb, refine
 
 NUM_FRAMES = 4
 """So many frames are looked at."""

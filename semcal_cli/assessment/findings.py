@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import MIN_OVERLAP
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
-from semcal_cli.initialization.search import MIN_OVERLAP, Hypothesis
+from semcal_cli.initialization.search import Hypothesis
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.refinement.pyramid import Refinement
 from semcal_cli.result.calibration import Repeatability, UncertaintyRecord

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -24,7 +25,7 @@ from semcal_cli.drive.observations import (
 )
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_picture
-from semcal_cli.initialization.search import InitializationConfig, initialize
+from semcal_cli.initialization.search import initialize
 
 MAX_GAP_S = 0.05
 """Sweep and picture of a frame that are farther apart are suspicious: at 10 m/s that is half a metre."""

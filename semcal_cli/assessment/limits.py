@@ -8,22 +8,12 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from semcal_cli.config import Limits
+
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
 Unit: TypeAlias = Literal["cm", "deg"]
 
-MAX_ROTATION_DEG = 0.3
-MAX_TRANSLATION_M = 0.05
 AXES = ("x", "y", "z")
-
-
-@dataclass(frozen=True)
-class Limits:
-    """How far a transform may be off."""
-
-    rotation_deg: float = MAX_ROTATION_DEG
-    """About each axis of the camera, and in all."""
-    translation_m: float = MAX_TRANSLATION_M
-    """Along each axis of the camera, and in all."""
 
 
 @dataclass(frozen=True)

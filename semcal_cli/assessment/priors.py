@@ -25,9 +25,9 @@ from semcal_cli.assessment.uncertainty import (
     scatter,
     sensitivity,
 )
+from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
-from semcal_cli.refinement.pyramid import EDGE_BAND_PX
 
 Vector6 = npt.NDArray[np.float64]
 

@@ -20,13 +20,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import EDGE_BAND_PX, PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, cross_matrix
-from semcal_cli.refinement.polish import PolishConfig, climb
-from semcal_cli.refinement.pyramid import EDGE_BAND_PX
+from semcal_cli.refinement.polish import climb
 
 Matrix = npt.NDArray[np.float64]
 

@@ -18,41 +18,15 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import PnpConfig, SoicConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.initialization.pnp import PnpConfig, solve_pnp
+from semcal_cli.initialization.pnp import solve_pnp
 
 BINS_PER_SECTOR = 4
 """Sectors overlap, and are made of so narrow ones."""
-
-
-@dataclass(frozen=True)
-class SoicConfig:
-    """How centroids and costs are computed, and how the cost is minimised: Powell's method."""
-
-    num_sectors: int = 24
-    """Directions in which centroids are computed."""
-    centroid_error_deg: float = 5.0
-    """Centroids of what is seen from elsewhere, and partly, are no more than so exact ..."""
-    min_centroids: int = 8
-    """... but so many have to agree on a pose."""
-    min_pixels: int = 50
-    """Classes with less in a picture or fewer points in a sector have no centroid there."""
-    block_px: int = 2
-    """Side of the blocks in which distances to classes are kept."""
-    max_points: int = 400_000
-    """Points in the pictures or beside them that are looked at."""
-    step_deg: float = 2.0
-    """A line search reaches so far ..."""
-    step_m: float = 0.3
-    tolerance: float = 1e-3
-    """... and ends within this share of it."""
-    max_rounds: int = 30
-    """Of Powell's method, from each start ..."""
-    max_restarts: int = 20
-    """... and it starts so often again, until that gains nothing."""
 
 
 @dataclass(frozen=True)

@@ -103,8 +103,8 @@ def accuracy(
     Takes about two minutes for each seed. Writes results.csv, summary.json, table.md and plot.png into a folder of DIR,
     and keeps its drives in a pool beside it, about 45 MB each. When it was stopped it goes on where it was.
     """
+    from semcal_cli.config import EDGE_BAND_PX, Estimator
     from semcal_cli.experiments import accuracy, runner
-    from semcal_cli.refinement.pyramid import EDGE_BAND_PX, Estimator
 
     for row in rows:
         if row not in accuracy.ROWS:
@@ -241,12 +241,12 @@ def table(
     """
     from semcal_cli.cli.search import check_distance
     from semcal_cli.cli.session import check_outputs, make_console, progress_line
+    from semcal_cli.config import MAX_BASELINE_M
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.experiments import runner
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
     from semcal_cli.pipeline import Given, Run
-    from semcal_cli.refinement.pyramid import MAX_BASELINE_M
 
     spec = read_drive(drive)
     T_reference = read_transform(reference or drive)

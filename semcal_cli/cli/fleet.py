@@ -56,9 +56,9 @@ def fleet(
     quiet: bool,
 ) -> None:
     """Put the drives of a rig together."""
-    from semcal_cli.assessment.limits import Limits
     from semcal_cli.batch.summary import JSONL
     from semcal_cli.cli.session import check_outputs, check_page, make_console
+    from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
     from semcal_cli.files.documents import (

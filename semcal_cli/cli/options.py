@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import click
+
+from semcal_cli.config import LABELS, MAX_BASELINE_M, MAX_FRAMES, CalibrationConfig, Cue, Limits
 
 
 class FiniteRange(click.FloatRange):
@@ -48,7 +50,7 @@ quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing b
 seed_option = click.option(
     "--seed",
     type=click.IntRange(0, MAX_SEED),
-    default=0,
+    default=CalibrationConfig.seed,
     show_default=True,
     help="Seed of every random choice: the same seed gives the same bytes.",
 )
@@ -62,7 +64,9 @@ max_frames_option = click.option(
     "--max-frames",
     type=click.IntRange(1),
     metavar="N",
-    help="Use so many frames of a longer drive, those whose label images differ most.  [default: 70]",
+    default=MAX_FRAMES,
+    show_default=True,
+    help="Use at most N frames of a longer drive, those whose label images differ most.",
 )
 
 
@@ -74,7 +78,7 @@ def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
         command = click.option(
             "--max-translation-m",
             type=least,
-            default=0.05,
+            default=Limits.translation_m,
             show_default=True,
             metavar="M",
             help="How far the camera may be off.",
@@ -82,7 +86,7 @@ def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
         return click.option(
             "--max-rotation-deg",
             type=least,
-            default=0.3,
+            default=Limits.rotation_deg,
             show_default=True,
             metavar="DEG",
             help="How far the rotation may be off.",
@@ -95,7 +99,9 @@ max_baseline_option = click.option(
     "--max-baseline-m",
     type=FiniteRange(0.0, min_open=True),
     metavar="M",
-    help="The camera is at most so far from the LiDAR.  [default: 3]",
+    default=MAX_BASELINE_M,
+    show_default=True,
+    help="Largest distance between camera and LiDAR.",
 )
 
 
@@ -127,13 +133,13 @@ class CueList(click.ParamType[tuple[str, ...]]):
         return tuple(name for name in CUES if name in names)
 
 
-CUES = ("labels", "intensity", "features")
+CUES = get_args(Cue)
 
 cue_option = click.option(
     "--cue",
     "cues",
     type=CueList(),
-    default=("labels",),
+    default=LABELS,
     metavar="CUE[,CUE]",
     help="What points and pixels are compared by: labels; intensity (the LiDAR's against the picture's grey values, "
     "without labels, from a start that is known to a few degrees); labels,intensity; or features (vectors of points "

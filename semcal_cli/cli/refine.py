@@ -34,9 +34,9 @@ from semcal_cli.cli.search import check_distance
 def refine(drive: Path, init: Path, max_baseline_m: float | None, **options: Any) -> None:
     """Refine a transform that is known to 20 degrees or so on DRIVE."""
     from semcal_cli.cli.session import Session
+    from semcal_cli.config import MAX_BASELINE_M
     from semcal_cli.formats import read_transform
     from semcal_cli.pipeline import Given
-    from semcal_cli.refinement.pyramid import MAX_BASELINE_M
 
     given = Given(read_transform(init), name=str(init), source=init)
     config = make_refinement(options, MAX_BASELINE_M if max_baseline_m is None else max_baseline_m, given)

@@ -2,37 +2,39 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from semcal_cli.cli.options import Command
 from semcal_cli.cli.priors import make_priors, prior_options
+from semcal_cli.config import Device, Estimator, RefinementConfig
 
 if TYPE_CHECKING:
-    from semcal_cli.pipeline import Given, RefinementConfig
+    from semcal_cli.pipeline import Given
+    from semcal_cli.pipeline import RefinementConfig as FullConfig
 
 MAX_EDGE_BAND_PX = 100
 
 REFINEMENT_OPTIONS = (
     click.option(
         "--estimator",
-        type=click.Choice(["exact", "mine"]),
-        default="exact",
+        type=click.Choice(get_args(Estimator)),
+        default=RefinementConfig.estimator,
         show_default=True,
         help="What climbs: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it.",
     ),
     click.option(
         "--device",
-        type=click.Choice(["cpu", "cuda"]),
-        default="cpu",
+        type=click.Choice(get_args(Device)),
+        default=RefinementConfig.device,
         show_default=True,
         help="Where the network of MINE computes.",
     ),
     click.option(
         "--edge-band",
         type=click.IntRange(0, MAX_EDGE_BAND_PX),
-        default=1,
+        default=RefinementConfig.edge_band_px,
         show_default=True,
         metavar="PX",
         help="Pixels less than this from one of another class count a tenth; more for labels with ragged borders.",
@@ -49,7 +51,7 @@ def refinement_options(command: Command) -> Command:
     return command
 
 
-def make_refinement(options: dict[str, Any], max_baseline_m: float, given: Given | None) -> RefinementConfig:
+def make_refinement(options: dict[str, Any], max_baseline_m: float, given: Given | None) -> FullConfig:
     """Take the refinement options out of a command's, and turn them into how to refine.
 
     `given` is the transform that is started at.
@@ -57,7 +59,7 @@ def make_refinement(options: dict[str, Any], max_baseline_m: float, given: Given
     Raises:
         click.UsageError: options that exclude one another.
     """
-    from semcal_cli.pipeline import RefinementConfig
+    from semcal_cli.pipeline import RefinementConfig as FullConfig
 
     names = ("estimator", "device", "no_polish", "edge_band")
     estimator, device, no_polish, edge_band = (options.pop(name) for name in names)
@@ -72,4 +74,4 @@ def make_refinement(options: dict[str, Any], max_baseline_m: float, given: Given
         )
     if priors and no_polish:
         raise click.UsageError(f"{priors[0].name}: is weighed after the polish: leave --no-polish out")
-    return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band, priors)
+    return FullConfig(estimator, device, not no_polish, max_baseline_m, edge_band, priors)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, Command, FiniteRange, max_baseline_option
+from semcal_cli.config import AlignmentConfig, InitializationConfig, Zoom
 
 if TYPE_CHECKING:
-    from semcal_cli.initialization.search import InitializationConfig
     from semcal_cli.pipeline import Given
 
 ALL_ROLLS_DEG = 180.0
@@ -52,14 +52,14 @@ SEARCH_OPTIONS = (
         type=Roll(0.0, ALL_ROLLS_DEG),
         metavar="DEG|any",
         help="Search in-plane rotations up to this angle from upright, in degrees; `any` for portrait and upside-down "
-        "cameras.  [default: 15]",
+        f"cameras.  [default: {InitializationConfig.max_roll_deg:g}]",
     ),
     max_baseline_option,
     click.option(
         "--zoom",
-        type=click.Choice(["exact", "paper"]),
+        type=click.Choice(get_args(Zoom)),
         help="How label images are brought to the LiDAR's angular grid: through K and the lens, or as the paper does.  "
-        "[default: exact]",
+        f"[default: {InitializationConfig.zoom}]",
     ),
 )
 
@@ -78,8 +78,6 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, Given | 
         click.UsageError: options that exclude one another.
         InputError: the file of `--init` is no transform, or the camera is too far from the LiDAR.
     """
-    from semcal_cli.initialization.search import AlignmentConfig, InitializationConfig
-
     names = ("init", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
     init, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = (options.pop(name) for name in names)
     _check_usage(

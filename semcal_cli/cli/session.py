@@ -32,7 +32,7 @@ from semcal_cli.result.calibration import (
 )
 
 if TYPE_CHECKING:
-    from semcal_cli.drive.cues import Cue
+    from semcal_cli.config import Cue
     from semcal_cli.drive.document import Drive
     from semcal_cli.formats.format import Asked
     from semcal_cli.geometry.pose_error import PoseError

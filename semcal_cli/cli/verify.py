@@ -22,7 +22,7 @@ from semcal_cli.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from semcal_cli.drive.cues import Cue
+    from semcal_cli.config import Cue
     from semcal_cli.verification import Verification
 
 
@@ -58,8 +58,8 @@ def verify(
     quiet: bool,
 ) -> None:
     """Verify a transform on a drive."""
-    from semcal_cli.assessment.limits import Limits
     from semcal_cli.cli.session import Session
+    from semcal_cli.config import Limits
     from semcal_cli.files.documents import write_text
     from semcal_cli.formats import read_transform
     from semcal_cli.pipeline import Given

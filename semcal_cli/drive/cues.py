@@ -10,19 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import Cue, FeaturesConfig, IntensityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.features import FeaturesConfig, observe_features
+from semcal_cli.drive.features import observe_features
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
-from semcal_cli.drive.intensity import IntensityConfig, observe_intensity
+from semcal_cli.drive.intensity import observe_intensity
 from semcal_cli.drive.observations import Observations, load_observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
 
 Classes: TypeAlias = npt.NDArray[np.uint8]
-Cue: TypeAlias = Literal["labels", "intensity", "features"]
 CUES: tuple[Cue, ...] = ("labels", "intensity", "features")
-LABELS: tuple[Cue, ...] = ("labels",)
 
 INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
 

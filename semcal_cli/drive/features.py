@@ -10,7 +10,6 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy.typing as npt
 from scipy.cluster.vq import kmeans2, vq
 
 from semcal_cli import _core
+from semcal_cli.config import FeaturesConfig
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated, motion_error_px
 from semcal_cli.drive.observations import Observations, read_clouds
@@ -29,14 +29,6 @@ Vectors = npt.NDArray[np.float16]
 SAMPLES = 20_000
 """So many vectors tell the centres."""
 MAX_CHANNELS = 4096
-
-
-@dataclass(frozen=True)
-class FeaturesConfig:
-    """How vectors become codes."""
-
-    num_codes: int = 24
-    iterations: int = 20
 
 
 def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None = None) -> Observations:

@@ -14,8 +14,6 @@ from semcal_cli.drive.observations import colors, label_paths
 
 Item = TypeVar("Item")
 
-MAX_FRAMES = 70
-"""More make an answer hardly better: its error is then that of the labels' borders."""
 
 THUMBNAIL = 64, 36
 """Columns and rows of the label images as they are compared."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from functools import partial
 
 import cv2
@@ -20,6 +19,7 @@ import numpy.typing as npt
 from scipy.ndimage import gaussian_filter
 
 from semcal_cli import _core
+from semcal_cli.config import IntensityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
@@ -39,19 +39,6 @@ LEAST_SPREAD = 0.02
 """Of all values: surroundings that spread less say nothing but noise."""
 SAMPLES = 200_000
 """So many values tell the levels."""
-
-
-@dataclass(frozen=True)
-class IntensityConfig:
-    """How intensities become levels.
-
-    With 16 levels and surroundings of 4 degrees, 10 of 10 refinements on two development drives of 20 pairs from 2
-    degrees and 0.2 m came back; with intensities as they are, 5 of 10.
-    """
-
-    num_levels: int = 16
-    surroundings_deg: float = 4.0
-    """Standard deviation of the weights of what lies around."""
 
 
 def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None) -> Observations:

@@ -12,6 +12,7 @@ from time import perf_counter
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.config import EDGE_BAND_PX, Estimator, InitializationConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations, mend, read_observations
 from semcal_cli.errors import SemcalError
@@ -19,9 +20,7 @@ from semcal_cli.experiments.runner import Pool, Result
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.initialization.search import InitializationConfig
 from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.refinement.pyramid import EDGE_BAND_PX, Estimator
 from semcal_cli.synthetic.label_noise import (
     as_by_a_network,
     with_disjoint_ontologies,

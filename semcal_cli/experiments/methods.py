@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from semcal_cli.baselines.soic import Soic, SoicConfig
+from semcal_cli.baselines.soic import Soic
+from semcal_cli.config import Estimator, InitializationConfig, SoicConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.search import InitializationConfig
 from semcal_cli.pipeline import Given, RefinementConfig, Run
-from semcal_cli.refinement.pyramid import Estimator
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.baselines.soic import Soic, SoicConfig
+from semcal_cli.baselines.soic import Soic
+from semcal_cli.config import InitializationConfig, SoicConfig
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations, read_image
@@ -26,7 +27,6 @@ from semcal_cli.experiments.runner import machine, write_results
 from semcal_cli.files.images import write_picture
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, mounting_rpy_deg, rotation_vector_deg
-from semcal_cli.initialization.search import InitializationConfig
 from semcal_cli.pipeline import Given, RefinementConfig, Run
 from semcal_cli.report.overlay import Overlays, add_caption, draw_legend
 from semcal_cli.result.calibration import Status

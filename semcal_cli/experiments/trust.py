@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.limits import Limits
+from semcal_cli.config import InitializationConfig, Limits
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations, mend, read_observations
@@ -22,7 +22,6 @@ from semcal_cli.experiments.runner import Pool, machine, write_results
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.initialization.search import InitializationConfig
 from semcal_cli.pipeline import Given, RefinementConfig, Run
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 from semcal_cli.verification import verify

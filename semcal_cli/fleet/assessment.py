@@ -15,7 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.limits import Check, Limits, Verdict, joint_quantile, judge, together
+from semcal_cli.assessment.limits import Check, Verdict, joint_quantile, judge, together
+from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.documents import listed
 from semcal_cli.fleet.changes import Drift, change_points, drift, misfit

@@ -6,7 +6,7 @@ import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from semcal_cli.assessment.limits import Limits
+from semcal_cli.config import Limits
 from semcal_cli.fleet.assessment import Fleet, Standing
 from semcal_cli.fleet.plot import plot_fleet
 from semcal_cli.geometry.poses import camera_center

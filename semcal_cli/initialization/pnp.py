@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.config import PnpConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import CalibrationError
@@ -39,17 +39,6 @@ SETTLED = 1e-10
 
 Rays: TypeAlias = npt.NDArray[np.float64]
 """(N, 3) unit vectors."""
-
-
-@dataclass(frozen=True)
-class PnpConfig:
-    """How the robust estimator works."""
-
-    max_error_deg: float = 1.0
-    """Pairs within this angle of the pose are its inliers."""
-    min_inliers: int = 12
-    confidence: float = 0.999
-    max_iterations: int = 1000
 
 
 def solve_pnp(

@@ -5,87 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_error_deg
-from semcal_cli.initialization.pnp import PnpConfig, solve_pnp
+from semcal_cli.initialization.pnp import solve_pnp
 
 Grid: TypeAlias = tuple[int, int, float, float]
 """Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
 
-MIN_OVERLAP = 0.03
-"""A pose whose points cover less of the picture than this says little."""
 
 MAX_SHARE_OUTSIDE = 0.2
 """A `lidar:` block whose field of view leaves out more of the points than this is not that of the sensor."""
 
 MIN_POINTS_OF_MOST = 0.02
 """While hypotheses climb, those with a smaller share of the points of the one that has most are dropped."""
-
-
-@dataclass(frozen=True)
-class AlignmentConfig:
-    """How hypotheses climb the mutual information over SE(3), on label images in blocks."""
-
-    blocks_across: tuple[int, ...] = (120, 60, 120, 240)
-    """Each level has the largest power-of-two block, in pixels, of which at least so many fit across the picture."""
-    num_kept: tuple[int, ...] = (12, 8, 6, 6)
-    """The best hypotheses that go on from each level."""
-    blocks_across_given: tuple[int, ...] = (16, 30, 60, 120, 240)
-    """Levels for a given pose, which may be 20 degrees off, instead of a search ..."""
-    blocks_across_near: tuple[int, ...] = (60, 120, 240)
-    """... and for one that is off by a few: what intensity tells is local, and coarse levels may lead away from it."""
-    steps: int = 60
-    batch_size: int = 2048
-    step_size: float = 0.2
-    """Length of the first steps, in blocks; they fall along a cosine ..."""
-    final_step: float = 0.05
-    """... to this share."""
-    max_baseline_m: float = 3.0
-    """The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
-    max_points: int = 100_000
-    """Points, over all frames and directions, that are looked at."""
-    same_deg: float = 2.0
-    """Hypotheses that come together to within this rotation have found the same pose."""
-
-
-@dataclass(frozen=True)
-class InitializationConfig:
-    """How the mounting direction is searched for."""
-
-    zoom: str = "exact"
-    """How the label image is brought to the angular grid: `exact`, through K and the lens, or as the `paper` does."""
-    coarse_cell_deg: float = 3.0
-    """Cell of the exhaustive search; smaller for narrow lenses."""
-    fine_cell_deg: float = 1.5
-    """Block of the pictures in Powell's refinement; likewise."""
-    max_roll_deg: float = 15.0
-    """In-plane rotations from minus this to plus this are searched; 180 are all."""
-    roll_step_deg: float = 5.0
-    search_deg: float | None = None
-    """Narrows the search to rotations within this angle of the given one."""
-    around_given_deg: float = 5.0
-    """Likewise where climbs from a given pose end apart ..."""
-    meeting_deg: float = 0.5
-    """... by more than this."""
-    min_cells_of_most: float = 0.1
-    """A placement counts only with this share of the best overlapping one's cells."""
-    num_hypotheses: int = 24
-    separation_deg: float = 15.0
-    """Smallest rotation between two hypotheses of the registration."""
-    num_correspondences: int = 2000
-    pnp: PnpConfig = field(default_factory=PnpConfig)
-    alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
-    min_overlap: float = MIN_OVERLAP
-    """A pose counts only if its points cover this share of the picture."""
-    runner_up_deg: float = 7.5
-    """The runner-up is the best hypothesis at least this far from the winner: nearer ones mean the same answer."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -17,12 +16,13 @@ import torch
 from torch import Tensor
 
 from semcal_cli import _core
+from semcal_cli.config import MineConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose, nearest_rigid
 from semcal_cli.refinement.projection import Projection
-from semcal_cli.refinement.pyramid import EDGE_BAND_PX, MAX_BASELINE_M, Level
+from semcal_cli.refinement.pyramid import Level
 from semcal_cli.refinement.se3 import exp_se3
 
 TORCH_THREADS = 1
@@ -31,37 +31,6 @@ on mini-batches of this size a second thread gains little, and waits ten times o
 """
 
 
-@dataclass(frozen=True)
-class MineConfig:
-    """Network, learning rates, scheduler and batches.
-
-    Steps of the pose are in motions that each move the points by one block, independently of one another, so that they
-    fit any lens, picture and scene.
-    """
-
-    steps_per_level: int = 80
-    warm_up_steps: int = 60
-    """Steps in which only theta learns: at the first level; later levels take a third of it."""
-    batch_size: int = 2048
-    num_hidden: int = 32
-    num_embedding: int = 16
-    """Of vectors: dimensions of the space in which those that belong together meet."""
-    learning_rate_theta: float = 1e-2
-    learning_rate_pose: float = 0.15
-    final_rate: float = 0.05
-    """The scheduler lowers the pose's rate along a cosine to this share at each level's end."""
-    mean_decay: float = 0.9
-    """Of the running mean in the bias-corrected gradient."""
-    max_baseline_m: float = MAX_BASELINE_M
-    edge_band_px: int = EDGE_BAND_PX
-    min_points: int = 50
-    """A level with fewer tells nothing; the pose stays as it is."""
-
-
-VECTORS = MineConfig(
-    steps_per_level=120, warm_up_steps=100, batch_size=1024, num_hidden=64, learning_rate_theta=3e-3
-)
-"""For vectors, of which a mini-batch says less than of labels."""
 LARGEST = 30.0
 """Statistics beyond this would overflow, and mean nothing."""
 

@@ -13,35 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.pyramid import EDGE_BAND_PX, MAX_BASELINE_M
 
 HELD_OUT = 3
 """One of so many frames, or regions of the pictures, is held out."""
-
-
-@dataclass(frozen=True)
-class PolishConfig:
-    """How the finish goes."""
-
-    max_rounds: int = 8
-    """Visible points are chosen so often."""
-    max_steps: int = 8
-    """Newton steps for each choice."""
-    tolerance_px: float = 0.01
-    """Rounds end when one moved the points by less than this, root mean square."""
-    settled_px: float = 0.1
-    """Settled means that the last round moved them, or wanted to and gained nothing, by no more than this."""
-    max_baseline_m: float = MAX_BASELINE_M
-    edge_band_px: int = EDGE_BAND_PX
-    min_frames: int = 6
-    """With fewer frames than this, regions of the pictures are held out instead of frames."""
-    regions_across: int = 9
-    max_loss: float = 3.0
-    """A polish is rejected if held-out data get worse by so many standard errors. On 36 good calibrations of
-    development drives the loss was up to 2.6, with K wrong by 10 % up to 3.8."""
 
 
 @dataclass(frozen=True)

@@ -19,63 +19,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias
+from typing import Protocol
 
 from semcal_cli import _core
+from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
-
-Estimator: TypeAlias = Literal["exact", "mine"]
-
-FAR_DEG = 3.0
-"""Blocks of this size hold a pose that is 20 degrees and half a metre off."""
-
-
-MAX_BASELINE_M = 3.0
-"""The camera is no farther from the LiDAR: where labels hardly tell the translation, poses would leave the rig."""
-
-EDGE_BAND_PX = 1
-"""Pixels less than this from one of another class count a tenth: pairs that mean nothing but a border near by would
-blur the table of pointwise mutual information. On six drives of ten frames, without a band and with this one, median
-errors are 0.012 and 0.010 degrees with clean labels, 0.011 and 0.009 with things dilated by two pixels, 0.021 and 0.011
-with things eroded by as much, 0.051 and 0.038 with network-like labels; wider bands gain less."""
-
-
-@dataclass(frozen=True)
-class PyramidConfig:
-    """Which levels are climbed, and when a pose counts as settled."""
-
-    coarsest_block_deg: float = 0.45
-    """The pyramid starts at the largest power-of-two block below this angle; the initial calibration ends there ..."""
-    min_blocks: int = 16
-    """... and at one of which this many fit along either side of the picture."""
-    hidden_below_block_deg: float = 0.45
-    """Points that the camera cannot see are dropped at levels finer than this; while the pose is coarse, who is
-    hidden is not known well enough."""
-    min_points: int = 100
-    max_final_drift: float = 0.5
-    """Converged means that the mean pose of the last quarter of the finest level lies within so many blocks of that
-    of the quarter before."""
-
-
-@dataclass(frozen=True)
-class ExactConfig:
-    """How the exact mutual information is climbed: Adam over mini-batches, in motions of the points by one block."""
-
-    steps: int = 60
-    batch_size: int = 4096
-    step_size: float = 0.2
-    """Length of the first steps, in blocks; they fall along a cosine ..."""
-    final_step: float = 0.05
-    """... to this share."""
-    max_points: int = 200_000
-    """Points, over all frames and directions, that are looked at."""
-    max_baseline_m: float = MAX_BASELINE_M
-    edge_band_px: int = EDGE_BAND_PX
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.drive.cues import CUES, LABELS, Cue, choose_frames, load_cues
+from semcal_cli.config import LABELS, MAX_FRAMES, Cue
+from semcal_cli.drive.cues import CUES, choose_frames, load_cues
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.frame_selection import MAX_FRAMES, evenly_spaced
+from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.files.documents import listed
 from semcal_cli.formats import read_transform

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.assessment.uncertainty import REGIONS_ACROSS, SHARED_FRAMES, estimate_uncertainty
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations, load_observations
@@ -23,7 +24,7 @@ from semcal_cli.experiments.runner import Pool
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.polish import PolishConfig, climb
+from semcal_cli.refinement.polish import climb
 
 CONFIG = PolishConfig()
 

@@ -18,8 +18,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
+from semcal_cli.config import Cue
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.cues import Cue
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.observations import read_image
 from semcal_cli.formats import read_transform

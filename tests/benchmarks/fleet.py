@@ -11,7 +11,7 @@ from __future__ import annotations
 import click
 import numpy as np
 
-from semcal_cli.assessment.limits import Limits
+from semcal_cli.config import Limits
 from semcal_cli.fleet.assessment import assess
 from semcal_cli.fleet.consensus import local_coordinates, moved
 from semcal_cli.fleet.members import Member

@@ -17,13 +17,14 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from semcal_cli.config import FAR_DEG, ExactConfig, MineConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.refinement.mine import DonskerVaradhan, MineConfig, StatisticsNetwork
+from semcal_cli.refinement.mine import DonskerVaradhan, StatisticsNetwork
 from semcal_cli.refinement.projection import Projection
-from semcal_cli.refinement.pyramid import FAR_DEG, ExactConfig, PyramidConfig, pyramid_factors
+from semcal_cli.refinement.pyramid import pyramid_factors
 from semcal_cli.refinement.se3 import exp_se3
 
 
