@@ -1,0 +1,90 @@
+//! Points chosen at an anchor pose, for MINE's network in torch.
+
+use std::sync::Arc;
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::alignment::{check_factor, counted};
+use super::arrays::to_array2;
+use super::errors::value_error;
+use super::observations::PyObservations;
+use super::poses::{affine, isometry};
+use super::threads::detached;
+use crate::alignment::Anchored;
+
+#[pyclass(name = "AnchoredPoints", frozen)]
+pub(super) struct PyAnchoredPoints(pub(super) Anchored);
+
+#[pymethods]
+impl PyAnchoredPoints {
+    #[new]
+    #[pyo3(signature = (observations, anchor, *, factor, edge_band, visible_only))]
+    fn new(
+        py: Python<'_>,
+        observations: &PyObservations,
+        anchor: PyReadonlyArray2<f64>,
+        factor: usize,
+        edge_band: usize,
+        visible_only: bool,
+    ) -> PyResult<Self> {
+        check_factor(factor, &observations.0.camera)?;
+        let (anchor, counted) = (isometry(&anchor)?, counted(visible_only));
+        let new = || Anchored::new(Arc::clone(&observations.0), factor, edge_band, &anchor, counted);
+        Ok(Self(detached(py, new)))
+    }
+
+    #[getter]
+    fn classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+        self.0.classes().collect::<Vec<_>>().into_pyarray(py)
+    }
+
+    #[getter]
+    fn weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        self.0.weights().collect::<Vec<_>>().into_pyarray(py)
+    }
+
+    #[getter]
+    fn unit_motions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let rows: Vec<[f64; 6]> =
+            self.0.unit_motions().row_iter().map(|row| row.transpose().into()).collect();
+        to_array2(py, &rows)
+    }
+
+    fn shares<'py>(
+        &self,
+        py: Python<'py>,
+        indices: PyReadonlyArray1<i64>,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
+        let shares = detached(py, || self.0.shares(&indices, &t_camera_lidar));
+        shares.into_pyarray(py).reshape([indices.len(), self.0.num_image_classes()])
+    }
+
+    fn pull_back<'py>(
+        &self,
+        py: Python<'py>,
+        indices: PyReadonlyArray1<i64>,
+        t_camera_lidar: PyReadonlyArray2<f64>,
+        gradient: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
+        if gradient.as_array().dim() != (indices.len(), self.0.num_image_classes()) {
+            return Err(value_error("gradient needs a row for each index and a column for each image class"));
+        }
+        let gradient: Vec<f64> = gradient.as_array().iter().copied().collect();
+        let pulled = detached(py, || self.0.pull_back(&indices, &t_camera_lidar, &gradient));
+        let rows: Vec<[f64; 4]> = pulled.row_iter().map(|row| row.transpose().into()).collect();
+        to_array2(py, &rows)
+    }
+}
+
+impl PyAnchoredPoints {
+    fn indices(&self, indices: &PyReadonlyArray1<i64>) -> PyResult<Vec<usize>> {
+        let count = self.0.classes().len();
+        let checked = |&index: &i64| usize::try_from(index).ok().filter(|&index| index < count);
+        let indices: Option<Vec<usize>> = indices.as_array().iter().map(checked).collect();
+        indices.ok_or_else(|| value_error(format!("an index is not one of the {count} points")))
+    }
+}

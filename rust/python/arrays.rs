@@ -1,0 +1,44 @@
+//! Rows, images and matrices from NumPy and to it.
+
+use nalgebra::Matrix6;
+use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::errors::value_error;
+use crate::label_image::LabelImage;
+
+/// A matrix from NumPy.
+pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix6<f64>> {
+    let matrix = matrix.as_array();
+    if matrix.shape() != [6, 6] {
+        return Err(value_error(format!(
+            "found an inverse curvature of {:?}, needed [6, 6]",
+            matrix.shape()
+        )));
+    }
+    Ok(Matrix6::from_fn(|row, column| matrix[[row, column]]))
+}
+
+pub(super) fn rows<const N: usize, T: Copy + numpy::Element>(
+    name: &str,
+    array: &PyReadonlyArray2<T>,
+) -> PyResult<Vec<[T; N]>> {
+    let array = array.as_array();
+    if array.ncols() != N {
+        return Err(value_error(format!("{name} needs shape (N, {N}), found {:?}", array.dim())));
+    }
+    Ok(array.rows().into_iter().map(|row| std::array::from_fn(|i| row[i])).collect())
+}
+
+pub(super) fn to_array2<'py, const N: usize, T: Copy + numpy::Element>(
+    py: Python<'py>,
+    rows: &[[T; N]],
+) -> PyResult<Bound<'py, PyArray2<T>>> {
+    rows.as_flattened().to_vec().into_pyarray(py).reshape([rows.len(), N])
+}
+
+pub(super) fn dense_image(array: &PyReadonlyArray2<u8>) -> LabelImage<u8> {
+    let array = array.as_array();
+    let (height, width) = array.dim();
+    LabelImage { width, height, ids: array.iter().copied().collect() }
+}

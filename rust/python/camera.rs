@@ -1,0 +1,94 @@
+//! The camera, and where points land in its picture.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector3;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::arrays::{rows, to_array2};
+use super::poses::isometry;
+use super::threads::detached;
+use crate::camera::Camera;
+use crate::error::Result;
+use crate::visibility;
+
+#[pyclass(name = "Camera", frozen)]
+pub(super) struct PyCamera(pub(super) Camera);
+
+#[pymethods]
+impl PyCamera {
+    #[new]
+    #[pyo3(signature = (model, width, height, k, distortion, parameters=BTreeMap::new()))]
+    fn new(
+        model: &str,
+        width: usize,
+        height: usize,
+        k: [[f64; 3]; 3],
+        distortion: Vec<f64>,
+        parameters: BTreeMap<String, f64>,
+    ) -> Result<Self> {
+        let parameters: Vec<_> = parameters.into_iter().collect();
+        Ok(Self(Camera::with_parameters(model, (width, height), k, &distortion, &parameters)?))
+    }
+
+    /// Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold.
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        points_camera: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points: Vec<[f64; 3]> = rows("points_camera", &points_camera)?;
+        let pixel = |&p: &[f64; 3]| match self.0.project(&Vector3::from(p)) {
+            Some(pixel) => [pixel.x, pixel.y],
+            None => [f64::NAN; 2],
+        };
+        to_array2(py, &points.iter().map(pixel).collect::<Vec<_>>())
+    }
+
+    /// Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach.
+    fn unproject<'py>(
+        &self,
+        py: Python<'py>,
+        pixels: PyReadonlyArray2<f64>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let pixels: Vec<[f64; 2]> = rows("pixels", &pixels)?;
+        let ray = |&p: &[f64; 2]| self.0.unproject(&p.into()).map_or([f64::NAN; 3], Into::into);
+        to_array2(py, &pixels.iter().map(ray).collect::<Vec<_>>())
+    }
+
+    /// The largest incidence angle, radians, at which the model holds.
+    #[getter]
+    fn limit(&self) -> f64 {
+        self.0.limit()
+    }
+
+    /// Columns a radian on the optical axis.
+    #[getter]
+    fn pixels_per_radian(&self) -> f64 {
+        self.0.pixels_per_radian()
+    }
+}
+
+/// Pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
+pub(super) type LandingArrays<'py> =
+    (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
+
+#[pyfunction]
+pub(super) fn land<'py>(
+    py: Python<'py>,
+    camera: &PyCamera,
+    points: PyReadonlyArray2<f32>,
+    t_camera_lidar: PyReadonlyArray2<f64>,
+) -> PyResult<LandingArrays<'py>> {
+    let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
+    let (landings, hidden) = detached(py, || {
+        let landings = visibility::land(&camera.0, &points, &pose);
+        let hidden = visibility::hidden(&camera.0, &landings);
+        (landings, hidden)
+    });
+    let pixels: Vec<[f64; 2]> =
+        landings.iter().map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into())).collect();
+    let ranges: Vec<f64> = landings.iter().map(|l| l.map_or(f64::NAN, |l| l.range)).collect();
+    Ok((to_array2(py, &pixels)?, ranges.into_pyarray(py), hidden.into_pyarray(py)))
+}

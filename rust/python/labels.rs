@@ -1,0 +1,108 @@
+//! Class shares and label images.
+
+use std::path::PathBuf;
+
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+use super::arrays::dense_image;
+use super::errors::value_error;
+use super::threads::detached;
+use crate::class_shares::ClassShares;
+use crate::label_image::{Encoding, LabelImage};
+use crate::probabilities;
+use crate::speckle::despeckled;
+
+#[pyclass(name = "ClassShares", frozen)]
+pub(super) struct PyClassShares(pub(super) ClassShares);
+
+#[pymethods]
+impl PyClassShares {
+    #[staticmethod]
+    fn certain(classes: PyReadonlyArray1<u8>) -> Self {
+        Self(ClassShares::certain(classes.as_array().iter().copied()))
+    }
+
+    fn __len__(&self) -> usize {
+        self.0.len()
+    }
+
+    #[getter]
+    fn ids<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u16>> {
+        let mut ids: Vec<u16> = self.0.entries().iter().map(|share| share.class.into()).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        ids.into_pyarray(py)
+    }
+
+    #[getter]
+    fn classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+        self.0.classes().into_pyarray(py)
+    }
+
+    fn renamed(&self, py: Python<'_>, table: PyReadonlyArray1<u8>) -> PyResult<Self> {
+        let table = table.as_array().to_vec().try_into();
+        let table: [u8; 256] = table.map_err(|_| value_error("table needs 256 classes"))?;
+        Ok(Self(detached(py, || self.0.renamed(&table))))
+    }
+}
+
+#[pyfunction]
+#[pyo3(signature = (paths, width, height, palette=None))]
+pub(super) fn read_label_images(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    width: usize,
+    height: usize,
+    palette: Option<Vec<[u8; 3]>>,
+) -> PyResult<Vec<Bound<'_, PyArray2<u16>>>> {
+    let encoding = encoding(width, height, palette);
+    let images = detached(py, || encoding.read_all(&paths))?;
+    let array = |image: LabelImage<u16>| image.ids.into_pyarray(py).reshape([height, width]);
+    images.into_iter().map(array).collect()
+}
+
+#[pyfunction]
+#[pyo3(signature = (paths, width, height, columns, rows, palette=None))]
+pub(super) fn read_label_thumbnails(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    width: usize,
+    height: usize,
+    columns: usize,
+    rows: usize,
+    palette: Option<Vec<[u8; 3]>>,
+) -> PyResult<Bound<'_, PyArray3<u16>>> {
+    let encoding = encoding(width, height, palette);
+    let images = detached(py, || encoding.read_thumbnails(&paths, (columns, rows)))?;
+    let ids: Vec<u16> = images.into_iter().flat_map(|image| image.ids).collect();
+    ids.into_pyarray(py).reshape([paths.len(), rows, columns])
+}
+
+#[pyfunction]
+pub(super) fn read_class_shares(
+    py: Python<'_>,
+    paths: Vec<PathBuf>,
+    shape: Vec<usize>,
+) -> PyResult<Vec<PyClassShares>> {
+    let shares = detached(py, || probabilities::read_all(&paths, &shape))?;
+    Ok(shares.into_iter().map(PyClassShares).collect())
+}
+
+#[pyfunction]
+pub(super) fn despeckle<'py>(
+    py: Python<'py>,
+    image_classes: Vec<PyReadonlyArray2<u8>>,
+) -> PyResult<Vec<(Bound<'py, PyArray2<u8>>, usize)>> {
+    let images: Vec<LabelImage<u8>> = image_classes.iter().map(dense_image).collect();
+    let mended: Vec<_> = detached(py, || images.par_iter().map(despeckled).collect());
+    let array = |(image, count): (LabelImage<u8>, usize)| {
+        Ok((image.ids.into_pyarray(py).reshape([image.height, image.width])?, count))
+    };
+    mended.into_iter().map(array).collect()
+}
+
+pub(super) fn encoding(width: usize, height: usize, palette: Option<Vec<[u8; 3]>>) -> Encoding {
+    Encoding { size: (width, height), palette: palette.map(|colors| colors.into_iter().zip(0..).collect()) }
+}

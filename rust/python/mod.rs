@@ -1,0 +1,56 @@
+//! The Python face of the core: checks, copies in, releases the GIL, calls, copies out.
+
+mod agreement;
+mod alignment;
+mod anchored;
+mod arrays;
+mod camera;
+mod errors;
+mod labels;
+mod motion;
+mod observations;
+mod point_clouds;
+mod poses;
+mod registration;
+mod semantic_distance;
+mod spherical;
+mod statistics;
+mod threads;
+mod world;
+
+/// The core's functions and classes; `semcal_cli/_core.pyi` documents them.
+#[pyo3::pymodule]
+mod _core {
+    #[pymodule_export]
+    use super::agreement::{PyAgreement, agreement, held_out_gain};
+    #[pymodule_export]
+    use super::alignment::{align, polish, sensitivity};
+    #[pymodule_export]
+    use super::anchored::PyAnchoredPoints;
+    #[pymodule_export]
+    use super::camera::{PyCamera, land};
+    #[pymodule_export]
+    use super::labels::{
+        PyClassShares, despeckle, read_class_shares, read_label_images, read_label_thumbnails,
+    };
+    #[pymodule_export]
+    use super::motion::PyTrajectory;
+    #[pymodule_export]
+    use super::observations::PyObservations;
+    #[pymodule_export]
+    use super::point_clouds::{PyPointCloud, parse_point_cloud, read_point_clouds};
+    #[pymodule_export]
+    use super::poses::quaternion;
+    #[pymodule_export]
+    use super::registration::{PyHypothesis, register, sample_correspondences};
+    #[pymodule_export]
+    use super::semantic_distance::PySemanticDistance;
+    #[pymodule_export]
+    use super::spherical::{PySphericalImages, estimate_grid, scan_grid, spherical_image};
+    #[pymodule_export]
+    use super::statistics::student_quantile;
+    #[pymodule_export]
+    use super::threads::set_num_threads;
+    #[pymodule_export]
+    use super::world::{PyRenderer, synthetic_classes};
+}
