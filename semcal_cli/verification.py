@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from semcal_cli.assessment.limits import Check, Verdict, judge, together
-from semcal_cli.config import InitializationConfig, Limits
-from semcal_cli.drive.observations import Observations
+from semcal_cli.config import InitializationConfig, Limits, RefinementConfig
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError
+from semcal_cli.events import Listener, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
-from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import Stages, assess, initialize, refine_and_polish, start_at
+from semcal_cli.result.stage import StageResult
 
 NEAR_DEG = 5.0
 """An estimate that is farther from the transform than this is searched for from nothing ..."""
@@ -22,7 +25,6 @@ SAME_DEG = 3.0
 """A mistake is recognised if, made good, it leads so near to the estimate ..."""
 SAME_M = 0.3
 """... and so near."""
-REFINEMENT = RefinementConfig(with_label_bleed=False)
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,13 @@ class Verification:
     """The estimate."""
 
 
-def verify(run: Run, given: Given, limits: Limits, observations: Observations | None = None) -> Verification:
+def verify(
+    data: LoadedDrive,
+    initial_pose: InitialPose,
+    limits: Limits | None = None,
+    seed: int = 0,
+    on_event: Listener = ignore,
+) -> Verification:
     """Verify a transform on a drive.
 
     The pose is refined from the transform on; if that leads nowhere or leaves doubts, it is searched for from nothing.
@@ -46,46 +54,52 @@ def verify(run: Run, given: Given, limits: Limits, observations: Observations | 
     the data cannot see, is inconclusive.
 
     Args:
-        run: A calibration of the drive, not begun.
-        given: The transform.
-        limits: What is allowed.
-        observations: Of the drive; they are loaded if not given.
+        data: The drive, as `load` gives it.
+        initial_pose: The transform.
+        limits: What is allowed; the defaults if not given.
+        seed: Seed of every random choice.
+        on_event: Called with what is done.
 
     Raises:
-        InputError: a file of the drive is missing or wrong.
-        CalibrationError: one side carries a single class, or the drive cannot be calibrated at all.
+        CalibrationError: the drive cannot be calibrated at all.
     """
-    observations = run.load() if observations is None else observations
-    estimate = _nearby(run, observations, given)
-    if estimate is None:
-        run = Run(run.drive, run.seed, run.max_frames, run.cues, report=run.report, progress=run.progress)
-        hypotheses = run.initialize(observations, InitializationConfig())
-        estimate = run.refine(observations, hypotheses[0].T_camera_lidar, REFINEMENT)
-    uncertainty = run.uncertainty
-    half_widths = (
-        [*uncertainty.half_width_95_camera_center_m, *uncertainty.half_width_95_rotation_deg]
-        if uncertainty
-        else None
-    )
-    error = compare_poses(given.T_camera_lidar, estimate)
+    T_stated = initial_pose.T_camera_lidar
+    stages = _nearby(data, initial_pose, seed, on_event)
+    if stages is None:
+        initial = initialize(data, InitializationConfig(), seed, on_event=on_event)
+        stages = _estimate(data, initial, seed, on_event)
+    uncertainty = stages.uncertainty
+    estimate = stages.T_camera_lidar
+    error = compare_poses(T_stated, estimate)
     center_m = [0.01 * x for x in error.camera_center_xyz_cm]
-    checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits)
-    if run.reasons or uncertainty is None:
-        return Verification("inconclusive", checks, tuple(run.reasons), estimate)
+    half_widths = None if uncertainty is None else uncertainty.half_widths
+    checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits or Limits())
+    if stages.findings or uncertainty is None:
+        reasons = tuple(finding.sentence for finding in stages.findings)
+        return Verification("inconclusive", checks, reasons, estimate)
     verdict = together(check.verdict for check in checks)
-    looks = recognise(given.T_camera_lidar, estimate) if verdict == "fail" else []
+    looks = recognise(T_stated, estimate) if verdict == "fail" else []
     return Verification(verdict, checks, tuple(looks), estimate)
 
 
-def _nearby(run: Run, observations: Observations, given: Given) -> Pose | None:
+def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: Listener) -> Stages | None:
     """The estimate that the transform leads to; None if it leads away, or leaves doubts."""
     try:
-        run.start_at(observations, given)
-        estimate = run.refine(observations, given.T_camera_lidar, REFINEMENT, from_afar=True)
+        initial = start_at(data, initial_pose, on_event)
+        stages = _estimate(data, initial, seed, on_event, from_afar=True)
     except CalibrationError:
         return None
-    is_near = _is_near(estimate, given.T_camera_lidar, NEAR_DEG, NEAR_M)
-    return estimate if is_near and not run.reasons and run.uncertainty is not None else None
+    is_near = _is_near(stages.T_camera_lidar, initial_pose.T_camera_lidar, NEAR_DEG, NEAR_M)
+    is_sure = stages.uncertainty is not None
+    return stages if is_near and is_sure and not stages.findings else None
+
+
+def _estimate(
+    data: LoadedDrive, initial: StageResult, seed: int, on_event: Listener, *, from_afar: bool = False
+) -> Stages:
+    config = RefinementConfig()
+    stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=from_afar)
+    return assess(data, stages, config, on_event, with_label_bleed=False)
 
 
 def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:

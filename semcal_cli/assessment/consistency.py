@@ -20,6 +20,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.pyramid import ExactClimb, refine
+from semcal_cli.result.stage import Finding
 
 NUM_FRAMES = 4
 """So many frames are looked at."""
@@ -36,7 +37,7 @@ MAX_TURNED = 0.65
 """With the camera turned to other azimuths, likewise: at most 0.55 on these drives, at least 0.71 with another drive's
 pictures."""
 TURN_DEG = 30.0
-OTHER_MODEL_CLIMB = ExactConfig(batch_size=1024, max_points=50_000)
+OTHER_MODEL_EXACT = ExactConfig(batch_size=1024, max_points=50_000)
 OTHER_MODEL_PYRAMID = PyramidConfig(coarsest_block_deg=1.0)
 """The pose is refined so with other focal lengths and delays."""
 FOCAL_CHANGE = 0.07
@@ -58,7 +59,7 @@ MAX_INTRINSICS_PX = 5.0
 """And freeing them has to move the points by more than this, so that what little is wrong with any camera is let be."""
 
 
-def doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple[Finding, ...]:
     """Say what speaks against a pose: its labels, its surroundings, the camera's intrinsics, the clocks.
 
     Args:
@@ -66,13 +67,14 @@ def doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:
         T_camera_lidar: (4, 4), refined.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
-    return [
-        *_variety_doubts(few, T_camera_lidar),
-        *_pairing_doubts(few, T_camera_lidar),
-        *_azimuth_doubts(few, T_camera_lidar),
-        *_model_doubts(few, T_camera_lidar),
-        *_intrinsics_doubts(observations, T_camera_lidar),
+    sentences = [
+        *_too_few_classes(few, T_camera_lidar),
+        *_wrong_pairing(few, T_camera_lidar),
+        *_wrong_azimuth(few, T_camera_lidar),
+        *_wrong_model(few, T_camera_lidar),
+        *_wrong_intrinsics(observations, T_camera_lidar),
     ]
+    return tuple(map(Finding, sentences))
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:
@@ -84,7 +86,7 @@ def _corrected(agreement: _core.Agreement) -> float:
     return agreement.mutual_information - agreement.bias
 
 
-def _variety_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Count the classes of the points in the picture and of its pixels, the rarer the less."""
     camera = core_camera(observations.camera)
     inside = [
@@ -92,10 +94,10 @@ def _variety_doubts(observations: Observations, T_camera_lidar: Pose) -> list[st
         for cloud, ids in zip(observations.points, observations.point_classes, strict=True)
     ]
     sides = {"points in the picture": inside, "pixels": [ids.ravel() for ids in observations.image_classes]}
-    return [line for name, ids in sides.items() for line in _side_doubts(name, ids)]
+    return [line for name, ids in sides.items() for line in _too_few_on_side(name, ids)]
 
 
-def _side_doubts(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[str]:
+def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[str]:
     counts = np.sum([np.bincount(each, minlength=NO_CLASS + 1) for each in ids], axis=0)[:NO_CLASS]
     if not counts.any():
         return [f"{name}: none is labelled"]
@@ -110,7 +112,7 @@ def _side_doubts(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[str]:
     ]
 
 
-def _pairing_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Pair clouds with the pictures of other frames."""
     own = _information(observations, T_camera_lidar)
     images, found = list(observations.image_classes), []
@@ -128,7 +130,7 @@ def _pairing_doubts(observations: Observations, T_camera_lidar: Pose) -> list[st
     ]
 
 
-def _azimuth_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Turn the camera about the LiDAR's z axis, where there is something to see."""
     answer = _core.agreement(observations.core, T_camera_lidar)
     own = _corrected(answer)
@@ -157,7 +159,7 @@ def _about_z(angle_deg: float) -> Pose:
     return T
 
 
-def _model_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Refine once more with other focal lengths and clocks, and as they are: all on the same frames, by the same climb.
 
     Focal lengths hardly bend the optimum, but even single frames tell them apart so.
@@ -176,12 +178,12 @@ def _model_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]
         return []
     zoomed, delayed = others[: len(changes)], others[len(changes) :]
     return [
-        *_focal_doubts(own, dict(zip(changes, zoomed, strict=True))),
-        *_clock_doubts(own, dict(zip(delays_s, delayed, strict=True))),
+        *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),
+        *_wrong_clocks(own, dict(zip(delays_s, delayed, strict=True))),
     ]
 
 
-def _focal_doubts(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
+def _wrong_focal_length(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
     best, best_change = _corrected(own), 0.0
     for change, found in others.items():
         if found is not None and _corrected(found) > best:
@@ -200,7 +202,7 @@ def _tells_clocks(observations: Observations) -> bool:
     return twists is not None and bool(np.ptp(twists, axis=0).any())
 
 
-def _clock_doubts(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
+def _wrong_clocks(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
     best, best_delay_s = MIN_CLOCK_GAIN, 0.0
     for delay_s, found in others.items():
         if found is not None:
@@ -221,7 +223,7 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _core.Agreeme
         found = refine(
             observations,
             T_camera_lidar,
-            ExactClimb(observations, OTHER_MODEL_CLIMB, seed=0),
+            ExactClimb(observations, OTHER_MODEL_EXACT, seed=0),
             OTHER_MODEL_PYRAMID,
         )
     except SemcalError:
@@ -239,7 +241,7 @@ def _delayed(observations: Observations, delay_s: float) -> Observations:
     return replace(observations, points=points)
 
 
-def _intrinsics_doubts(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _wrong_intrinsics(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Free fx, fy, cx, cy and k1 beside the pose: a step of Newton's method, and whether it is more than chance."""
     found = _core.sensitivity(
         observations.core,

@@ -304,12 +304,12 @@ def _mirror_suspicions(probed: Drive) -> list[str]:
     """Register a few frames as they are and with y negated: no camera sees the mirror image of its scene."""
     try:
         few = load_observations(probed)
-        best, other = (initialize(each, InitializationConfig(), seed=0)[0] for each in (few, _mirrored(few)))
+        best, other = (
+            initialize(each, InitializationConfig(), seed=0).hypotheses[0] for each in (few, _mirrored(few))
+        )
     except (CalibrationError, InputError):
         return []
-    sigma = math.hypot(best.sigma_nats, other.sigma_nats)
-    ahead = other.corrected_nats - best.corrected_nats
-    if ahead <= MIN_MIRROR_MARGIN * sigma:
+    if other.margin(best) <= MIN_MIRROR_MARGIN:
         return []
     return [
         f"the clouds seem mirrored: with y negated, labels share {other.corrected_nats:.2f} nats instead of "

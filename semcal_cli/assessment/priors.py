@@ -17,10 +17,10 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import (
     Matrix,
     Sensitivity,
-    Uncertainty,
     is_determined,
     scatter,
     sensitivity,
@@ -28,10 +28,12 @@ from semcal_cli.assessment.uncertainty import (
 from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
+from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.uncertainty import Uncertainty
 
 Vector6 = npt.NDArray[np.float64]
 
-HOLD_SIGMAS = 3.0
+CLAMP_SIGMAS = 3.0
 """Farther than this from what is known, no level of the refinement begins: one in 400 is, if it is normal."""
 EXACT = 1e-6
 """Metres or radians: what is known better than a micrometre is exact, and rounding stays out of the sums."""
@@ -48,6 +50,7 @@ LEAST_BEND = 1e-6
 """Where information falls by less than this share of the steepest direction's, per pixel, that is rounding."""
 LEAST_INFORMATION = 1e-13
 """Directions with less than this share of the best known one's are open: that much is rounding."""
+UNSETTLED = Finding("the pose that labels and what is known determine together had not settled")
 MANY = 1e6
 """Degrees of freedom of what is known."""
 
@@ -77,6 +80,16 @@ class Prior:
         jacobian[3:, 3:] = _inverse_left_jacobian(rotation_difference(T_camera_lidar, self.T_camera_lidar))
         return jacobian
 
+    def describe(self) -> dict[str, object]:
+        """Give what a result records; null where nothing is known."""
+        sigmas = [sigma if math.isfinite(sigma) else None for sigma in self.sigmas]
+        return {
+            "name": self.name,
+            "T_camera_lidar": self.T_camera_lidar.tolist(),
+            "sigma_camera_center_m": sigmas[:3],
+            "sigma_rotation_deg": [None if sigma is None else math.degrees(sigma) for sigma in sigmas[3:]],
+        }
+
     @property
     def exact(self) -> Prior:
         """Only what is known exactly."""
@@ -85,43 +98,40 @@ class Prior:
     def allows(self, T_camera_lidar: Pose, center_m: float, rotation_rad: float) -> bool:
         """Whether a pose that may itself be off by so much can be the one that is known."""
         slack = np.repeat([center_m, rotation_rad], 3)
-        most = HOLD_SIGMAS * np.array(self.sigmas) + slack
+        most = CLAMP_SIGMAS * np.array(self.sigmas) + slack
         return bool((np.abs(self.residual(T_camera_lidar)) <= most).all())
 
-    def hold(self, T_camera_lidar: Pose) -> Pose:
-        """Bring a pose to within `HOLD_SIGMAS` of what is known, axis by axis."""
+    def clamp(self, T_camera_lidar: Pose) -> Pose:
+        """Bring a pose to within `CLAMP_SIGMAS` of what is known, axis by axis."""
         residual = self.residual(T_camera_lidar)
-        most = HOLD_SIGMAS * np.array(self.sigmas)
+        most = CLAMP_SIGMAS * np.array(self.sigmas)
         if (np.abs(residual) <= most).all():
             return T_camera_lidar
-        held = np.clip(residual, -most, most)
-        R = _rotation(held[3:]) @ self.T_camera_lidar[:3, :3]
-        center = camera_center(self.T_camera_lidar) + self.T_camera_lidar[:3, :3].T @ held[:3]
+        clamped = np.clip(residual, -most, most)
+        R = _rotation(clamped[3:]) @ self.T_camera_lidar[:3, :3]
+        center = camera_center(self.T_camera_lidar) + self.T_camera_lidar[:3, :3].T @ clamped[:3]
         T: Pose = np.eye(4)
         T[:3, :3], T[:3, 3] = R, -R @ center
         return T
 
 
-@dataclass(frozen=True)
-class Fused:
-    """A pose that goes with labels and with what is known."""
+@dataclass(frozen=True, kw_only=True)
+class Fused(StageResult):
+    """A pose that goes with labels and with what is known. Its findings are contradictions between the two."""
 
-    T_camera_lidar: Pose
     uncertainty: Uncertainty | None
-    """None if labels and what is known do not determine it together."""
+    """None if labels and what is known do not determine the pose together."""
     is_alone: bool
     """Whether labels determine the pose without what is known."""
     label_gain: Matrix
-    """(6, 6) by how much of a twist that labels say the pose moves."""
+    """(6, 6) share of a twist said by labels that the pose follows."""
     is_settled: bool
-    conflicts: list[str]
-    """Sentences about what is known and labels contradict."""
 
 
-def hold(T_camera_lidar: Pose, priors: Sequence[Prior]) -> Pose:
+def clamp(T_camera_lidar: Pose, priors: Sequence[Prior]) -> Pose:
     """Bring a pose near to what is known; the last one given is kept to the most."""
     for prior in priors:
-        T_camera_lidar = prior.hold(T_camera_lidar)
+        T_camera_lidar = prior.clamp(T_camera_lidar)
     return T_camera_lidar
 
 
@@ -142,13 +152,21 @@ def fuse(
     """
     around = sensitivity(observations, T_camera_lidar, edge_band_px=edge_band_px)
     is_alone = around is not None and is_determined(around)
-    T = T_camera_lidar if is_alone else hold(T_camera_lidar, priors)
+    T = T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     labels, conflicts, moved_px = _SILENT, {}, math.inf
     for index in range(MAX_ROUNDS):
         if index > 0 and not is_alone:
             around = sensitivity(observations, T, edge_band_px=edge_band_px)
         if around is None:
-            return Fused(T, None, is_alone, np.eye(6), False, [])
+            return Fused(
+                T_camera_lidar=T,
+                agreement=_core.agreement(observations.core, T),
+                findings=(UNSETTLED,),
+                uncertainty=None,
+                is_alone=is_alone,
+                label_gain=np.eye(6),
+                is_settled=False,
+            )
         if index == 0 or not is_alone:
             labels = _labels(around, observations.num_frames)
         if index == 0 and is_alone:
@@ -162,15 +180,20 @@ def fuse(
         if moved_px < SETTLED_PX:
             break
     # To the last digit, where steps are first order.
-    T = hold(T, [prior.exact for prior in priors])
-    found = Uncertainty(T, covariance, _degrees_of_freedom(labels, covariance))
+    T = clamp(T, [prior.exact for prior in priors])
+    contradictions = [line for prior in priors for line in conflicts.get(prior.name) or _distance(prior, T)]
+    is_settled = moved_px < SETTLED_PX
+    uncertainty = None
+    if is_closed:
+        uncertainty = Uncertainty.from_covariance(T, covariance, _degrees_of_freedom(labels, covariance))
     return Fused(
-        T,
-        found if is_closed else None,
-        is_alone,
+        T_camera_lidar=T,
+        agreement=_core.agreement(observations.core, T),
+        findings=(*(() if is_settled else (UNSETTLED,)), *map(Finding, contradictions)),
+        uncertainty=uncertainty,
+        is_alone=is_alone,
         label_gain=covariance @ labels.information,
-        is_settled=moved_px < SETTLED_PX,
-        conflicts=[line for prior in priors for line in conflicts.get(prior.name) or _distance(prior, T)],
+        is_settled=is_settled,
     )
 
 

@@ -13,7 +13,7 @@ What all frames have in common, more frames do not cure: `SHARED_FRAMES`, and wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -25,8 +25,10 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, cross_matrix
-from semcal_cli.refinement.polish import climb
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.polish import newton
+from semcal_cli.result.stage import Finding
+from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions
 
 Matrix = npt.NDArray[np.float64]
 
@@ -38,17 +40,10 @@ BLEED_FRAMES = 2
 """What all frames do alike, a few show."""
 REGIONS_ACROSS = 9
 """So many squares lie side by side in a picture."""
-WEAK_M = 0.03
-"""Half a 95 % interval of the camera's place beyond which a direction is called weak ..."""
-WEAK_DEG = 0.15
-"""... and of its rotation."""
 MAX_HALF_WIDTH_M = 0.25
-"""A pose that is not known better than this is not trusted ..."""
+"""A pose whose place is not known better than this is not trusted."""
 MAX_HALF_WIDTH_DEG = 1.0
-"""... nor one whose rotation is not known better than this."""
-
-AXES = ("sideways", "up and down", "along the optical axis")
-ROTATIONS = ("in pitch", "in yaw", "in roll")
+"""A pose whose rotation is not known better than this is not trusted."""
 
 
 class Sensitivity(NamedTuple):
@@ -66,64 +61,15 @@ class Sensitivity(NamedTuple):
         return np.asarray(np.linalg.solve(self.curvature, self.scores.T).T)
 
 
-@dataclass(frozen=True)
-class Uncertainty:
-    """Of a twist (rho, phi) on the left of T_camera_lidar: metres and radians, along the camera's axes."""
-
-    T_camera_lidar: Pose
-    covariance: Matrix
-    """(6, 6)."""
-    degrees_of_freedom: npt.NDArray[np.float64]
-    """(6,) of Student's t for each axis."""
-
-    @property
-    def sigma_camera_center_m(self) -> npt.NDArray[np.float64]:
-        """(3,) standard errors of the camera's place, along its axes."""
-        return np.sqrt(np.diag(self.covariance)[:3])
-
-    @property
-    def sigma_rotation_deg(self) -> npt.NDArray[np.float64]:
-        """(3,) standard errors of the rotation about the camera's axes."""
-        return np.degrees(np.sqrt(np.diag(self.covariance)[3:]))
-
-    @property
-    def sigma_translation_m(self) -> npt.NDArray[np.float64]:
-        """(3,) standard errors of the translation of T_camera_lidar, `t + rho + phi x t`."""
-        jacobian = np.hstack([np.eye(3), -cross_matrix(self.T_camera_lidar[:3, 3])])
-        return np.sqrt(np.diag(jacobian @ self.covariance @ jacobian.T))
-
-    @property
-    def half_widths(self) -> npt.NDArray[np.float64]:
-        """(6,) of the 95 % intervals: metres of the camera's place, degrees of its rotation."""
-        sigmas = np.concatenate([self.sigma_camera_center_m, self.sigma_rotation_deg])
-        return sigmas * [_core.student_quantile(0.975, dof) for dof in self.degrees_of_freedom]
-
-    @property
-    def weak_directions(self) -> list[str]:
-        """Sentences about directions that the data hardly determine."""
-        center, rotation = self._wide(WEAK_M, WEAK_DEG)
-        return [
-            *(f"{name}: +- {100.0 * half:.1f} cm; add frames with near objects" for name, half in center),
-            *(f"{name}: +- {half:.2f} degrees; add frames" for name, half in rotation),
-        ]
-
-    @property
-    def undetermined(self) -> list[str]:
-        """Reasons not to trust the pose: directions that the data do not determine to any use."""
-        center, rotation = self._wide(MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
-        found = [f"{name} to {half:.2f} m" for name, half in center]
-        found += [f"{name} to {half:.1f} degrees" for name, half in rotation]
-        needed = f"needed are {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree; add frames"
-        return [f"the pose is determined only {', '.join(found)} (95 %), {needed}"] if found else []
-
-    def _wide(
-        self, center_m: float, rotation_deg: float
-    ) -> tuple[list[tuple[str, float]], list[tuple[str, float]]]:
-        """Directions of place and of rotation whose intervals reach farther to either side."""
-        half_widths = self.half_widths.tolist()
-        center = zip(AXES, half_widths[:3], strict=True)
-        rotation = zip(ROTATIONS, half_widths[3:], strict=True)
-        return [pair for pair in center if pair[1] > center_m], [p for p in rotation if p[1] > rotation_deg]
+def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
+    """Name the directions that the data do not determine to any use."""
+    center, rotation = wide_directions(uncertainty.half_widths, MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
+    found = [f"{name} to {half:.2f} m" for name, half in center]
+    found += [f"{name} to {half:.1f} degrees" for name, half in rotation]
+    if not found:
+        return ()
+    needed = f"needed are {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree; add frames"
+    return (Finding(f"the pose is determined only {', '.join(found)} (95 %), {needed}"),)
 
 
 def sensitivity(
@@ -156,7 +102,7 @@ def estimate_uncertainty(
     if around is None or not is_determined(around):
         return None
     covariance, degrees_of_freedom = sandwich(around, observations.num_frames)
-    return Uncertainty(T_camera_lidar, covariance, degrees_of_freedom)
+    return Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom)
 
 
 def is_determined(around: Sensitivity) -> bool:
@@ -182,17 +128,24 @@ def scatter(influences: Matrix, num_frames: int) -> tuple[Matrix, Matrix]:
 
 def label_bleed(
     observations: Observations, T_camera_lidar: Pose, config: PolishConfig, label_gain: Matrix | None = None
-) -> npt.NDArray[np.float64] | None:
+) -> LabelBleed | None:
     """Tell how far the pose would move if labels of pictures bled by a pixel, as those of all frames may.
 
-    (6,) the camera's place in metres and its rotation in degrees, along its axes; from a few frames, polished with
-    their labels as they are and bled. None where one of these does not settle. Of a twist that labels say, the pose
-    moves by `label_gain` (6, 6) times as much; by all of it if not given.
+    A few frames are polished with their labels as they are and bled.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4), polished.
+        config: The settings of the polish.
+        label_gain: (6, 6) share of a twist said by labels that the pose follows; all of it if not given.
+
+    Returns:
+        How far the camera moves; None where one of the two does not settle.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), BLEED_FRAMES))
-    as_they_are, moved_px, inverse_curvature = climb(few, T_camera_lidar, config)
+    as_they_are, moved_px, inverse_curvature = newton(few, T_camera_lidar, config)
     bleeding = replace(few, image_classes=bled(few.image_classes), image_shares=())
-    after, moved_after_px, _ = climb(bleeding, as_they_are, config, inverse_curvature)
+    after, moved_after_px, _ = newton(bleeding, as_they_are, config, inverse_curvature)
     if max(moved_px, moved_after_px) > config.settled_px:
         return None
     difference = compare_poses(after, as_they_are)
@@ -201,7 +154,7 @@ def label_bleed(
         [-0.01 * np.array(difference.camera_center_xyz_cm), np.radians(difference.rotation_xyz_deg)]
     )
     moved = np.abs(twist if label_gain is None else label_gain @ twist)
-    return np.concatenate([moved[:3], np.degrees(moved[3:])])
+    return LabelBleed(camera_center_m=moved[:3].tolist(), rotation_deg=np.degrees(moved[3:]).tolist())
 
 
 def bled(images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.uint8]]:

@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from semcal_cli.batch.tasks import FAILED, Outcome
-from semcal_cli.cli.session import make_console
+from semcal_cli.cli.terminal import make_console
 
 RECENT = 12
 """Drives that the table shows."""

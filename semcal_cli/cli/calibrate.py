@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from semcal_cli.cli.convert import FormatName, make_asked, open_options
-from semcal_cli.cli.options import PATH, drive_argument, given_parameters, result_options
+from semcal_cli.cli.options import PATH, ResultOptions, drive_argument, given_parameters, result_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
+from semcal_cli.config import LABELS, CalibrationConfig
 
 if TYPE_CHECKING:
-    from semcal_cli.cli.session import Session
+    from semcal_cli.assessment.priors import Prior
+    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
 
 WITH_SOIC = (
     *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),
-    *("max_baseline_m", "page", "pictures", "output", "threads", "quiet", "log", "max_frames"),
+    *("max_baseline_m", "page", "images", "output", "threads", "quiet", "log", "max_frames"),
 )
 """Parameters of `calibrate` that say nothing of mutual information."""
 
@@ -52,7 +57,7 @@ WITH_SOIC = (
 @click.option("--report", "page", type=PATH, metavar="FILE", help="Write a page about it, too: .html.")
 @click.option(
     "--overlay",
-    "pictures",
+    "images",
     type=PATH,
     metavar="DIR",
     help="Write pictures of points on images there, too, before and after, of at most 20 frames.",
@@ -64,7 +69,7 @@ def calibrate(
     repeat: int | None,
     to: str | None,
     page: Path | None,
-    pictures: Path | None,
+    images: Path | None,
     **options: Any,
 ) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
@@ -75,34 +80,63 @@ def calibrate(
     DRIVE may be a rig.yaml, which names the drives of several cameras of one LiDAR: all are calibrated, and -o is a
     folder for the result of each and for rig_calibration.yaml, with each camera beside each other.
     """
-    from semcal_cli.cli.session import Session
+    from semcal_cli.cli.outputs import Outputs
     from semcal_cli.rig.document import find_rig
 
     if method == "soic":
         _check_soic()
-    config, given = make_search(options)
+    search_config, initial_pose = make_search(options)
     asked = make_asked(options, "to_")
     if to is None and any(vars(asked).values()):
         raise click.UsageError(
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
-    refinement = make_refinement(options, config.alignment.max_baseline_m, given)
-
-    def run(session: Session) -> Calibration:
-        if method == "soic":
-            return session.run.calibrate_by_soic(session.folder, given, config.alignment.max_baseline_m)
-        return session.run.calibrate(session.folder, config, given, refinement, num_seeds=repeat or 1)
-
+    max_baseline_m = search_config.alignment.max_baseline_m
+    refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
+    common = ResultOptions(**options)
+    config = CalibrationConfig(
+        common.seed, common.cues, common.max_frames, search_config, refinement, num_seeds=repeat or 1
+    )
+    run = partial(_by_method(method, priors), config=config, initial_pose=initial_pose)
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
-        sys.exit(calibrate_rig(rig, run, options))
-    options |= {"to": None if to is None else (to, asked), "page": page, "pictures": pictures}
-    with Session(drive, given=given, **options) as session:
-        calibration = run(session)
-        code = session.finish(calibration)
-    session.illustrate(calibration, page, pictures)
-    sys.exit(code)
+        sys.exit(calibrate_rig(rig, run, common))
+    outputs = Outputs(common.output, common.log, None if to is None else (to, asked), page, images)
+    sys.exit(_calibrate_drive(drive, run, outputs, common, initial_pose))
+
+
+def _by_method(method: str, priors: tuple[Prior, ...]) -> Callable[..., Calibration]:
+    """Choose the function that calibrates."""
+    if method == "soic":
+        from semcal_cli.baselines.soic_calibration import calibrate_by_soic
+
+        return calibrate_by_soic
+    from semcal_cli.pipeline import calibrate
+
+    return partial(calibrate, priors=priors)
+
+
+def _calibrate_drive(
+    drive: Path,
+    run: Callable[..., Calibration],
+    outputs: Outputs,
+    common: ResultOptions,
+    initial_pose: InitialPose | None,
+) -> int:
+    """Calibrate one camera, write what was found, and tell the exit code."""
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.threads import set_num_threads
+
+    spec = read_drive(drive)
+    outputs.check(spec, initial_pose)
+    set_num_threads(common.threads)
+    with Terminal(quiet=common.quiet) as terminal:
+        calibration = run(spec, relative_to=outputs.folder, on_event=terminal.on_event)
+    code = outputs.write(calibration, terminal, common.threads)
+    outputs.illustrate(spec, calibration, terminal)
+    return code
 
 
 def _check_soic() -> None:
@@ -113,6 +147,6 @@ def _check_soic() -> None:
     """
     context = click.get_current_context()
     for parameter in given_parameters(context):
-        by_labels = parameter.name == "cues" and context.params["cues"] == ("labels",)
+        by_labels = parameter.name == "cues" and context.params["cues"] == LABELS
         if parameter.name not in WITH_SOIC and not by_labels:
             raise click.UsageError(f"{parameter.opts[0]}: is of --method mi")

@@ -30,7 +30,7 @@ def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float,
 
     from semcal_cli.assessment.comparison import compare as difference
     from semcal_cli.assessment.comparison import read_known
-    from semcal_cli.cli.session import error_lines
+    from semcal_cli.cli.tables import error_lines
 
     found = difference(read_known(a), read_known(b))
     error = found.error

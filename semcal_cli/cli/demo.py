@@ -25,30 +25,37 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     """
     import numpy as np
 
-    from semcal_cli.cli.session import Session, error_lines, make_console
+    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.tables import error_lines
+    from semcal_cli.cli.terminal import Terminal, make_console
+    from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.observations import load_observations
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
-    from semcal_cli.pipeline import set_threads
+    from semcal_cli.pipeline import calibrate
     from semcal_cli.report.overlay import Overlays
     from semcal_cli.synthetic.config import SynthConfig
     from semcal_cli.synthetic.synthesis import synthesize
+    from semcal_cli.threads import set_num_threads
 
     console = make_console(quiet)
-    set_threads(threads)
+    set_num_threads(threads)
     drive, result = out / "drive", out / "calibration.yaml"
     page, picture = out / "report.html", out / "overlay.png"
     console.print(f"making {NUM_FRAMES} frames of a synthetic street in {drive}")
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
-    with Session(drive, output=result, seed=seed, threads=threads, quiet=quiet) as session:
-        calibration = session.run.calibrate(session.folder)
-        code = session.finish(calibration)
-    spec = read_drive(drive)
+    spec, outputs = read_drive(drive), Outputs(result, page=page)
+    outputs.check(spec)
+    with Terminal(quiet=quiet) as terminal:
+        calibration = calibrate(
+            spec, CalibrationConfig(seed), relative_to=outputs.folder, on_event=terminal.on_event
+        )
+    code = outputs.write(calibration, terminal, threads)
     initial = np.array(calibration.stages["initial"].T_camera_lidar)
     poses = {"initial calibration, from nothing": initial, "refined": calibration.pose}
     Overlays(spec, load_observations(spec), poses).write(0, picture)
-    session.illustrate(calibration, page, None)
+    outputs.illustrate(spec, calibration, terminal)
     console.print("\nerror against the truth, which the calibration never saw:")
     for line in error_lines(compare_poses(calibration.pose, read_transform(drive))):
         console.print(line)

@@ -33,7 +33,7 @@ def evaluate(calibration: Path, reference: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(asdict(error)))
         return
-    from semcal_cli.cli.session import error_lines
+    from semcal_cli.cli.tables import error_lines
 
     for line in error_lines(error):
         click.echo(line)

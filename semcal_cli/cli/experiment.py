@@ -45,7 +45,7 @@ jobs_option = click.option(
 
 def _progress(what: str) -> Callable[[int, int], None]:
     """Tell how many of a run's cases are done."""
-    from semcal_cli.cli.session import make_console
+    from semcal_cli.cli.terminal import make_console
 
     console = make_console(quiet=False)
     return lambda done, total: console.print(
@@ -148,7 +148,7 @@ def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     findings = runner.run_cases(
         trust.cases(range(first_seed, first_seed + seeds)),
         trust.Experiment(runner.Pool(out / "pool")),
-        trust.Finding,
+        trust.Outcome,
         folder,
         jobs,
         _progress("runs"),
@@ -232,37 +232,37 @@ _rivals_command(
 @max_frames_option
 @out_option
 def table(
-    drive: Path, reference: Path | None, init: Path | None, frame: int, max_frames: int | None, out: Path
+    drive: Path, reference: Path | None, init: Path | None, frame: int, max_frames: int, out: Path
 ) -> None:
     """Compare methods on DRIVE, from the same start, with its reference.
 
     Writes results.csv, summary.json, table.md and the pictures (a) to (d) into the drive's folder of DIR: points at
     the reference, and where SOIC, PMI and semcal put them.
     """
-    from semcal_cli.cli.search import check_distance
-    from semcal_cli.cli.session import check_outputs, make_console, progress_line
-    from semcal_cli.config import MAX_BASELINE_M
+    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.search import read_initial_pose
+    from semcal_cli.cli.terminal import make_console, progress_line
+    from semcal_cli.config import MAX_BASELINE_M, CalibrationConfig
     from semcal_cli.drive.document import drive_file, read_drive
+    from semcal_cli.drive.loading import load
     from semcal_cli.experiments import runner
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
-    from semcal_cli.pipeline import Given, Run
 
     spec = read_drive(drive)
     T_reference = read_transform(reference or drive)
-    given = None if init is None else Given(read_transform(init), str(init), init)
-    if given is not None:
-        check_distance(given, MAX_BASELINE_M)
+    initial_pose = None if init is None else read_initial_pose(init)
+    if initial_pose is not None:
+        initial_pose.check_distance(MAX_BASELINE_M)
     folder = runner.make_folder(out, f"table_{spec.root.resolve().name}")
     transforms = [drive_file(path) for path in (reference, init) if path is not None]
     check_outputs(
         [spec.path, *map(spec.resolve, spec.files()), *transforms], [folder / name for name in FILES]
     )
     with progress_line(make_console(quiet=False)) as progress:
-        run = Run(spec, seed=0, progress=progress)
-        if max_frames is not None:
-            run.max_frames = max_frames
-        found = compare(run, T_reference, given, frame, progress)
+        progress("reading frames")
+        data = load(spec, CalibrationConfig(max_frames=max_frames))
+        found = compare(data, T_reference, initial_pose, frame, progress)
     click.echo(write_table(found, frame, folder), nl=False)
 
 

@@ -57,7 +57,8 @@ def fleet(
 ) -> None:
     """Put the drives of a rig together."""
     from semcal_cli.batch.summary import JSONL
-    from semcal_cli.cli.session import check_outputs, check_page, make_console
+    from semcal_cli.cli.outputs import check_outputs, check_page
+    from semcal_cli.cli.terminal import make_console
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError

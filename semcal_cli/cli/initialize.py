@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import drive_argument, result_options
+from semcal_cli.cli.options import ResultOptions, drive_argument, result_options
 from semcal_cli.cli.search import make_search, search_options
+from semcal_cli.config import CalibrationConfig
 
 
 @click.command()
@@ -21,13 +22,30 @@ def initialize(drive: Path, **options: Any) -> None:
 
     Lists the hypotheses, best first. Exit code 3 means that an answer was written but is not trusted.
     """
-    from semcal_cli.cli.session import Session
+    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.tables import hypothesis_lines
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.loading import load
+    from semcal_cli.pipeline import Stages, make_calibration
+    from semcal_cli.pipeline import initialize as search
+    from semcal_cli.threads import set_num_threads
 
-    config, given = make_search(options)
-    with Session(drive, given=given, **options) as session:
-        observations = session.run.load()
-        hypotheses = session.run.initialize(observations, config, given)
-        session.show(hypotheses)
-        best = hypotheses[0].T_camera_lidar
-        code = session.finish(session.run.result(observations, best, session.folder))
-    sys.exit(code)
+    search_config, initial_pose = make_search(options)
+    asked = ResultOptions(**options)
+    config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)
+    spec, outputs = read_drive(drive), Outputs(asked.output, asked.log)
+    outputs.check(spec, initial_pose)
+    set_num_threads(asked.threads)
+    with Terminal(quiet=asked.quiet) as terminal:
+        data = load(spec, config, terminal.on_event)
+        found = search(data, config.initialization, config.seed, initial_pose, on_event=terminal.on_event)
+        terminal.print(*hypothesis_lines(found.hypotheses))
+        calibration = make_calibration(
+            data,
+            Stages(found, findings=found.findings),
+            config,
+            initial_pose=initial_pose,
+            relative_to=outputs.folder,
+        )
+    sys.exit(outputs.write(calibration, terminal, asked.threads))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -145,6 +146,19 @@ cue_option = click.option(
     "without labels, from a start that is known to a few degrees); labels,intensity; or features (vectors of points "
     "and pixels; with --estimator mine).  [default: labels]",
 )
+
+
+@dataclass(frozen=True)
+class ResultOptions:
+    """What every command takes that computes a calibration."""
+
+    output: Path | None
+    log: Path | None
+    seed: int
+    threads: int | None
+    quiet: bool
+    max_frames: int
+    cues: tuple[Cue, ...]
 
 
 def result_options(command: Command) -> Command:

@@ -57,7 +57,8 @@ def overlay(
     quiet: bool,
 ) -> None:
     """Draw points on pictures."""
-    from semcal_cli.cli.session import check_pictures, make_console
+    from semcal_cli.cli.outputs import check_image_folder
+    from semcal_cli.cli.terminal import make_console
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.drive.observations import load_points, read_observations
@@ -69,7 +70,7 @@ def overlay(
     paths = map(drive_file, given)
     spec = read_drive(drive)
     frames = evenly_spaced(spec.frames, max_frames)
-    check_pictures(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
+    check_image_folder(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
     spec = spec.model_copy(update={"frames": tuple(frames)})
     observations = load_points(spec) if by == "depth" else read_observations(spec)
     console = make_console(quiet)

@@ -11,7 +11,7 @@ from semcal_cli.cli.options import Command, FiniteRange
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
-    from semcal_cli.pipeline import Given
+    from semcal_cli.initialization.initial_pose import InitialPose
 
 AXES = ("tx", "ty", "tz", "rx", "ry", "rz")
 UNKNOWN = math.inf
@@ -69,7 +69,9 @@ def prior_options(command: Command) -> Command:
     return command
 
 
-def make_priors(options: dict[str, Any], given: Given | None, max_baseline_m: float) -> tuple[Prior, ...]:
+def make_priors(
+    options: dict[str, Any], initial_pose: InitialPose | None, max_baseline_m: float
+) -> tuple[Prior, ...]:
     """Take the options out of a command's, and turn them into what is known; what is exact comes last.
 
     Raises:
@@ -101,10 +103,10 @@ def make_priors(options: dict[str, Any], given: Given | None, max_baseline_m: fl
         sigma = math.radians(sigma_deg)
         found.append(Prior(_name("--prior-rotation-deg", rotation), T, (UNKNOWN,) * 3 + (sigma,) * 3))
     if fix is not None:
-        if given is None:
+        if initial_pose is None:
             raise click.UsageError("--fix: keeps axes of --init or --init-rpy-xyz: give one of them")
         kept = tuple(0.0 if axis in fix else UNKNOWN for axis in AXES)
-        found.append(Prior(f"--fix {','.join(fix)}", given.T_camera_lidar, kept))
+        found.append(Prior(f"--fix {','.join(fix)}", initial_pose.T_camera_lidar, kept))
     if found and all(min(sigmas) <= EXACT for sigmas in zip(*(prior.sigmas for prior in found), strict=True)):
         raise click.UsageError(f"{', '.join(p.name for p in found)}: leave nothing to be calibrated")
     return tuple(sorted(found, key=lambda prior: min(prior.sigmas) <= EXACT))

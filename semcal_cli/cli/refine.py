@@ -11,12 +11,14 @@ import click
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
+    ResultOptions,
     drive_argument,
     max_baseline_option,
     result_options,
 )
 from semcal_cli.cli.refinement import make_refinement, refinement_options
-from semcal_cli.cli.search import check_distance
+from semcal_cli.cli.search import read_initial_pose
+from semcal_cli.config import CalibrationConfig
 
 
 @click.command()
@@ -31,19 +33,30 @@ from semcal_cli.cli.search import check_distance
 @max_baseline_option
 @refinement_options
 @result_options
-def refine(drive: Path, init: Path, max_baseline_m: float | None, **options: Any) -> None:
+def refine(drive: Path, init: Path, max_baseline_m: float, **options: Any) -> None:
     """Refine a transform that is known to 20 degrees or so on DRIVE."""
-    from semcal_cli.cli.session import Session
-    from semcal_cli.config import MAX_BASELINE_M
-    from semcal_cli.formats import read_transform
-    from semcal_cli.pipeline import Given
+    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.loading import load
+    from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
+    from semcal_cli.threads import set_num_threads
 
-    given = Given(read_transform(init), name=str(init), source=init)
-    config = make_refinement(options, MAX_BASELINE_M if max_baseline_m is None else max_baseline_m, given)
-    check_distance(given, config.max_baseline_m)
-    with Session(drive, given=given, **options) as session:
-        observations = session.run.load()
-        session.run.start_at(observations, given)
-        T_camera_lidar = session.run.refine(observations, given.T_camera_lidar, config, from_afar=True)
-        code = session.finish(session.run.result(observations, T_camera_lidar, session.folder))
-    sys.exit(code)
+    initial_pose = read_initial_pose(init)
+    refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
+    initial_pose.check_distance(max_baseline_m)
+    asked = ResultOptions(**options)
+    config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, refinement=refinement)
+    spec, outputs = read_drive(drive), Outputs(asked.output, asked.log)
+    outputs.check(spec, initial_pose)
+    set_num_threads(asked.threads)
+    with Terminal(quiet=asked.quiet) as terminal:
+        on_event = terminal.on_event
+        data = load(spec, config, on_event)
+        initial = start_at(data, initial_pose, on_event)
+        stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
+        stages = assess(data, stages, refinement, on_event)
+        calibration = make_calibration(
+            data, stages, config, initial_pose=initial_pose, priors=priors, relative_to=outputs.folder
+        )
+    sys.exit(outputs.write(calibration, terminal, asked.threads))

@@ -11,8 +11,8 @@ from semcal_cli.cli.priors import make_priors, prior_options
 from semcal_cli.config import Device, Estimator, RefinementConfig
 
 if TYPE_CHECKING:
-    from semcal_cli.pipeline import Given
-    from semcal_cli.pipeline import RefinementConfig as FullConfig
+    from semcal_cli.assessment.priors import Prior
+    from semcal_cli.initialization.initial_pose import InitialPose
 
 MAX_EDGE_BAND_PX = 100
 
@@ -51,27 +51,30 @@ def refinement_options(command: Command) -> Command:
     return command
 
 
-def make_refinement(options: dict[str, Any], max_baseline_m: float, given: Given | None) -> FullConfig:
-    """Take the refinement options out of a command's, and turn them into how to refine.
+def make_refinement(
+    options: dict[str, Any], max_baseline_m: float, initial_pose: InitialPose | None
+) -> tuple[RefinementConfig, tuple[Prior, ...]]:
+    """Take the refinement options out of a command's, and turn them into how to refine, and what is known.
 
-    `given` is the transform that is started at.
+    Args:
+        options: The command's.
+        max_baseline_m: Largest distance between camera and LiDAR.
+        initial_pose: The transform that is started at.
 
     Raises:
         click.UsageError: options that exclude one another.
     """
-    from semcal_cli.pipeline import RefinementConfig as FullConfig
-
     names = ("estimator", "device", "no_polish", "edge_band")
-    estimator, device, no_polish, edge_band = (options.pop(name) for name in names)
+    estimator, device, no_polish, edge_band_px = (options.pop(name) for name in names)
     if device != "cpu" and estimator != "mine":
         raise click.UsageError("--device: is where MINE's network computes: give --estimator mine")
     if "features" in options["cues"] and estimator != "mine":
         raise click.UsageError("--cue features: vectors have no histogram: give --estimator mine")
-    priors = make_priors(options, given, max_baseline_m)
+    priors = make_priors(options, initial_pose, max_baseline_m)
     if priors and "features" in options["cues"]:
         raise click.UsageError(
             f"{priors[0].name}: is weighed by the exact histogram, which features have none of"
         )
     if priors and no_polish:
         raise click.UsageError(f"{priors[0].name}: is weighed after the polish: leave --no-polish out")
-    return FullConfig(estimator, device, not no_polish, max_baseline_m, edge_band, priors)
+    return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band_px), priors

@@ -28,16 +28,17 @@ def report(
     drive: Path, calibration: Path, output: Path, against: Path | None, threads: int | None, quiet: bool
 ) -> None:
     """Write a page about a transform."""
-    from semcal_cli.cli.session import check_outputs, check_page, make_console, progress_line
+    from semcal_cli.cli.outputs import check_outputs, check_page
+    from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import drive_file, read_drive
-    from semcal_cli.pipeline import set_threads
     from semcal_cli.report import read_subject, write_report
+    from semcal_cli.threads import set_num_threads
 
     spec = read_drive(drive)
     given = [drive_file(path) for path in (calibration, against) if path is not None]
     check_page(output)
     check_outputs([spec.path, *map(spec.resolve, spec.files()), *given], [output])
-    set_threads(threads)
+    set_num_threads(threads)
     console = make_console(quiet)
     with progress_line(console) as progress:
         progress("reading frames")

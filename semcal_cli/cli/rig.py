@@ -7,19 +7,22 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import given_parameters
-from semcal_cli.cli.session import EXIT_NOT_TRUSTED, Session, check_outputs, make_console, matrix_lines, row
+from semcal_cli.cli.options import ResultOptions, given_parameters
+from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs
+from semcal_cli.cli.tables import labelled, matrix_lines, row
+from semcal_cli.cli.terminal import Terminal
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.files.documents import document_text, is_folder, write_text
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import hash_files
-from semcal_cli.rig.calibration import combine, describe_rig
+from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
+from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
@@ -27,19 +30,19 @@ if TYPE_CHECKING:
 
 OF_ONE_CAMERA = (
     *("init", "init_rpy_xyz", "search_deg", "fix", "prior_translation_m", "prior_rotation_deg"),
-    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "pictures"),
+    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "images"),
 )
 """Parameters of `calibrate` that would mean another thing for each camera."""
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
-def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], options: dict[str, Any]) -> int:
+def calibrate_rig(path: Path, calibrate: Callable[..., Calibration], options: ResultOptions) -> int:
     """Calibrate the cameras of a rig one after another, each sweep read once, and write what was found.
 
     Args:
         path: The rig.yaml.
-        calibrate: Calibrates the camera of a session.
-        options: Of every command that computes a calibration; the output is a folder.
+        calibrate: Calibrates the camera of a drive: `pipeline.calibrate` with its settings.
+        options: Those of every command that computes a calibration; the output is a folder.
 
     Returns:
         The exit code.
@@ -50,57 +53,74 @@ def calibrate_rig(path: Path, calibrate: Callable[[Session], Calibration], optio
         CalibrationError: there is no answer for a camera; what was found of the others is written.
     """
     _check_options(path)
-    folder: Path | None = options.pop("output")
-    log: Path | None = options.pop("log")
+    folder = options.output
     if folder is None:
         raise click.UsageError(
             f"-o: {path} is a rig, whose results are several files: give a folder for them"
         )
     rig = read_rig(path)
     drives = rig.read_drives()
-    files = {name: f"{name}.yaml" for name in drives}
+    outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
-        _check_outputs(rig, drives, [folder / name for name in (*files.values(), f"{RESULT}.yaml")], log)
-        sessions = {
-            name: Session(drive, output=folder / files[name], **options) for name, drive in drives.items()
-        }
+        _check_outputs(rig, drives, [folder / name for name in _files(drives)], options.log)
+        for name, drive in drives.items():
+            outputs[name].check(drive)
+    set_num_threads(options.threads)
     sweeps, hashes = Sweeps(), dict[str, str]()
-    console = make_console(options["quiet"])
+    terminals = {name: Terminal(quiet=options.quiet) for name in drives}
     cameras: dict[str, Calibration] = {}
     failures: dict[str, str] = {}
-    for name, session in sessions.items():
-        console.print(f"[{name}]", markup=False)
-        session.run.sweeps, session.run.hashes = sweeps, hashes
+    for name, terminal in terminals.items():
+        terminal.print(f"[{name}]")
         try:
-            with session:
-                calibration = calibrate(session)
-                session.finish(calibration)
-            cameras[name] = calibration
+            with terminal:
+                cameras[name] = calibrate(
+                    drives[name], relative_to=folder, on_event=terminal.on_event, sweeps=sweeps, hashes=hashes
+                )
+            outputs[name].write(cameras[name], terminal, options.threads)
         except SemcalError as error:
+            cameras.pop(name, None)
             failures[name] = " ".join(str(error).splitlines())
-            console.print(f"{'failed':<17}{failures[name]}", markup=False)
+            terminal.print(labelled("failed", failures[name]))
     if not cameras:
         raise CalibrationError(_sentence(failures, len(drives)))
     found = combine(rig, drives, cameras, failures, sweeps.num_different)
-    read = [rig.path, *(drive.path for drive in drives.values())]
-    document = describe_rig(found, files, os.path.relpath(rig.path, folder), hash_files(read, folder, hashes))
-    result = folder / f"{RESULT}.yaml"
-    write_text(document_text(document, "yaml"), result)
-    if log is not None:
-        logs = {name: session.log_document() for name, session in sessions.items()}
-        write_text(json.dumps(logs, indent=2) + "\n", log)
-    for pair in found.pairs:
-        for line in _pair_lines(pair):
-            console.print(line, markup=False)
-    num_frames = sum(len(session.run.drive.frames) for session in sessions.values())
-    console.print(f"{'sweeps':<17}{found.num_sweeps:,} for {num_frames:,} frames", markup=False)
-    console.print(f"{'rig':<17}{found.status}", markup=False)
-    console.print(f"{'written to':<17}{result}", markup=False)
-    for note in found.notes:
-        console.print(f"{'note':<17}{note}", markup=False)
+    _write(found, rig, drives, folder, hashes)
+    if options.log is not None:
+        logs = {name: terminal.log_document(options.threads) for name, terminal in terminals.items()}
+        write_text(json.dumps(logs, indent=2) + "\n", options.log)
+    Terminal(quiet=options.quiet).print(*_lines(found, drives, folder))
     if failures:
         raise CalibrationError(_sentence(failures, len(drives)))
     return EXIT_NOT_TRUSTED if found.status == "not_trusted" else 0
+
+
+def _files(drives: Mapping[str, Drive]) -> tuple[str, ...]:
+    return (*(f"{name}.yaml" for name in drives), f"{RESULT}.yaml")
+
+
+def _write(
+    found: RigCalibration, rig: Rig, drives: Mapping[str, Drive], folder: Path, hashes: dict[str, str]
+) -> None:
+    """Write what was found of the whole rig."""
+    files = {name: f"{name}.yaml" for name in drives}
+    read = [rig.path, *(drive.path for drive in drives.values())]
+    source = os.path.relpath(rig.path, folder)
+    document = describe_rig(found, files, source, hash_files(read, folder, hashes))
+    write_text(document_text(document, "yaml"), folder / f"{RESULT}.yaml")
+
+
+def _lines(found: RigCalibration, drives: Mapping[str, Drive], folder: Path) -> list[str]:
+    """Describe what was found of the whole rig, for reading."""
+    used = [calibration.quality.num_frames for calibration in found.cameras.values()]
+    num_frames = sum(used) + sum(len(drives[name].frames) for name in found.failures)
+    return [
+        *(line for pair in found.pairs for line in _pair_lines(pair)),
+        labelled("sweeps", f"{found.num_sweeps:,} for {num_frames:,} frames"),
+        labelled("rig", found.status),
+        labelled("written to", str(folder / f"{RESULT}.yaml")),
+        *(labelled("note", note) for note in found.notes),
+    ]
 
 
 def _sentence(failures: Mapping[str, str], num_cameras: int) -> str:
@@ -149,9 +169,8 @@ def _pair_lines(pair: Pair) -> list[str]:
     lines = [f"T_{pair.a}_{pair.b}", *(f"{'':<17}{line}" for line in matrix_lines(pair.T_a_b))]
     if pair.uncertainty is not None:
         half = pair.uncertainty.half_widths
-        lines.append(
-            f"{'95 % interval':<17}+- {row((100.0 * half[:3]).tolist(), 3)} cm, {row(half[3:].tolist(), 4)} deg"
-        )
+        center_cm = row([100.0 * x for x in half[:3]], 3)
+        lines.append(labelled("95 % interval", f"+- {center_cm} cm, {row(half[3:], 4)} deg"))
     if pair.reference is not None and pair.error is not None:
         verdict = {None: "", True: ": within the uncertainty", False: ": more than chance explains"}[
             pair.is_explained

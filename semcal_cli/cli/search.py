@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -13,7 +11,7 @@ from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, Command, FiniteRange,
 from semcal_cli.config import AlignmentConfig, InitializationConfig, Zoom
 
 if TYPE_CHECKING:
-    from semcal_cli.pipeline import Given
+    from semcal_cli.initialization.initial_pose import InitialPose
 
 ALL_ROLLS_DEG = 180.0
 
@@ -71,7 +69,7 @@ def search_options(command: Command) -> Command:
     return command
 
 
-def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, Given | None]:
+def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialPose | None]:
     """Take the search options out of a command's, and turn them into how to search, and where.
 
     Raises:
@@ -83,17 +81,16 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, Given | 
     _check_usage(
         init is not None, init_rpy_xyz is not None, search_deg is not None, roll is not None, bool(zoom)
     )
-    config = InitializationConfig(search_deg=search_deg)
-    if zoom is not None:
-        config = replace(config, zoom=zoom)
-    if roll is not None:
-        config = replace(config, max_roll_deg=roll)
-    if max_baseline_m is not None:
-        config = replace(config, alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
-    given = _given(init, init_rpy_xyz)
-    if given is not None:
-        check_distance(given, config.alignment.max_baseline_m)
-    return config, given
+    config = InitializationConfig(
+        zoom=InitializationConfig.zoom if zoom is None else zoom,
+        max_roll_deg=InitializationConfig.max_roll_deg if roll is None else roll,
+        search_deg=search_deg,
+        alignment=AlignmentConfig(max_baseline_m=max_baseline_m),
+    )
+    initial_pose = _initial_pose(init, init_rpy_xyz)
+    if initial_pose is not None:
+        initial_pose.check_distance(max_baseline_m)
+    return config, initial_pose
 
 
 def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, zoom: bool) -> None:
@@ -113,31 +110,27 @@ def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, z
         )
 
 
-def _given(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> Given | None:
-    from semcal_cli.formats import read_transform
+def _initial_pose(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> InitialPose | None:
     from semcal_cli.geometry.poses import pose_from_mounting
-    from semcal_cli.pipeline import Given
+    from semcal_cli.initialization.initial_pose import InitialPose
 
     if init is not None:
-        return Given(read_transform(init), name=str(init), source=init)
+        return read_initial_pose(init)
     if init_rpy_xyz is not None:
         name = " ".join(map(repr, init_rpy_xyz))
-        return Given(pose_from_mounting(init_rpy_xyz[:3], init_rpy_xyz[3:]), name=f"--init-rpy-xyz {name}")
+        return InitialPose(
+            pose_from_mounting(init_rpy_xyz[:3], init_rpy_xyz[3:]), name=f"--init-rpy-xyz {name}"
+        )
     return None
 
 
-def check_distance(given: Given, max_baseline_m: float) -> None:
-    """Check that a transform leaves the camera as near to the LiDAR as it has to be.
+def read_initial_pose(path: Path) -> InitialPose:
+    """Read the transform to start at, or to verify.
 
     Raises:
-        InputError: it is farther away.
+        InputError: the file is no transform.
     """
-    from semcal_cli.errors import InputError
-    from semcal_cli.geometry.poses import camera_center
+    from semcal_cli.formats import read_transform
+    from semcal_cli.initialization.initial_pose import InitialPose
 
-    distance = math.hypot(*camera_center(given.T_camera_lidar))
-    if distance > max_baseline_m:
-        raise InputError(
-            f"{given.name}: found the camera {distance:g} m from the LiDAR, needed at most {max_baseline_m:g} m; "
-            f"--max-baseline-m sets the limit"
-        )
+    return InitialPose(read_transform(path), name=str(path), source=path)

@@ -20,9 +20,10 @@ from semcal_cli.cli.options import (
     seed_option,
     threads_option,
 )
+from semcal_cli.cli.search import read_initial_pose
+from semcal_cli.config import CalibrationConfig, Cue, Limits
 
 if TYPE_CHECKING:
-    from semcal_cli.config import Cue
     from semcal_cli.verification import Verification
 
 
@@ -53,36 +54,33 @@ def verify(
     junit: Path | None,
     seed: int,
     threads: int | None,
-    max_frames: int | None,
+    max_frames: int,
     cues: tuple[Cue, ...],
     quiet: bool,
 ) -> None:
     """Verify a transform on a drive."""
-    from semcal_cli.cli.session import Session
-    from semcal_cli.config import Limits
+    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.loading import load
     from semcal_cli.files.documents import write_text
-    from semcal_cli.formats import read_transform
-    from semcal_cli.pipeline import Given
+    from semcal_cli.threads import set_num_threads
     from semcal_cli.verification import verify as check
 
     if "features" in cues:
         raise click.UsageError(
             "--cue features: verify compares by the exact histogram, which vectors have none of"
         )
-    given = Given(read_transform(calibration), name=str(calibration), source=calibration)
-    # Where the JUnit file goes is checked as a log's place is: it replaces nothing that is read.
-    session = Session(
-        drive,
-        log=junit,
-        seed=seed,
-        threads=threads,
-        quiet=quiet,
-        max_frames=max_frames,
-        cues=cues,
-        given=given,
-    )
-    with session:
-        found = check(session.run, given, Limits(max_rotation_deg, max_translation_m))
+    initial_pose = read_initial_pose(calibration)
+    spec = read_drive(drive)
+    # The JUnit file replaces nothing that is read, as a log does not.
+    Outputs(log=junit).check(spec, initial_pose)
+    set_num_threads(threads)
+    config = CalibrationConfig(seed, cues, max_frames)
+    with Terminal(quiet=quiet) as terminal:
+        data = load(spec, config, terminal.on_event)
+        limits = Limits(max_rotation_deg, max_translation_m)
+        found = check(data, initial_pose, limits, seed, terminal.on_event)
     cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:
         write_text(junit_xml("verify", cases), junit)

@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.config import EDGE_BAND_PX, Estimator, InitializationConfig
+from semcal_cli.config import (
+    EDGE_BAND_PX,
+    CalibrationConfig,
+    Estimator,
+    InitializationConfig,
+    RefinementConfig,
+)
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations, mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.runner import Pool, Result
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
+from semcal_cli.result.stage import StageResult
 from semcal_cli.synthetic.label_noise import (
     as_by_a_network,
     with_disjoint_ontologies,
@@ -117,41 +124,39 @@ class Experiment:
             chosen = case.seed % len(drive.frames)
             drive = drive.model_copy(update={"frames": drive.frames[chosen : chosen + row.num_pairs]})
         rng = np.random.default_rng((case.seed, list(ROWS).index(case.row)))
-        observations = mend(row.degrade(read_observations(drive), rng))
-        given = None if row.start is None else Given(off(truth, *row.start, rng), "off")
-        run = Run(drive, seed=0)
+        data = LoadedDrive(drive, mend(row.degrade(read_observations(drive), rng)))
+        initial_pose = None if row.start is None else InitialPose(off(truth, *row.start, rng), "off")
         try:
-            T_init = run.initialize(observations, InitializationConfig(), given)[0].T_camera_lidar
+            initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
         except SemcalError as failure:
             return [_failed(case, estimator, failure) for estimator in self.estimators]
-        initial = compare_poses(T_init, truth)
-        results = []
-        for estimator in self.estimators:
-            begun, start = copy.deepcopy(run), perf_counter()
-            try:
-                T = begun.refine(
-                    observations, T_init, RefinementConfig(estimator, edge_band_px=self.edge_band_px)
-                )
-                status = begun.result(observations, T, Path()).status
-            except SemcalError as failure:
-                results.append(_failed(case, estimator, failure))
-                continue
-            error = compare_poses(T, truth)
-            results.append(
-                Result(
-                    row=case.row,
-                    seed=case.seed,
-                    estimator=estimator,
-                    rotation_deg=error.rotation_deg,
-                    camera_center_cm=error.camera_center_cm,
-                    is_right=error.rotation_deg <= row.right[0] and error.camera_center_cm <= row.right[1],
-                    status=status,
-                    initial_deg=initial.rotation_deg,
-                    initial_cm=initial.camera_center_cm,
-                    refine_s=perf_counter() - start,
-                )
-            )
-        return results
+        return [self._refine(case, estimator, data, initial, truth) for estimator in self.estimators]
+
+    def _refine(
+        self, case: Case, estimator: Estimator, data: LoadedDrive, initial: StageResult, truth: Pose
+    ) -> Result:
+        """Refine with one estimator, and compare with the truth."""
+        row, start = ROWS[case.row], perf_counter()
+        config = RefinementConfig(estimator, edge_band_px=self.edge_band_px)
+        try:
+            stages = assess(data, refine_and_polish(data, initial, config), config)
+            calibration = make_calibration(data, stages, CalibrationConfig(refinement=config))
+        except SemcalError as failure:
+            return _failed(case, estimator, failure)
+        error = compare_poses(calibration.pose, truth)
+        started = compare_poses(initial.T_camera_lidar, truth)
+        return Result(
+            row=case.row,
+            seed=case.seed,
+            estimator=estimator,
+            rotation_deg=error.rotation_deg,
+            camera_center_cm=error.camera_center_cm,
+            is_right=error.rotation_deg <= row.right[0] and error.camera_center_cm <= row.right[1],
+            status=calibration.status,
+            initial_deg=started.rotation_deg,
+            initial_cm=started.camera_center_cm,
+            refine_s=perf_counter() - start,
+        )
 
 
 def _failed(case: Case, estimator: Estimator, failure: SemcalError) -> Result:

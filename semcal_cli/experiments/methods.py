@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from semcal_cli import _core
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import Estimator, InitializationConfig, SoicConfig
+from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig, SoicConfig
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import initialize, refine_and_polish
+from semcal_cli.result.stage import StageResult
 
 
 @dataclass(frozen=True)
@@ -21,26 +25,26 @@ class Scene:
     labels: Observations
     intensity: Observations
     is_initialized: bool = False
-    """The start is where an initial calibration ended; otherwise coarse levels are climbed first."""
+    """The start is where an initial calibration ended; otherwise coarse levels are ascended first."""
 
-    def climb(self, observations: Observations, T_init: Pose, estimator: Estimator) -> Pose:
-        """Climb mutual information as `calibrate` does, `calibrate --init` if the start is any pose."""
-        run = Run(self.drive, seed=0)
+    def ascend(self, observations: Observations, T_init: Pose, estimator: Estimator) -> Pose:
+        """Ascend mutual information as `calibrate` does, `calibrate --init` if the start is any pose."""
+        data = LoadedDrive(self.drive, observations)
+        start = StageResult(T_camera_lidar=T_init, agreement=_core.agreement(observations.core, T_init))
         if not self.is_initialized:
-            given = Given(T_init, "start")
-            T_init = run.initialize(observations, InitializationConfig(), given)[0].T_camera_lidar
-        return run.refine(observations, T_init, RefinementConfig(estimator, is_assessed=False))
+            start = initialize(data, InitializationConfig(), initial_pose=InitialPose(T_init, "start"))
+        return refine_and_polish(data, start, RefinementConfig(estimator)).T_camera_lidar
 
 
 Method = Callable[[Scene, Pose], Pose]
 """From a start T_camera_lidar (4, 4) to a better one; raises a `SemcalError` where it finds none."""
 
 METHODS: dict[str, Method] = {
-    "semcal": lambda scene, T_init: scene.climb(scene.labels, T_init, "exact"),
+    "semcal": lambda scene, T_init: scene.ascend(scene.labels, T_init, "exact"),
     "SOIC": lambda scene, T_init: Soic(scene.labels, SoicConfig()).minimize(T_init).T_camera_lidar,
-    "PMI": lambda scene, T_init: scene.climb(scene.intensity, T_init, "exact"),
-    "semcal, MINE": lambda scene, T_init: scene.climb(scene.labels, T_init, "mine"),
-    "PMI, MINE": lambda scene, T_init: scene.climb(scene.intensity, T_init, "mine"),
+    "PMI": lambda scene, T_init: scene.ascend(scene.intensity, T_init, "exact"),
+    "semcal, MINE": lambda scene, T_init: scene.ascend(scene.labels, T_init, "mine"),
+    "PMI, MINE": lambda scene, T_init: scene.ascend(scene.intensity, T_init, "mine"),
 }
 """PMI is after Pandey et al.: mutual information of reflectivity and grey values, by its histogram or by MINE."""
 

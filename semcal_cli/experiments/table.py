@@ -17,9 +17,10 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import InitializationConfig, SoicConfig
+from semcal_cli.config import CalibrationConfig, InitializationConfig, SoicConfig
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations, read_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
@@ -27,9 +28,11 @@ from semcal_cli.experiments.runner import machine, write_results
 from semcal_cli.files.images import write_picture
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, mounting_rpy_deg, rotation_vector_deg
-from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
 from semcal_cli.report.overlay import Overlays, add_caption, draw_legend
-from semcal_cli.result.calibration import Status
+from semcal_cli.result.calibration import Calibration, Status
+from semcal_cli.result.stage import StageResult
 
 ORDER = ("SOIC", "PMI", "PMI, MINE", "semcal", "semcal, MINE")
 PICTURES = ("reference", "SOIC", "PMI", "semcal")
@@ -61,37 +64,42 @@ class Comparison:
 
 
 def compare(
-    run: Run, T_reference: Pose, given: Given | None, frame: int, progress: Callable[[str], None]
+    data: LoadedDrive,
+    T_reference: Pose,
+    initial_pose: InitialPose | None,
+    frame: int,
+    progress: Callable[[str], None],
 ) -> Comparison:
     """Calibrate a drive by every method.
 
     Args:
-        run: Of the drive.
+        data: The drive, as `load` gives it.
         T_reference: (4, 4) T_camera_lidar to compare with.
-        given: Where to start; None starts where the initial calibration ends.
-        frame: Of which pictures will be drawn.
+        initial_pose: Where to start; None starts where the initial calibration ends.
+        frame: Frame that images will be drawn of.
         progress: Told what is being done.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or there is no such frame.
         CalibrationError: labels cannot be compared at all.
     """
-    labels = run.load()
-    _check_frame(run.drive, frame)
-    config = InitializationConfig()
+    _check_frame(data.drive, frame)
+    progress(
+        "searching all mounting directions" if initial_pose is None else f"starting at {initial_pose.name}"
+    )
     # Without a given pose, the others start where semcal's initial calibration ends.
-    T_aligned = run.initialize(labels, config, given)[0].T_camera_lidar
-    T_init = T_aligned if given is None else given.T_camera_lidar
+    initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
+    T_init = initial.T_camera_lidar if initial_pose is None else initial_pose.T_camera_lidar
     poses, seconds, failures = {"reference": T_reference, "start": T_init}, {}, {}
     status: Status | None = None
     reasons: tuple[str, ...] = ()
     progress("reading intensities")
     try:
-        intensity = load_cues(run.drive, ("intensity",))
+        intensity = load_cues(data.drive, ("intensity",))
     except SemcalError as failure:
-        intensity = labels
+        intensity = data.observations
         failures = {method: str(failure) for method in BY_INTENSITY}
-    scene = Scene(run.drive, labels, intensity, is_initialized=given is None)
+    scene = Scene(data.drive, data.observations, intensity, is_initialized=initial_pose is None)
     for method in ORDER:
         if method in failures:
             continue
@@ -99,15 +107,20 @@ def compare(
         start = perf_counter()
         try:
             if method == "semcal":
-                poses[method] = run.refine(labels, T_aligned, RefinementConfig())
-                verdict = run.result(labels, poses[method], Path())
-                status, reasons = verdict.status, verdict.reasons
+                verdict = _calibrate(data, initial)
+                poses[method], status, reasons = verdict.pose, verdict.status, verdict.reasons
             else:
                 poses[method] = METHODS[method](scene, T_init)
         except SemcalError as failure:
             failures[method] = str(failure)
         seconds[method] = perf_counter() - start
-    return Comparison(run.drive, labels, poses, seconds, failures, status, reasons)
+    return Comparison(data.drive, data.observations, poses, seconds, failures, status, reasons)
+
+
+def _calibrate(data: LoadedDrive, initial: StageResult) -> Calibration:
+    config = CalibrationConfig()
+    stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)
+    return make_calibration(data, stages, config)
 
 
 def _check_frame(drive: Drive, frame: int) -> None:

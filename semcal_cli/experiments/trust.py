@@ -12,9 +12,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import InitializationConfig, Limits
+from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations, mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import RIGS
@@ -22,7 +23,8 @@ from semcal_cli.experiments.runner import Pool, machine, write_results
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 from semcal_cli.verification import verify
 
@@ -71,7 +73,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Outcome:
     """What a calibration or a verification said, and what was true."""
 
     kind: str
@@ -181,7 +183,7 @@ class Experiment:
 
     pool: Pool
 
-    def __call__(self, case: Case) -> list[Finding]:
+    def __call__(self, case: Case) -> list[Outcome]:
         """Calibrate or verify, and compare with the truth."""
         rig = list(RIGS)[case.seed % len(RIGS)]
         rng = np.random.default_rng((case.seed, case.num_pairs, case.draw, *case.kind.encode()))
@@ -189,45 +191,47 @@ class Experiment:
         drive, truth = read_drive(path), read_transform(path)
         observations = read_observations(drive)
         chosen = np.sort(rng.choice(observations.num_frames, case.num_pairs, replace=False)).tolist()
-        observations = with_wrong_labels(observations.of_frames(chosen), case.noise, rng)
+        data = LoadedDrive(drive, observations).of_frames(chosen)
+        observations = with_wrong_labels(data.observations, case.noise, rng)
         if (degrade := BAD.get(case.kind)) is not None:
             scene = Scene(truth, lambda: with_wrong_labels(self._other(case.seed, rig), case.noise, rng))
             observations = degrade(observations, scene, rng)
-        observations = mend(observations)
+        data = replace(data, observations=mend(observations))
 
-        def attempt(kind: str, work: Callable[[Finding, Run], Finding]) -> Finding:
-            found = Finding(kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
+        def attempt(kind: str, work: Callable[[Outcome], Outcome]) -> Outcome:
+            outcome = Outcome(kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
             try:
-                return work(found, Run(drive, seed=0))
+                return work(outcome)
             except SemcalError as failure:
-                return replace(found, reasons=str(failure))
+                return replace(outcome, reasons=str(failure))
 
         if case.kind == "verify":
             return [
-                attempt(kind, lambda found, run: _verify(found, run, observations, truth, rng))
+                attempt(kind, lambda outcome: _verify(outcome, data, truth, rng))
                 for kind in (AS_IT_IS, TURNED, MOVED[(case.seed + case.draw) % len(MOVED)])
             ]
-        return [attempt(case.kind, lambda found, run: _calibrate(found, run, observations, truth))]
+        return [attempt(case.kind, lambda outcome: _calibrate(outcome, data, truth))]
 
     def _other(self, seed: int, rig: str) -> Observations:
         return read_observations(read_drive(self.pool.drive(rig, RIGS[rig], seed + OTHER_DRIVE)))
 
 
-def _calibrate(found: Finding, run: Run, observations: Observations, truth: Pose) -> Finding:
-    T_init = run.initialize(observations, InitializationConfig())[0].T_camera_lidar
-    T = run.refine(observations, T_init, RefinementConfig("mine" if found.kind == "mine" else "exact"))
-    calibration = run.result(observations, T, Path())
-    error = compare_poses(T, truth)
-    found = replace(
-        found,
+def _calibrate(outcome: Outcome, data: LoadedDrive, truth: Pose) -> Outcome:
+    config = CalibrationConfig(refinement=RefinementConfig("mine" if outcome.kind == "mine" else "exact"))
+    initial = initialize(data, config.initialization)
+    stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)
+    calibration = make_calibration(data, stages, config)
+    error = compare_poses(calibration.pose, truth)
+    outcome = replace(
+        outcome,
         status=calibration.status,
         reasons="; ".join(calibration.reasons),
         errors=(*error.camera_center_xyz_cm, *error.rotation_xyz_deg),
     )
     if (uncertainty := calibration.uncertainty) is None:
-        return found
+        return outcome
     return replace(
-        found,
+        outcome,
         sigmas=(*(100.0 * x for x in uncertainty.sigma_camera_center_m), *uncertainty.sigma_rotation_deg),
         half_widths=(
             *(100.0 * x for x in uncertainty.half_width_95_camera_center_m),
@@ -236,12 +240,10 @@ def _calibrate(found: Finding, run: Run, observations: Observations, truth: Pose
     )
 
 
-def _verify(
-    found: Finding, run: Run, observations: Observations, truth: Pose, rng: np.random.Generator
-) -> Finding:
-    given = Given(_off(truth, found.kind, rng), "the transform")
-    verification = verify(run, given, LIMITS, observations)
-    return replace(found, status=verification.verdict, reasons="; ".join(verification.reasons))
+def _verify(outcome: Outcome, data: LoadedDrive, truth: Pose, rng: np.random.Generator) -> Outcome:
+    initial_pose = InitialPose(_off(truth, outcome.kind, rng), "the transform")
+    verification = verify(data, initial_pose, LIMITS)
+    return replace(outcome, status=verification.verdict, reasons="; ".join(verification.reasons))
 
 
 def _off(truth: Pose, kind: str, rng: np.random.Generator) -> Pose:
@@ -280,7 +282,7 @@ class Rate:
         return max(middle - half, 0.0), min(middle + half, 1.0)
 
 
-def rates(findings: Sequence[Finding]) -> list[Rate]:
+def rates(findings: Sequence[Outcome]) -> list[Rate]:
     """All that is promised."""
     good = [f for f in findings if f.kind == "good"]
     calibrated = [f for f in findings if f.kind not in OFFSETS]
@@ -324,19 +326,19 @@ def rates(findings: Sequence[Finding]) -> list[Rate]:
     return found
 
 
-def _rate(name: str, findings: Iterable[Finding], is_so: Callable[[Finding], bool]) -> Rate:
+def _rate(name: str, findings: Iterable[Outcome], is_so: Callable[[Outcome], bool]) -> Rate:
     listed = list(findings)
     return Rate(name, sum(map(is_so, listed)), len(listed))
 
 
-def _coverage(name: str, findings: Iterable[Finding]) -> Rate:
+def _coverage(name: str, findings: Iterable[Outcome]) -> Rate:
     """Axes whose truth lies within the stated interval."""
     stated = [f for f in findings if f.half_widths]
     inside = [abs(error) <= half for f in stated for error, half in zip(f.errors, f.half_widths, strict=True)]
     return Rate(name, sum(inside), len(inside))
 
 
-def sharpness(findings: Sequence[Finding]) -> float:
+def sharpness(findings: Sequence[Outcome]) -> float:
     """Median stated standard error over the true root mean square error, of trusted calibrations; the worst axis."""
     trusted = [f for f in findings if f.kind == "good" and f.status == "trusted"]
     if not trusted:
@@ -346,7 +348,7 @@ def sharpness(findings: Sequence[Finding]) -> float:
     return float(ratios.max())
 
 
-def markdown(findings: Sequence[Finding]) -> str:
+def markdown(findings: Sequence[Outcome]) -> str:
     """Give the table."""
     lines = ["| | count | of | rate | 95 % interval |", "|---|---|---|---|---|"]
     for rate in rates(findings):
@@ -357,7 +359,7 @@ def markdown(findings: Sequence[Finding]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def write_trust(findings: Sequence[Finding], num_jobs: int, folder: Path) -> str:
+def write_trust(findings: Sequence[Outcome], num_jobs: int, folder: Path) -> str:
     """Write CSV, JSON, table and plot into a folder; give the table."""
     table = markdown(findings)
     document = {
@@ -370,7 +372,7 @@ def write_trust(findings: Sequence[Finding], num_jobs: int, folder: Path) -> str
     return table
 
 
-def _plot(findings: Sequence[Finding]) -> Figure:
+def _plot(findings: Sequence[Outcome]) -> Figure:
     """Errors in units of their half interval, by number of pairs: 95 % ought to lie within one."""
     from matplotlib.figure import Figure
 

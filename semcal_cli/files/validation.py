@@ -103,6 +103,12 @@ Vector6: TypeAlias = Annotated[tuple[float, ...], length(6, 6)]
 Matrix3: TypeAlias = Annotated[tuple[Vector3, ...], length(3, 3)]
 Transform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
 
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Count = Annotated[int, Field(ge=0)]
+Width: TypeAlias = Annotated[float, Field(ge=0.0, le=1e100)]
+"""How far something is off: never less than 0, and no number that overflows in other units."""
+Widths: TypeAlias = Annotated[tuple[Width, ...], length(3, 3)]
+
 _NEEDED = {
     "missing": "a value",
     "bool_type": "true or false",

@@ -13,10 +13,11 @@ from pydantic import model_validator
 
 from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.validation import StrictModel, Transform, Vector3, Vector4, Version, validate
+from semcal_cli.files.validation import StrictModel, Transform, Vector3, Vector4, Version, Widths, validate
 from semcal_cli.formats.format import Asked, Format, Source, document_writer
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.calibration import Calibration, UncertaintyRecord, Widths, check_forms
+from semcal_cli.result.calibration import Calibration, check_forms
+from semcal_cli.result.uncertainty import Uncertainty
 
 CALIBRATION, DRIVE, TRANSFORM = "semcal_calibration", "semcal_drive", "semcal_transform"
 FLEET = "semcal_fleet"
@@ -77,7 +78,7 @@ def read_half_widths(path: Path) -> tuple[float, ...] | None:
         InputError: it is a result of semcal's, and wrong.
     """
     source = Source.read(drive_file(path))
-    known: UncertaintyRecord | _Widths | None = None
+    known: Uncertainty | _Widths | None = None
     if FLEET in source.mapping:
         known = _Fleet.read(source).uncertainty
     elif (record := read_record(path)) is not None:

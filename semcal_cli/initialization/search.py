@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
-from typing import TypeAlias
+from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -16,40 +16,21 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_error_deg
 from semcal_cli.initialization.pnp import solve_pnp
+from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.stage import Finding, StageResult
 
 Grid: TypeAlias = tuple[int, int, float, float]
 """Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
 
 
+MIN_RUNNER_UP_MARGIN = 2.0
+"""An answer is trusted only if other mounting directions are this many standard errors of mutual information behind."""
+
 MAX_SHARE_OUTSIDE = 0.2
 """A `lidar:` block whose field of view leaves out more of the points than this is not that of the sensor."""
 
 MIN_POINTS_OF_MOST = 0.02
-"""While hypotheses climb, those with a smaller share of the points of the one that has most are dropped."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A pose that the camera may have."""
-
-    T_camera_lidar: Pose
-    mutual_information_nats: float
-    """Of the projected points in full resolution, all frames, plug-in estimate."""
-    bias_nats: float
-    """Miller and Madow's estimate of how far it is too high."""
-    sigma_nats: float
-    """Standard error of the same, over parts of the pictures."""
-    overlap: float
-    """Share of the picture's area that visible points cover."""
-    num_pairs: int | None
-    """Labelled returns, of those that the registration looked at, that it put on labelled pixels; None without one."""
-    num_inliers: int | None
-    """Pairs that PnP agreed on; None without it."""
-
-    @property
-    def corrected_nats(self) -> float:
-        """Mutual information less its bias, by which hypotheses are ranked."""
-        return self.mutual_information_nats - self.bias_nats
+"""While hypotheses ascend, those with a smaller share of the points of the one that has most are dropped."""
 
 
 @dataclass(frozen=True)
@@ -61,26 +42,39 @@ class _Candidate:
     num_inliers: int | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Initialization(StageResult):
+    """What the search arrived at. Its pose is that of the first hypothesis."""
+
+    hypotheses: tuple[Hypothesis, ...]
+    """Poses that the camera may have, best first."""
+    runner_up_margin: float | None
+    """Standard errors by which the runner-up is behind; None where no other mounting was compared."""
+
+
 def initialize(
-    observations: Observations, config: InitializationConfig, seed: int, T_given: Pose | None = None
-) -> list[Hypothesis]:
-    """Search all mounting directions, or those around a given one.
+    observations: Observations,
+    config: InitializationConfig,
+    seed: int,
+    T_given: Pose | None = None,
+    is_possible: Callable[[Pose], bool] = lambda T_camera_lidar: True,
+) -> Initialization:
+    """Search all mounting directions, or those around a given one (Alg. 2).
 
     Registers the label images with the spherical images and solves PnP for each of the best placements. The
-    registration turns the picture and moves it nowhere, so the poses climb the mutual information over SE(3) on coarse
+    registration turns the picture and moves it nowhere, so the poses ascend the mutual information over SE(3) on coarse
     label images until they have found their translation, too. Then the exact mutual information in full resolution
     ranks them, so that a wrong peak among coarse cells is caught.
 
     Args:
         observations: Labelled points and label images.
         config: How to search.
-        seed: Of every random choice.
-        T_given: A pose that is known about: the search is narrowed to rotations within `config.search_deg` of it and
-            the spherical images are taken from its camera centre; without `config.search_deg` there is no search, and
-            only this pose climbs.
-
-    Returns:
-        Hypotheses, best first.
+        seed: Seed of every random choice.
+        T_given: (4, 4) T_camera_lidar that is known about: the search is narrowed to rotations within
+            `config.search_deg` of it and the spherical images are taken from its camera centre. Without
+            `config.search_deg` there is no search, and only this pose ascends.
+        is_possible: Whether what else is known allows a pose. Hypotheses that it does not allow are left out, unless it
+            allows none.
 
     Raises:
         CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
@@ -93,31 +87,74 @@ def initialize(
     else:
         assert T_given is not None
         candidates = _align_given(observations, _Candidate(T_given), config, seed)
-    hypotheses = [_assess(observations, candidate) for candidate in candidates]
-    hypotheses = [h for h in hypotheses if h.overlap >= config.min_overlap] or hypotheses
-    ranked = sorted(hypotheses, key=lambda hypothesis: -hypothesis.corrected_nats)
-    return ranked if is_searched else ranked[:1]
+    ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
+    possible = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)]
+    is_ruled_out = 0 < len(possible) < len(ranked)
+    kept = possible or ranked
+    hypotheses = tuple(_hypothesis(scored, kept[0]) for scored in kept)
+    other = runner_up(hypotheses, config.runner_up_deg)
+    findings: tuple[Finding, ...] = ()
+    if other is not None:
+        findings = _compare(hypotheses[0], other)
+    elif T_given is None and not is_ruled_out:
+        nothing = "no other mounting was left to compare with: nothing tells that this one is right"
+        findings = (Finding(nothing),)
+    return Initialization(
+        T_camera_lidar=kept[0].candidate.T_camera_lidar,
+        agreement=kept[0].agreement,
+        findings=findings,
+        settings={"initialization": asdict(config)},
+        hypotheses=hypotheses,
+        runner_up_margin=None if other is None else hypotheses[0].margin(other),
+    )
 
 
-def runner_up(hypotheses: Sequence[Hypothesis], config: InitializationConfig) -> Hypothesis | None:
-    """Find the best hypothesis that says something else than the first."""
-    best, *others = hypotheses
-    for other in others:
-        if rotation_error_deg(other.T_camera_lidar, best.T_camera_lidar) >= config.runner_up_deg:
-            return other
-    return None
+def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
+    """Find the best hypothesis that is turned by at least an angle from the first, and so says something else."""
+    return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
 
 
-def margin(best: Hypothesis, other: Hypothesis) -> float:
-    """Tell how far a hypothesis is behind the best, in standard errors of the difference of mutual information.
+def _compare(best: Hypothesis, other: Hypothesis) -> tuple[Finding, ...]:
+    """Say whether another mounting is as good."""
+    margin = best.margin(other)
+    if margin >= MIN_RUNNER_UP_MARGIN:
+        return ()
+    sentence = (
+        f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well: "
+        f"{other.corrected_nats:.4f} against {best.corrected_nats:.4f} nats, "
+        f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}; add frames"
+    )
+    return (Finding(sentence),)
 
-    The errors are taken for independent. Where the two share a part of their view they are not, and the margin comes
-    out too small: on the safe side.
-    """
-    difference = best.corrected_nats - other.corrected_nats
-    sigma = math.hypot(best.sigma_nats, other.sigma_nats)
-    # Without any scatter nothing is known of the error: that is no margin.
-    return difference / sigma if sigma > 0.0 else 0.0
+
+class _Scored(NamedTuple):
+    candidate: _Candidate
+    agreement: _core.Agreement
+
+    @property
+    def corrected_nats(self) -> float:
+        return self.agreement.mutual_information - self.agreement.bias
+
+
+def _rank(observations: Observations, candidates: Sequence[_Candidate], min_overlap: float) -> list[_Scored]:
+    """Rank candidates by the exact mutual information in full resolution, less its bias."""
+    scored = [_Scored(each, _core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
+    covering = [each for each in scored if each.agreement.overlap >= min_overlap]
+    return sorted(covering or scored, key=lambda each: -each.corrected_nats)
+
+
+def _hypothesis(scored: _Scored, best: _Scored) -> Hypothesis:
+    candidate, agreement = scored
+    return Hypothesis(
+        T_camera_lidar=candidate.T_camera_lidar.tolist(),
+        mutual_information_nats=agreement.mutual_information,
+        bias_nats=agreement.bias,
+        sigma_nats=agreement.sigma if math.isfinite(agreement.sigma) else None,
+        overlap=agreement.overlap,
+        num_pairs=candidate.num_pairs,
+        num_inliers=candidate.num_inliers,
+        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, best.candidate.T_camera_lidar),
+    )
 
 
 def _candidates(
@@ -152,7 +189,7 @@ def _candidates(
 def _align_given(
     observations: Observations, given: _Candidate, config: InitializationConfig, seed: int
 ) -> list[_Candidate]:
-    """Climb as from afar, as from near by, and not at all: exact mutual information tells which was right.
+    """Ascend as from afar, as from near by, and not at all: exact mutual information tells which was right.
 
     Where the two do not meet, at least one has not found the top, and a search around the pose is tried, too.
     """
@@ -160,8 +197,8 @@ def _align_given(
     for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
         levels = replace(config.alignment, blocks_across=blocks_across, num_kept=(1,) * len(blocks_across))
         found += _align(observations, [given], replace(config, alignment=levels), seed)
-    _, *climbed = found
-    if _angle_deg(climbed[0], climbed[-1]) > config.meeting_deg:
+    _, *ascended = found
+    if _angle_deg(ascended[0], ascended[-1]) > config.meeting_deg:
         around = given.T_camera_lidar, math.radians(config.around_given_deg)
         with suppress(CalibrationError):
             found += _align(observations, _candidates(observations, config, seed, around), config, seed)
@@ -171,7 +208,7 @@ def _align_given(
 def _align(
     observations: Observations, candidates: Sequence[_Candidate], config: InitializationConfig, seed: int
 ) -> list[_Candidate]:
-    """Climb over SE(3), level by level, and drop after each what is not among the best.
+    """Ascend over SE(3), level by level, and drop after each what is not among the best.
 
     The first level is a fine one: where sweep and picture overlap in a narrow band, coarse blocks would lose the truth
     among the others. The coarse one after it gets poses off a ledge.
@@ -224,19 +261,6 @@ def _best_apart(
 
 def _angle_deg(a: _Candidate, b: _Candidate) -> float:
     return rotation_error_deg(a.T_camera_lidar, b.T_camera_lidar)
-
-
-def _assess(observations: Observations, candidate: _Candidate) -> Hypothesis:
-    agreement = _core.agreement(observations.core, candidate.T_camera_lidar)
-    return Hypothesis(
-        T_camera_lidar=candidate.T_camera_lidar,
-        mutual_information_nats=agreement.mutual_information,
-        bias_nats=agreement.bias,
-        sigma_nats=agreement.sigma,
-        overlap=agreement.overlap,
-        num_pairs=candidate.num_pairs,
-        num_inliers=candidate.num_inliers,
-    )
 
 
 def _grid(observations: Observations) -> Grid:

@@ -7,7 +7,7 @@ pointwise mutual information, paired over parts of the pictures. A polish that h
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -17,25 +17,27 @@ from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import HeldOut
+from semcal_cli.result.stage import Finding, StageResult
 
 HELD_OUT = 3
-"""One of so many frames, or regions of the pictures, is held out."""
+"""One of this many frames, or regions of the pictures, is held out."""
 
 
-@dataclass(frozen=True)
-class Polish:
-    """What the finish arrived at."""
+@dataclass(frozen=True, kw_only=True)
+class Polish(StageResult):
+    """What the finish arrived at. Its pose is the one before if the polish was rejected."""
 
-    T_camera_lidar: Pose
-    """The pose before, if the polish was rejected."""
-    is_accepted: bool
+    held_out: HeldOut
+    """What held-out data said of it."""
     is_settled: bool
     moved_px: float
     """How far the last round moved the points, root mean square."""
-    gain_nats: float
-    """How much better held-out data agree after the polish than before ..."""
-    sigma_nats: float
-    """... and the standard error of that."""
+
+    @property
+    def is_accepted(self) -> bool:
+        """Whether held-out data did not get worse."""
+        return self.held_out.accepted
 
 
 def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfig) -> Polish:
@@ -44,17 +46,45 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     Args:
         observations: Labelled points and label images of all frames.
         T_camera_lidar: (4, 4) to start at.
-        config: How.
+        config: How Newton's method goes, and when its result is rejected.
     """
     kept, held_out = split(observations, config)
-    T_kept, moved_px, inverse_curvature = climb(kept, T_camera_lidar, config)
+    T_kept, moved_px, inverse_curvature = newton(kept, T_camera_lidar, config)
     gain, sigma = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, T_kept)
     # Without a standard error, nothing speaks for it.
     is_accepted = math.isfinite(sigma) and gain >= -config.max_loss * sigma
     T_polished = T_camera_lidar
     if is_accepted:
-        T_polished, moved_px, _ = climb(observations, T_kept, config, inverse_curvature)
-    return Polish(T_polished, is_accepted, moved_px <= config.settled_px, moved_px, gain, sigma)
+        T_polished, moved_px, _ = newton(observations, T_kept, config, inverse_curvature)
+    check = HeldOut(
+        accepted=is_accepted,
+        held_out_gain_nats=gain,
+        held_out_sigma_nats=sigma if math.isfinite(sigma) else None,
+    )
+    is_settled = moved_px <= config.settled_px
+    return Polish(
+        T_camera_lidar=T_polished,
+        agreement=_core.agreement(observations.core, T_polished),
+        findings=_rejected(check) if not is_accepted else () if is_settled else _unsettled(moved_px),
+        settings={"polish": asdict(config)},
+        held_out=check,
+        is_settled=is_settled,
+        moved_px=moved_px,
+    )
+
+
+def _rejected(check: HeldOut) -> tuple[Finding, ...]:
+    if check.held_out_sigma_nats is None:
+        return (Finding("the polish was rejected: held-out data say nothing of it"),)
+    by = f"{-check.held_out_gain_nats:.4f} +- {check.held_out_sigma_nats:.4f} nats"
+    return (Finding(f"the polish was rejected: held-out data agree less after it, by {by}"),)
+
+
+def _unsettled(moved_px: float) -> tuple[Finding, ...]:
+    if not math.isfinite(moved_px):
+        return (Finding("the polish found no direction in which the pose changes the labels' agreement"),)
+    sentence = f"the polish had not settled: its last round still moved points by {moved_px:.2f} pixels"
+    return (Finding(sentence),)
 
 
 def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:
@@ -71,19 +101,19 @@ def split(observations: Observations, config: PolishConfig) -> tuple[Observation
     return _masked(observations, region), _masked(observations, ~region)
 
 
-def climb(
+def newton(
     observations: Observations,
     T_camera_lidar: Pose,
     config: PolishConfig,
     inverse_curvature: npt.NDArray[np.float64] | None = None,
 ) -> tuple[Pose, float, npt.NDArray[np.float64] | None]:
-    """Climb to the top from a pose that is about a pixel off, without held-out data.
+    """Find the top from a pose that is about a pixel off by Newton's method, without held-out data.
 
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) to start at.
         config: How.
-        inverse_curvature: (6, 6) of a climb near by, which saves time.
+        inverse_curvature: (6, 6) of a run near by, which saves time.
 
     Returns:
         T_camera_lidar, how far the last round moved the points, pixels, and the inverse curvature, if there is one.

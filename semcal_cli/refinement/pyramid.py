@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Protocol
 
 from semcal_cli import _core
@@ -29,6 +29,7 @@ from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.stage import Finding, StageResult
 
 
 @dataclass(frozen=True)
@@ -52,11 +53,10 @@ class Climb(Protocol):
         """Climb on blocks of `factor` pixels from a pose; `visible_only` drops hidden points."""
 
 
-@dataclass(frozen=True)
-class Refinement:
-    """The refined pose and the way to it."""
+@dataclass(frozen=True, kw_only=True)
+class Refinement(StageResult):
+    """The refined pose and the way to it. It finds against itself if the pose has not settled."""
 
-    T_camera_lidar: Pose
     levels: tuple[Level, ...]
     converged: bool
 
@@ -123,7 +123,22 @@ def refine(
         levels.append(level)
         pose = hold(level.T_camera_lidar)
         on_level(level, len(factors))
-    return Refinement(pose, tuple(levels), levels[-1].drift <= config.max_final_drift)
+    converged = levels[-1].drift <= config.max_final_drift
+    return Refinement(
+        T_camera_lidar=pose,
+        agreement=_core.agreement(observations.core, pose),
+        findings=() if converged else (_not_settled(levels[-1]),),
+        settings={"pyramid": asdict(config)},
+        levels=tuple(levels),
+        converged=converged,
+    )
+
+
+def _not_settled(finest: Level) -> Finding:
+    return Finding(
+        f"the refinement had not settled: the pose still moved points by {finest.drift:.1f} pixels over the last "
+        f"quarters of the finest level"
+    )
 
 
 def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli import _core
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.calibration import UncertaintyRecord
+from semcal_cli.result.uncertainty import Uncertainty
 
 SPAN_M, SPAN_DEG = 0.1, 0.5
 """Curves reach so far to either side ..."""
@@ -56,7 +56,7 @@ class Curve:
 
 
 def information_curves(
-    observations: Observations, T_camera_lidar: Pose, uncertainty: UncertaintyRecord | None
+    observations: Observations, T_camera_lidar: Pose, uncertainty: Uncertainty | None
 ) -> list[Curve]:
     """Follow the mutual information along the six axes.
 

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
+from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.subject import Subject
-from semcal_cli.result.calibration import Calibration, UncertaintyRecord
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.uncertainty import Uncertainty
 
 DEPTHS_M = 10.0, 50.0
 """How far away points are whose place in the picture is told."""
@@ -120,7 +121,7 @@ def _why_unknown(record: Calibration) -> str:
     return f"held-out data agree less after the polish{by}, so that the pose before it was kept"
 
 
-def _in_the_picture(found: UncertaintyRecord, camera: Camera) -> str:
+def _in_the_picture(found: Uncertainty, camera: Camera) -> str:
     """Where points straight ahead land: the longest half axis of the 95 % ellipse, first order in the twist."""
     covariance = np.array(found.covariance)
     half_widths = np.array(

@@ -12,28 +12,28 @@ from semcal_cli.drive.document import Camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.documents import Format, document_text, output_format, read_document, write_text
 from semcal_cli.files.validation import (
+    Count,
     FileName,
+    Share,
     StrictModel,
     Transform,
     Vector3,
     Vector4,
-    Vector6,
     Version,
+    Width,
+    Widths,
     length,
     mismatch,
     validate,
 )
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, quaternion_xyzw
+from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.uncertainty import Uncertainty
 
 AGREEMENT_TOLERANCE = 1e-6
 """Largest difference, metres or matrix entries, between the forms in which a file states one pose."""
 
 Status: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Count = Annotated[int, Field(ge=0)]
-Width: TypeAlias = Annotated[float, Field(ge=0.0, le=1e100)]
-"""How far something is off: never less than 0, and no number that overflows in other units."""
-Widths: TypeAlias = Annotated[tuple[Width, ...], length(3, 3)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -66,7 +66,7 @@ class Stage(StrictModel):
     """Mutual information there."""
 
 
-class PolishRecord(StrictModel):
+class HeldOut(StrictModel):
     """What held-out data said of the polish."""
 
     accepted: bool
@@ -75,38 +75,6 @@ class PolishRecord(StrictModel):
     """How much better they agree after it than before."""
     held_out_sigma_nats: Annotated[float, Field(ge=0.0)] | None
     """Standard error of that; null if all points lie in one part of the pictures."""
-
-
-class LabelBleed(StrictModel):
-    """How far the pose would move if the labels of all pictures bled by a pixel: more frames do not cure that."""
-
-    camera_center_m: Widths
-    """The camera's place, along its axes."""
-    rotation_deg: Widths
-    """Rotation about the camera's axes."""
-
-
-class UncertaintyRecord(StrictModel):
-    """How sure the pose is: of a twist xi = (rho, phi) in the camera frame, exp(xi) T_camera_lidar."""
-
-    covariance: Annotated[tuple[Vector6, ...], length(6, 6)]
-    """Of xi, metres and radians."""
-    degrees_of_freedom: Annotated[tuple[Width, ...], length(6, 6)]
-    """Of Student's t, for each of xi: how many independent parts of the pictures tell of it."""
-    sigma_camera_center_m: Widths
-    """Standard errors of the camera's place, along its axes."""
-    sigma_translation_m: Widths
-    """Of translation_m, which a rotation about the camera changes, too."""
-    sigma_rotation_deg: Widths
-    """Of the rotation, about the camera's axes."""
-    half_width_95_camera_center_m: Widths
-    """95 % intervals are as wide to either side, by Student's t."""
-    half_width_95_rotation_deg: Widths
-    """Likewise of the rotation."""
-    weak_directions: Annotated[tuple[str, ...], length(0)] = ()
-    """What the data hardly determine, in words."""
-    label_bleed: LabelBleed | None = None
-    """Null where it cannot be told."""
 
 
 class Repeatability(StrictModel):
@@ -124,27 +92,6 @@ class Repeatability(StrictModel):
     """Largest distance from this calibration."""
     farthest_rotation_deg: Width
     """Largest angle."""
-
-
-class HypothesisRecord(StrictModel):
-    """A pose that the initial calibration arrived at."""
-
-    T_camera_lidar: Transform
-    """p_camera = T_camera_lidar * p_lidar."""
-    mutual_information_nats: float
-    """Mutual information there, in full resolution."""
-    bias_nats: float
-    """How far it is too high, by Miller and Madow's estimate; hypotheses are ranked by what is left."""
-    sigma_nats: Width | None
-    """Its standard error, over parts of the pictures; null if all points lie in one part."""
-    overlap: Share
-    """Share of the picture's area that visible points cover."""
-    num_pairs: Count | None
-    """Labelled returns, of those that the registration looked at, that it put on labelled pixels; null without one."""
-    num_inliers: Count | None
-    """Pairs of a point and a pixel that PnP agreed on; null without it."""
-    rotation_from_best_deg: Annotated[float, Field(ge=0.0)]
-    """Rotation between this hypothesis and the first."""
 
 
 class InputFrame(StrictModel):
@@ -205,7 +152,7 @@ class Calibration(StrictModel):
     """Translation of T_camera_lidar."""
     quaternion_xyzw: Vector4
     """Rotation of T_camera_lidar."""
-    uncertainty: UncertaintyRecord | None = None
+    uncertainty: Uncertainty | None = None
     """Null if the pose was not polished, or the labels do not determine it."""
     repeatability: Repeatability | None = None
     """Null unless other seeds were asked for."""
@@ -213,9 +160,9 @@ class Calibration(StrictModel):
     """How well the labels agree."""
     stages: dict[str, Stage]
     """Stages by name, in order."""
-    polish: PolishRecord | None = None
+    polish: HeldOut | None = None
     """Null if there was none."""
-    hypotheses: Annotated[tuple[HypothesisRecord, ...], length(0)] = ()
+    hypotheses: Annotated[tuple[Hypothesis, ...], length(0)] = ()
     """Of the initial calibration, best first; the first is that of its stage."""
     input: Input
     """What was read."""
@@ -241,10 +188,10 @@ class Calibration(StrictModel):
         reasons: tuple[str, ...],
         quality: Quality,
         stages: Mapping[str, Stage],
-        uncertainty: UncertaintyRecord | None,
+        uncertainty: Uncertainty | None,
         repeatability: Repeatability | None,
-        polish: PolishRecord | None,
-        hypotheses: tuple[HypothesisRecord, ...],
+        polish: HeldOut | None,
+        hypotheses: tuple[Hypothesis, ...],
         input: Input,
         settings: Settings,
     ) -> "Calibration":

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.assessment.uncertainty import Uncertainty
 from semcal_cli.drive.document import Drive
 from semcal_cli.geometry.poses import inverse, quaternion_xyzw
 from semcal_cli.result.calibration import Calibration, Status
 from semcal_cli.result.provenance import versions
+from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.rig.document import Rig
 from semcal_cli.rig.pairs import Pair, Reference, make_pair
 
@@ -133,16 +133,7 @@ def _describe_pair(pair: Pair) -> dict[str, Any]:
 
 def _describe_uncertainty(found: Uncertainty) -> dict[str, Any]:
     """As of a calibration: the camera's place is that of a in the frame of b."""
-    half_widths = found.half_widths.tolist()
-    return {
-        "covariance": found.covariance.tolist(),
-        "degrees_of_freedom": found.degrees_of_freedom.tolist(),
-        "sigma_camera_center_m": found.sigma_camera_center_m.tolist(),
-        "sigma_translation_m": found.sigma_translation_m.tolist(),
-        "sigma_rotation_deg": found.sigma_rotation_deg.tolist(),
-        "half_width_95_camera_center_m": half_widths[:3],
-        "half_width_95_rotation_deg": half_widths[3:],
-    }
+    return found.model_dump(exclude={"weak_directions", "label_bleed"})
 
 
 def _describe_reference(pair: Pair) -> dict[str, Any] | None:

@@ -19,10 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.assessment.limits import joint_quantile
-from semcal_cli.assessment.uncertainty import Uncertainty
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
 from semcal_cli.geometry.poses import Pose, cross_matrix, inverse
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.uncertainty import Uncertainty
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ class Pair:
         # rho moves the camera's centre the other way.
         off = np.array([-0.01 * x for x in self.error.camera_center_xyz_cm] + [*self.error.rotation_xyz_deg])
         off[3:] = np.radians(off[3:])
-        squared = float(off @ np.linalg.solve(self.uncertainty.covariance, off))
-        return squared <= joint_quantile(0.05, float(self.uncertainty.degrees_of_freedom.min()))
+        squared = float(off @ np.linalg.solve(np.array(self.uncertainty.covariance), off))
+        return squared <= joint_quantile(0.05, min(self.uncertainty.degrees_of_freedom))
 
 
 def make_pair(
@@ -79,7 +79,8 @@ def make_pair(
         parts = np.hstack([np.diag(np.diag(covariance_a)), Ad**2 * np.diag(covariance_b)])
         known = np.array([*of_a.uncertainty.degrees_of_freedom, *of_b.uncertainty.degrees_of_freedom])
         degrees_of_freedom = parts.sum(axis=1) ** 2 / (parts**2 / known).sum(axis=1)
-        uncertainty = Uncertainty(T_a_b, covariance_a + Ad @ covariance_b @ Ad.T, degrees_of_freedom)
+        covariance = covariance_a + Ad @ covariance_b @ Ad.T
+        uncertainty = Uncertainty.from_covariance(T_a_b, covariance, degrees_of_freedom)
     return Pair(a, b, T_a_b, uncertainty, reference)
 
 

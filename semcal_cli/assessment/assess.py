@@ -1,0 +1,61 @@
+"""The last stage: how sure a polished pose is, and what speaks against it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from semcal_cli.assessment.consistency import check_consistency
+from semcal_cli.assessment.priors import Fused
+from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
+from semcal_cli.config import PolishConfig
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.stage import Finding
+from semcal_cli.result.uncertainty import Uncertainty
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """What is known of a pose's errors."""
+
+    uncertainty: Uncertainty | None
+    """None if the data do not determine the pose."""
+    findings: tuple[Finding, ...]
+
+
+def assess(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    config: PolishConfig,
+    fused: Fused | None = None,
+    first_cue: Observations | None = None,
+    *,
+    with_label_bleed: bool = True,
+) -> Assessment:
+    """Tell how sure a polished pose is, and what speaks against it.
+
+    Args:
+        observations: What the pose was polished on.
+        T_camera_lidar: (4, 4).
+        config: The settings of the polish.
+        fused: How the pose was put together with what is known, if it was.
+        first_cue: Observations of the first of several cues, on which consistency is checked: pictures of one cue say
+            nothing beside points of another. All observations if not given.
+        with_label_bleed: Whether to tell what labels that bleed would do.
+    """
+    uncertainty = (
+        estimate_uncertainty(observations, T_camera_lidar, edge_band_px=config.edge_band_px)
+        if fused is None
+        else fused.uncertainty
+    )
+    against = check_consistency(first_cue or observations, T_camera_lidar)
+    if uncertainty is None:
+        nothing = "labels do not determine the pose: information does not fall in every direction"
+        together = "labels and what is known do not determine the pose together"
+        return Assessment(None, (Finding(nothing if fused is None else together), *against))
+    against += undetermined(uncertainty)
+    if with_label_bleed:
+        label_gain = None if fused is None else fused.label_gain
+        bleed = label_bleed(observations, T_camera_lidar, config, label_gain)
+        uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
+    return Assessment(uncertainty, against)

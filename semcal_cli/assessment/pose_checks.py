@@ -1,0 +1,67 @@
+"""What speaks against a pose at first sight, however it was found."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from semcal_cli import _core
+from semcal_cli.config import MIN_OVERLAP
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.stage import Finding
+
+MAX_MOTION_PX = 3.0
+"""Half of the points may be displaced this far by a motion that is not compensated."""
+AT_LIMIT = 0.999
+"""A camera that is this near to the limit of its distance is held by it."""
+
+
+def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
+    """Say how far points are off that a motion displaced, if they are too far."""
+    if motion_error_px is None or motion_error_px <= MAX_MOTION_PX:
+        return ()
+    sentence = (
+        f"the LiDAR's motion is not compensated: half of the points are {motion_error_px:.1f} pixels off or more, "
+        f"needed at most {MAX_MOTION_PX:.0f}"
+    )
+    return (Finding(sentence),)
+
+
+def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:
+    """Say whether a camera whose distance nothing limits is farther from the LiDAR than it may be."""
+    distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))
+    if distance_m <= max_baseline_m:
+        return ()
+    sentence = (
+        f"the camera is {distance_m:.3g} m from the LiDAR, --max-baseline-m allows {max_baseline_m:g} m"
+    )
+    return (Finding(sentence),)
+
+
+def check_pose(
+    T_camera_lidar: Pose, agreement: _core.Agreement, max_baseline_m: float = math.inf
+) -> tuple[Finding, ...]:
+    """Say whether a pose lies at a limit, shows too little, or explains no more than chance.
+
+    Args:
+        T_camera_lidar: (4, 4).
+        agreement: How well labels agree there.
+        max_baseline_m: Limit that the refinement kept the camera's distance to.
+    """
+    sentences = []
+    distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))
+    if distance_m >= AT_LIMIT * max_baseline_m:
+        sentences.append(
+            f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m: it may be "
+            f"farther away"
+        )
+    if agreement.overlap < MIN_OVERLAP:
+        sentences.append(
+            f"visible labelled points cover {agreement.overlap:.1%} of the picture, needed are {MIN_OVERLAP:.0%}"
+        )
+    if not agreement.mutual_information > agreement.bias:
+        sentences.append(
+            f"labels share {agreement.mutual_information:.4f} nats, no more than unrelated labels do by chance"
+        )
+    return tuple(map(Finding, sentences))

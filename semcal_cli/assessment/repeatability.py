@@ -1,0 +1,59 @@
+"""Where other seeds lead with the same data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import Repeatability
+from semcal_cli.result.stage import Finding
+from semcal_cli.result.uncertainty import Uncertainty
+
+ROUNDING = 1e-9
+"""Metres or degrees: axes that are fixed have intervals without a width."""
+
+
+def compare_seeds(
+    T_camera_lidar: Pose, others: Sequence[Pose | None], uncertainty: Uncertainty | None
+) -> tuple[Repeatability, tuple[Finding, ...]]:
+    """Compare a pose with those that other seeds lead to.
+
+    Args:
+        T_camera_lidar: (4, 4), the answer.
+        others: (4, 4) of each other seed; None of those that gave no answer.
+        uncertainty: What is stated of the answer; None if nothing is.
+
+    Returns:
+        How far apart they lie, and what of it speaks against the answer.
+    """
+    reached = [T for T in others if T is not None]
+    differences = np.array([np.zeros(6), *(_difference(T, T_camera_lidar) for T in reached)])
+    spread = differences.std(axis=0, ddof=1).tolist() if reached else None
+    found = Repeatability(
+        num_seeds=len(others) + 1,
+        num_failed=len(others) - len(reached),
+        spread_camera_center_m=spread and spread[:3],
+        spread_rotation_deg=spread and spread[3:],
+        farthest_camera_center_m=float(np.linalg.norm(differences[:, :3], axis=1).max()),
+        farthest_rotation_deg=float(np.linalg.norm(differences[:, 3:], axis=1).max()),
+    )
+    sentences = []
+    if found.num_failed:
+        sentences.append(f"{found.num_failed} of {found.num_seeds} seeds gave no answer")
+    if uncertainty is not None:
+        limits = np.array(uncertainty.half_widths) + ROUNDING
+        if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
+            sentences.append(
+                f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "
+                f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
+            )
+    return found, tuple(map(Finding, sentences))
+
+
+def _difference(T: Pose, T_reference: Pose) -> np.ndarray:
+    """Difference (6,): metres of the camera's place along its axes, and degrees about them."""
+    error = compare_poses(T, T_reference)
+    return np.array([*(0.01 * x for x in error.camera_center_xyz_cm), *error.rotation_xyz_deg])

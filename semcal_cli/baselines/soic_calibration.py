@@ -1,0 +1,96 @@
+"""A calibration by SOIC, for comparison. How sure its pose is stays open."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from time import perf_counter
+
+from semcal_cli import _core
+from semcal_cli.assessment.pose_checks import check_distance, check_motion
+from semcal_cli.baselines.soic import Soic
+from semcal_cli.config import CalibrationConfig, SoicConfig
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.events import Listener, Progress, StageDone, ignore
+from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import Stages, make_calibration
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.stage import Finding, StageResult
+
+
+def calibrate_by_soic(
+    drive: Drive,
+    config: CalibrationConfig,
+    *,
+    initial_pose: InitialPose | None = None,
+    relative_to: Path = Path(),
+    on_event: Listener = ignore,
+    sweeps: Sweeps | None = None,
+    hashes: dict[str, str] | None = None,
+) -> Calibration:
+    """Calibrate as SOIC does; arguments and errors are those of `pipeline.calibrate`.
+
+    An initial pose is started at instead of the semantic centroids. These put the camera no farther from the LiDAR than
+    `config.refinement.max_baseline_m`, and a result that is farther away is not trusted.
+    """
+    data = load(drive, config, on_event, sweeps)
+    on_event(Progress("computing distances to classes"))
+    start = perf_counter()
+    soic = Soic(data.observations, SoicConfig())
+    initial = _initialize(data, soic, initial_pose, config.refinement.max_baseline_m, start, on_event)
+    refined = _minimize(data, soic, initial.T_camera_lidar, on_event)
+    findings = (
+        *check_motion(data.observations.motion_error_px),
+        *refined.findings,
+        *check_distance(refined.T_camera_lidar, config.refinement.max_baseline_m),
+    )
+    return make_calibration(
+        data,
+        Stages(initial, refined, findings=findings),
+        config,
+        initial_pose=initial_pose,
+        relative_to=relative_to,
+        hashes=hashes,
+    )
+
+
+def _initialize(
+    data: LoadedDrive,
+    soic: Soic,
+    initial_pose: InitialPose | None,
+    max_baseline_m: float,
+    start: float,
+    on_event: Listener,
+) -> StageResult:
+    if initial_pose is None:
+        on_event(Progress("trying semantic centroids"))
+    T = soic.initialize(max_baseline_m) if initial_pose is None else initial_pose.T_camera_lidar
+    found = StageResult(
+        T_camera_lidar=T,
+        agreement=_core.agreement(data.observations.core, T),
+        settings={"soic": asdict(soic.config)},
+    )
+    origin = "semantic centroids" if initial_pose is None else initial_pose.name
+    note = f"from {origin}, {soic.cost(T):.2f} px"
+    on_event(StageDone("initial", perf_counter() - start, note, found.agreement))
+    return found
+
+
+def _minimize(data: LoadedDrive, soic: Soic, T_init: Pose, on_event: Listener) -> StageResult:
+    start = perf_counter()
+    on_event(Progress("moving points to their classes"))
+    settled = soic.minimize(T_init)
+    T = settled.T_camera_lidar
+    unsettled = Finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
+    found = StageResult(
+        T_camera_lidar=T,
+        agreement=_core.agreement(data.observations.core, T),
+        findings=() if settled.converged else (unsettled,),
+    )
+    note = f"soic, {settled.cost_px:.2f} px after {settled.num_evaluations} evaluations"
+    on_event(StageDone("refined", perf_counter() - start, note, found.agreement, compare_poses(T, T_init)))
+    return found

@@ -1,0 +1,156 @@
+"""Where the results of a command go: checked before the work begins, written after it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import numpy as np
+
+from semcal_cli.cli.tables import labelled, summary_lines
+from semcal_cli.cli.terminal import Terminal, progress_line
+from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import is_folder, output_format, write_text
+from semcal_cli.formats import write_transform
+from semcal_cli.result.calibration import calibration_text, write_calibration
+
+if TYPE_CHECKING:
+    from semcal_cli.drive.document import Drive
+    from semcal_cli.formats.format import Asked
+    from semcal_cli.initialization.initial_pose import InitialPose
+    from semcal_cli.result.calibration import Calibration
+
+EXIT_NOT_TRUSTED = 3
+MAX_IMAGES = 20
+"""Number of frames, evenly spaced, that overlays are drawn of."""
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What a calibration is written to; None of what is not asked for."""
+
+    output: Path | None = None
+    """The result; standard output if None."""
+    log: Path | None = None
+    """Times, host and threads."""
+    to: tuple[str, Asked] | None = None
+    """A format to write the transform in, instead of all that is known."""
+    page: Path | None = None
+    """A report."""
+    images: Path | None = None
+    """A folder of overlays."""
+
+    @property
+    def folder(self) -> Path:
+        """Where the result goes."""
+        return self.output.parent if self.output else Path()
+
+    def check(self, drive: Drive, initial_pose: InitialPose | None = None) -> None:
+        """Check before the work begins that everything can be written, and replaces nothing that is read.
+
+        Raises:
+            InputError: something cannot go where it shall.
+        """
+        read = [drive.path, *map(drive.resolve, drive.files())]
+        if initial_pose is not None and initial_pose.source is not None:
+            read.append(initial_pose.source)
+        if self.page is not None:
+            check_page(self.page)
+        if self.page is not None or self.images is not None:
+            _check_frame_images(drive)
+        if self.images is not None:
+            check_image_folder(self.images, MAX_IMAGES, read)
+        check_outputs(read, [path for path in (self.output, self.log, self.page) if path is not None])
+        if self.to is not None:
+            write_transform(np.eye(4), None, *self.to)
+        elif self.output is not None:
+            output_format(self.output)
+
+    def write(self, calibration: Calibration, terminal: Terminal, num_threads: int | None) -> int:
+        """Write and summarise a calibration, and tell the exit code: 3 if it is not trusted."""
+        if self.log is not None:
+            write_text(json.dumps(terminal.log_document(num_threads), indent=2) + "\n", self.log)
+        if self.to is not None:
+            content = write_transform(calibration.pose, self.output, *self.to)
+            if self.output is None:
+                click.echo(content, nl=False)
+        elif self.output is None:
+            click.echo(calibration_text(calibration, "yaml"), nl=False)
+        else:
+            write_calibration(calibration, self.output)
+        terminal.print(*summary_lines(calibration, str(self.output or "standard output")))
+        return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
+
+    def illustrate(self, drive: Drive, calibration: Calibration, terminal: Terminal) -> None:
+        """Write the report and the overlays of a calibration, where asked, of the frames that it used."""
+        if self.page is None and self.images is None:
+            return
+        from semcal_cli.report import make_subject, write_report
+
+        with progress_line(terminal.console) as progress:
+            progress("reading frames")
+            subject = make_subject(drive, str(self.output or "calibration"), calibration.pose, calibration)
+            if self.page is not None:
+                write_report(subject, self.page, progress)
+                terminal.print(labelled("report", str(self.page)))
+            if self.images is not None:
+                progress("drawing points on pictures")
+                for path in subject.overlays(MAX_IMAGES).write_all(self.images):
+                    terminal.print(labelled("picture", str(path)))
+
+
+def _check_frame_images(drive: Drive) -> None:
+    """Check the images that points will be drawn on, if the drive is no longer than what is shown of it."""
+    from semcal_cli.drive.observations import read_image
+
+    for index in evenly_spaced(range(len(drive.frames)), MAX_IMAGES):
+        read_image(drive, drive.frames[index])
+
+
+def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
+    """Check that results have a folder to go to, and overwrite neither an input nor one another.
+
+    Raises:
+        InputError: they have none, or they do.
+    """
+    taken = set(map(os.path.realpath, read))
+    for path in outputs:
+        if not is_folder(path.absolute().parent):
+            raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
+        if is_folder(path):
+            raise InputError(f"{path}: is a folder, needed a file to write to")
+        if os.path.realpath(path) in taken:
+            raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
+        taken.add(os.path.realpath(path))
+
+
+def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
+    """Check that images would not replace files that are read.
+
+    Raises:
+        InputError: they would.
+    """
+    from semcal_cli.report.overlay import picture_paths
+
+    if folder.exists() and not is_folder(folder):
+        raise InputError(f"{folder}: found a file, needed a folder for pictures")
+    taken = set(map(os.path.realpath, read))
+    for path in picture_paths(folder, count):
+        if os.path.realpath(path) in taken:
+            raise InputError(f"{path}: found a file that this run reads, needed another folder")
+
+
+def check_page(path: Path) -> None:
+    """Check the suffix of a page.
+
+    Raises:
+        InputError: it is none of HTML.
+    """
+    if path.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"{path}: found suffix {path.suffix!r}, needed .html")

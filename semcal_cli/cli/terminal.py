@@ -1,0 +1,79 @@
+"""What a person sees while a command works: a progress line on a terminal, and a line for each stage."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import Progress as ProgressBar
+from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from semcal_cli.events import Event, Progress, StageDone
+
+
+class Terminal:
+    """Shows the events of a calibration on stderr; a context manager that owns the progress line."""
+
+    def __init__(self, *, quiet: bool) -> None:
+        self.console = make_console(quiet)
+        self._stages: list[StageDone] = []
+        self._line = ExitStack()
+        self._show: Callable[[str], None] = lambda doing: None
+
+    def __enter__(self) -> Terminal:
+        self._show = self._line.enter_context(progress_line(self.console))
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self._line.close()
+
+    def on_event(self, event: Event) -> None:
+        """Show an event."""
+        if isinstance(event, Progress):
+            self._show(event.doing)
+            return
+        self._stages.append(event)
+        figures = "" if event.agreement is None else f"MI {event.agreement.mutual_information:.4f} nats   "
+        if event.moved is not None:
+            figures += f"moved {event.moved.rotation_deg:.4f} deg, {event.moved.camera_center_cm:.3f} cm   "
+        self.print(f"{event.name:<8} {event.seconds:6.2f} s   {figures}{event.note}")
+
+    def print(self, *lines: str) -> None:
+        """Print lines as they are."""
+        for line in lines:
+            self.console.print(line, markup=False)
+
+    def log_document(self, num_threads: int | None) -> dict[str, object]:
+        """Give times, host and threads."""
+        stages = [{"name": s.name, "seconds": round(s.seconds, 4), "note": s.note} for s in self._stages]
+        host = {
+            "machine": platform.machine(),
+            "system": platform.platform(),
+            "python": platform.python_version(),
+        }
+        return {"stages": stages, "host": host, "threads": num_threads}
+
+
+@contextmanager
+def progress_line(console: Console) -> Iterator[Callable[[str], None]]:
+    """Show what is being done, and for how long, on a terminal."""
+    if not console.is_terminal:
+        yield lambda doing: None
+        return
+    columns = SpinnerColumn(), TimeElapsedColumn(), TextColumn("{task.description}", markup=False)
+    with ProgressBar(*columns, console=console, transient=True) as progress:
+        task = progress.add_task("")
+        yield lambda doing: progress.update(task, description=doing)
+
+
+def make_console(quiet: bool) -> Console:
+    """A console on stderr that neither wraps nor highlights, so that a pipe gets plain lines."""
+    return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True)

@@ -1,0 +1,89 @@
+"""The first stage: a drive is read, or as many of its frames as are used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+from semcal_cli.config import LABELS, CalibrationConfig, Cue
+from semcal_cli.drive.cues import choose_frames, load_cues
+from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.observations import Observations
+from semcal_cli.events import Listener, Progress, StageDone, ignore
+from semcal_cli.files.point_clouds import Sweeps
+
+
+@dataclass(frozen=True)
+class LoadedDrive:
+    """A drive, or the frames of it that are used, with what was read of them."""
+
+    drive: Drive
+    """The document, with the frames that are used."""
+    observations: Observations
+    """Points and pixels. With several cues, the frames of each cue follow one another."""
+    cues: tuple[Cue, ...] = LABELS
+
+    def of_frames(self, indices: Sequence[int]) -> LoadedDrive:
+        """Give some frames only, of the document and of what was read alike."""
+        num_frames = len(self.drive.frames)
+        frames = tuple(self.drive.frames[index] for index in indices)
+        all_cues = [cue * num_frames + index for cue in range(len(self.cues)) for index in indices]
+        drive = self.drive.model_copy(update={"frames": frames})
+        return replace(self, drive=drive, observations=self.observations.of_frames(all_cues))
+
+    @property
+    def first_cue(self) -> Observations:
+        """What was read of the first cue."""
+        if len(self.cues) == 1:
+            return self.observations
+        return self.observations.of_frames(range(len(self.drive.frames)))
+
+
+def load(
+    drive: Drive | Path | str,
+    config: CalibrationConfig | None = None,
+    on_event: Listener = ignore,
+    sweeps: Sweeps | None = None,
+) -> LoadedDrive:
+    """Read a drive, or as many of its frames as are used.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says.
+        CalibrationError: one side says nothing.
+    """
+    start, config = perf_counter(), config or CalibrationConfig()
+    whole = drive if isinstance(drive, Drive) else read_drive(Path(drive))
+    on_event(Progress(f"looking through {len(whole.frames)} frames"))
+    used = choose_frames(whole, config.cues, config.max_frames)
+    on_event(Progress(f"reading {len(used.frames)} frames"))
+    data = LoadedDrive(used, load_cues(used, config.cues, sweeps), config.cues)
+    on_event(StageDone("load", perf_counter() - start, _describe(data, len(whole.frames))))
+    return data
+
+
+def _describe(data: LoadedDrive, num_frames: int) -> str:
+    """What was loaded of a drive of so many frames, for the user who watches."""
+    observations, num_used = data.observations, len(data.drive.frames)
+    num_points = sum(map(len, data.first_cue.points))
+    chosen = f" of {num_frames:,}" if num_used < num_frames else ""
+    note = (
+        f"{num_used}{chosen} frames, {num_points:,} points, {len(observations.point_class_names)} point classes, "
+        f"{len(observations.image_class_names)} image classes"
+    )
+    if data.cues != LABELS:
+        note += f", by {' and '.join(data.cues)}"
+    if observations.speckle > 0.0:
+        note += f", {observations.speckle:.2%} isolated pixels mended"
+    if data.drive.motion is not None:
+        note += f", motion {_compensation(data.drive.motion, observations.motion_error_px)}"
+    return note
+
+
+def _compensation(motion: Motion, error_px: float | None) -> str:
+    if motion.speed_m_s is None:
+        return "compensated"
+    if error_px is None:
+        return "not compensated: clouds have no times"
+    return f"not compensated: half of the points are {error_px:.1f} pixels off or more"

@@ -1,0 +1,32 @@
+"""The choice of an estimator of mutual information."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+from semcal_cli.config import MINE_WITH_VECTORS, ExactConfig, MineConfig, RefinementConfig
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import InputError
+from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.refinement.pyramid import Climb, ExactClimb
+
+
+def make_estimator(
+    observations: Observations, config: RefinementConfig, seed: int, on_event: Listener = ignore
+) -> tuple[Climb, dict[str, object]]:
+    """Make the estimator, and tell its settings; torch is loaded only where it is needed.
+
+    Raises:
+        InputError: the exact mutual information of features is asked for, or a device that is not there.
+    """
+    if observations.point_vectors and config.estimator == "exact":
+        raise InputError("--estimator exact: features are vectors, which have no histogram, needed mine")
+    if config.estimator == "exact":
+        exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+        return ExactClimb(observations, exact, seed), {"exact": asdict(exact)}
+    on_event(Progress("loading torch"))
+    from semcal_cli.refinement.mine import MineClimb
+
+    usual = MINE_WITH_VECTORS if observations.point_vectors else MineConfig()
+    mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
+    return MineClimb(observations, mine, seed, config.device), {"mine": asdict(mine), "device": config.device}

@@ -1,0 +1,93 @@
+"""The calibration document, made of what the stages arrived at."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from semcal_cli import _core
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import Calibration, HeldOut, Input, Quality, Repeatability, Settings, Stage
+from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.provenance import versions
+from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.uncertainty import Uncertainty
+
+
+def assemble(
+    stages: Mapping[str, StageResult],
+    findings: Sequence[Finding],
+    *,
+    settings: Mapping[str, object],
+    seed: int,
+    num_frames: int,
+    input: Input,
+    is_assessed: bool,
+    hypotheses: tuple[Hypothesis, ...] = (),
+    runner_up_margin: float | None = None,
+    held_out: HeldOut | None = None,
+    uncertainty: Uncertainty | None = None,
+    repeatability: Repeatability | None = None,
+) -> Calibration:
+    """Put what is known of a pose into a calibration.
+
+    Args:
+        stages: Results of the stages by name, in order; the last one's pose is the answer.
+        findings: What speaks against the answer. It is trusted if nothing does and it was assessed.
+        settings: Options that change the answer, by name.
+        seed: Seed of every random choice.
+        num_frames: Number of frames used.
+        input: What was read.
+        is_assessed: Whether everything was looked at that may speak against the pose.
+        hypotheses: Of the initial calibration, best first.
+        runner_up_margin: Standard errors by which the runner-up is behind.
+        held_out: What held-out data said of the polish.
+        uncertainty: How sure the pose is.
+        repeatability: Where other seeds lead.
+
+    Raises:
+        CalibrationError: the pose is not finite or not rigid.
+    """
+    *_, last = stages.values()
+    return Calibration.from_pose(
+        last.T_camera_lidar,
+        status="not_trusted" if findings else "trusted" if is_assessed else "not_assessed",
+        reasons=tuple(finding.sentence for finding in findings),
+        quality=_quality(last.agreement, num_frames, runner_up_margin),
+        stages={name: _stage(result) for name, result in stages.items()},
+        uncertainty=uncertainty,
+        repeatability=repeatability,
+        polish=held_out,
+        hypotheses=hypotheses,
+        input=input,
+        settings=Settings.model_validate({"options": _plain(settings), "seed": seed, "versions": versions()}),
+    )
+
+
+def _quality(agreement: _core.Agreement, num_frames: int, runner_up_margin: float | None) -> Quality:
+    return Quality(
+        mutual_information_nats=agreement.mutual_information,
+        bias_nats=agreement.bias,
+        label_agreement=agreement.label_agreement,
+        overlap=agreement.overlap,
+        num_points=agreement.num_inside - agreement.num_hidden,
+        num_frames=num_frames,
+        runner_up_margin=runner_up_margin,
+    )
+
+
+def _stage(result: StageResult) -> Stage:
+    return Stage(
+        T_camera_lidar=_rows(result.T_camera_lidar),
+        mutual_information_nats=result.agreement.mutual_information,
+    )
+
+
+def _rows(T: Pose) -> tuple[tuple[float, ...], ...]:
+    return tuple(tuple(row) for row in T.tolist())
+
+
+def _plain(value: object) -> object:
+    """Tuples as lists, as both file formats read them back."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
