@@ -4,9 +4,10 @@ use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
 use crate::camera::Camera;
+use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 use crate::mutual_information::JointHistogram;
-use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::observation::{Frame, Observations};
 use crate::visibility::{Landing, hidden, land};
 
 /// The picture is divided into so many blocks along its longer side to tell which share of it the points cover.

@@ -1,6 +1,6 @@
 //! Shares of classes, as blocks of label images and as networks give them, kept compactly: most items are of one class.
 
-use crate::observation::NO_CLASS;
+use crate::classes::NO_CLASS;
 
 /// A class, and how much of an item it has, in 1/255.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -7,9 +7,10 @@ use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
 use crate::camera::Camera;
+use crate::classes::NO_CLASS;
 use crate::error::Result;
 use crate::label_image::LabelImage;
-use crate::observation::{NO_CLASS, Observations};
+use crate::observation::Observations;
 use crate::registration::Hypothesis;
 use crate::spherical::{LabelledReturn, SphericalImages, to_f64};
 use crate::thinning::{stride, thinned};

@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use png::{BitDepth, ColorType, Transformations};
 use rayon::prelude::*;
 
+use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::file::{extension, read_bytes};
 use crate::npy::{self, class_ids};
-use crate::observation::NO_CLASS;
 use crate::probabilities;
 
 /// A row-major image of ids: raw (`u16`) as read, dense (`u8`) in the pipeline.

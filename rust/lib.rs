@@ -6,6 +6,7 @@ pub mod agreement;
 pub mod alignment;
 pub mod camera;
 pub mod class_shares;
+pub mod classes;
 pub mod correspondences;
 pub mod error;
 pub mod file;

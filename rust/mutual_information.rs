@@ -1,6 +1,6 @@
 //! Mutual information of the classes of points and of the pixels they land on.
 
-use crate::observation::NO_CLASS;
+use crate::classes::NO_CLASS;
 
 /// How often, or with which weight, each pair (point class, image class) was seen.
 #[derive(Clone, Debug, PartialEq)]

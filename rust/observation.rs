@@ -2,11 +2,9 @@
 
 use crate::camera::Camera;
 use crate::class_shares::ClassShares;
+use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
-
-/// The id of points and pixels that carry no information.
-pub const NO_CLASS: u8 = u8::MAX;
 
 /// A sweep and a picture taken at one moment.
 #[derive(Clone, Debug)]

@@ -5,8 +5,8 @@ use std::ops::Range;
 use nalgebra::{Point2, Vector2};
 
 use crate::class_shares::{ClassShares, Share};
+use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
-use crate::observation::NO_CLASS;
 
 /// The shares of one picture at one level, to be sampled.
 #[derive(Clone, Debug)]

@@ -4,8 +4,8 @@
 //! point beside it. Wires and poles one pixel wide keep their labels, but for the pixel at either end: along them, two of
 //! eight neighbours agree.
 
+use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
-use crate::observation::NO_CLASS;
 
 /// A pixel is isolated if no more than this number of its eight neighbours have its class.
 const MOST_ALIKE: u8 = 1;

@@ -10,9 +10,9 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Matrix3, Point2, Rotation3, Vector2, Vector3};
 
 use crate::camera::Camera;
+use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
-use crate::observation::NO_CLASS;
 use crate::spherical::{azimuth, elevation};
 
 /// Where the lens ends is looked for in so many steps from the border to the middle.

@@ -19,8 +19,9 @@ use std::sync::Arc;
 use nalgebra::{Isometry3, Matrix2x6, Matrix6, Point2, Vector3, Vector6};
 use rayon::prelude::*;
 
+use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
-use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::observation::{Frame, Observations};
 use crate::pyramid::{Sampled, ShareMap};
 use crate::spherical::to_f64;
 use crate::thinning::{stride, thinned};

@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::radial::invert_monotone;
+use super::monotone::{TOLERANCE, invert_monotone};
 
 /// A lens that maps the half-space in front of it is not evaluated past this normalised radius, 87 degrees.
 pub(super) const MAX_RADIUS: f64 = 20.0;
@@ -14,8 +14,6 @@ const DIRECTIONS: usize = 16;
 /// At the limit itself a distortion stands still, and Newton's method does not know where to go.
 const NEAR_LIMIT: f64 = 0.95;
 const NEWTON_STEPS: usize = 50;
-/// Far below a pixel, in normalised image units; where those are large, a share of them, above round-off.
-pub(super) const NEWTON_TOLERANCE: f64 = 1e-12;
 
 /// k1 k2 p1 p2 k3 k4 k5 k6: radial, rational and tangential.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,7 +64,7 @@ pub(super) fn undistort(
     distorted: &Vector2<f64>,
     limit: f64,
 ) -> Option<Vector2<f64>> {
-    let tolerance = NEWTON_TOLERANCE * (1.0 + distorted.norm());
+    let tolerance = TOLERANCE * (1.0 + distorted.norm());
     let mut xy = along(&distort, distorted, limit);
     for _ in 0..NEWTON_STEPS {
         // From beyond the limit, where the distortion may fold, the way would lead anywhere.

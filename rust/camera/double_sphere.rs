@@ -6,9 +6,9 @@
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
 use super::distortion::MAX_RADIUS;
-use super::lens::Model;
+use super::model::Model;
+use super::monotone::monotone_limit;
 use super::omnidirectional::quotient_jacobian;
-use super::radial::monotone_limit;
 use crate::error::{Error, Result};
 
 #[derive(Clone, Debug, PartialEq)]

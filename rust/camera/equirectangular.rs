@@ -8,7 +8,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
-use super::lens::Model;
+use super::model::Model;
 
 /// Straight up and down have every azimuth: what is nearer to them than this, radians, is outside. A hundredth of the
 /// pixel of a picture of 60,000 columns.

@@ -5,8 +5,9 @@
 
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
-use super::lens::Model;
-use super::radial::{MAX_ANGLE, invert_monotone, jacobian, jacobian_on_axis, monotone_limit, off_axis, ray};
+use super::model::Model;
+use super::monotone::{invert_monotone, monotone_limit};
+use super::radial::{MAX_ANGLE, jacobian, jacobian_on_axis, off_axis, ray};
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Fisheye {

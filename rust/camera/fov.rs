@@ -8,7 +8,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
-use super::lens::Model;
+use super::model::Model;
 use super::radial::{MAX_ANGLE, jacobian, jacobian_on_axis, off_axis, ray};
 use crate::error::{Error, Result};
 

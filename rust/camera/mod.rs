@@ -12,6 +12,8 @@ mod equirectangular;
 mod fisheye;
 mod fov;
 mod lens;
+mod model;
+mod monotone;
 mod omnidirectional;
 mod polynomial;
 mod radial;
@@ -22,7 +24,8 @@ mod thin_prism;
 use nalgebra::{Matrix2, Matrix2x3, Point2, SMatrix, Vector2, Vector3};
 
 use crate::error::{Error, Result};
-use lens::{Lens, Model};
+use lens::Lens;
+use model::Model;
 
 /// fx, fy, cx, cy, k1: see [`Camera::intrinsics_jacobian`].
 pub const NUM_INTRINSICS: usize = 5;

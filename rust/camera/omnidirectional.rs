@@ -7,7 +7,7 @@
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
 use super::distortion::{Distortion, MAX_RADIUS, undistort, unfolded_radius};
-use super::lens::Model;
+use super::model::Model;
 use crate::error::{Error, Result};
 
 /// From so far behind the sphere, rays are parallel to within a degree.

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2x3, Vector2, Vector3};
 
 use super::distortion::{Distortion, MAX_RADIUS, undistort, unfolded_radius};
-use super::lens::Model;
+use super::model::Model;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Polynomial {

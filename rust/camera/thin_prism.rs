@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 
 use super::distortion::{Distortion, MAX_RADIUS, undistort, unfolded_radius};
-use super::lens::Model;
+use super::model::Model;
 use super::polynomial::{normalised, normalised_jacobian};
 use crate::error::{Error, Result};
 

@@ -2,8 +2,8 @@
 
 use super::column::{Column, Scalar};
 use super::fields::Fields;
+use super::parsed::{Parsed, shown};
 use super::table::Table;
-use super::{Parsed, shown};
 
 /// What stands in a line for a field.
 #[derive(Clone, Copy, Debug, PartialEq)]

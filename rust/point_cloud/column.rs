@@ -1,6 +1,6 @@
 //! Columns of numbers that lie at equal distances in a file's bytes.
 
-use super::Parsed;
+use super::parsed::Parsed;
 
 /// The type of a number on disk.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,7 +1,7 @@
 //! Which of a cloud's named fields are what: every format with names goes through here.
 
-use super::Parsed;
 use super::column::Scalar;
+use super::parsed::{Parsed, shown};
 
 /// One thing, such as a column, for each field that is used.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,7 +70,7 @@ fn plain(name: &str) -> String {
 
 fn listed(names: &[&str]) -> String {
     const SHOWN: usize = 8;
-    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| super::shown(name.as_bytes())).collect();
+    let shown: Vec<String> = names.iter().take(SHOWN).map(|name| shown(name.as_bytes())).collect();
     match names.len() {
         0 => "no field".into(),
         1..=SHOWN => format!("the fields {}", shown.join(" ")),

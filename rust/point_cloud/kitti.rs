@@ -2,9 +2,9 @@
 //!
 //! Sources: the development kits of KITTI's object benchmark and of nuScenes (`LidarPointCloud.from_file`).
 
-use super::Parsed;
 use super::column::{Column, Scalar};
 use super::fields::Fields;
+use super::parsed::Parsed;
 use super::table::Table;
 
 /// 4 or 5 float32 columns.

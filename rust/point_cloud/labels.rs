@@ -5,10 +5,10 @@
 
 use std::path::Path;
 
-use super::Parsed;
 use super::column::{Column, Scalar};
 use super::kitti::count_records;
 use super::npy;
+use super::parsed::Parsed;
 use super::table::Values;
 use crate::file::extension;
 

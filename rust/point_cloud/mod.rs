@@ -3,6 +3,7 @@
 //! Each format's parser finds out where in the file's bytes which column lies; [`table`] goes on from there.
 
 mod ascii;
+mod cloud;
 mod column;
 mod fields;
 mod kitti;
@@ -10,6 +11,7 @@ mod labels;
 pub mod lzf;
 mod npy;
 mod npz;
+mod parsed;
 mod pcd;
 mod ply;
 mod table;
@@ -18,35 +20,13 @@ use std::path::{Path, PathBuf};
 
 use rayon::prelude::*;
 
-use crate::class_shares::ClassShares;
 use crate::error::{Error, Result};
 use crate::file::{extension, read_bytes};
 use crate::probabilities;
+use parsed::Parsed;
 use table::Table;
 
-/// What a parser gives; its error says what was found and what is needed, and leaves the file's name to its caller.
-type Parsed<T> = std::result::Result<T, String>;
-
-/// A sweep without its "no return" entries.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PointCloud {
-    /// `x y z` in metres, LiDAR frame.
-    pub points: Vec<[f32; 3]>,
-    /// As recorded, where the format has it.
-    pub intensity: Option<Vec<f32>>,
-    /// The beam, where the cloud has a field of whole numbers for it.
-    pub ring: Option<Vec<u16>>,
-    /// Seconds, from whatever moment the recorder counts.
-    pub time: Option<Vec<f64>>,
-    /// Raw class ids, of the label file or else of the cloud's own label field.
-    pub labels: Option<Vec<u16>>,
-    /// Probabilities of raw class ids instead, where a network gave them.
-    pub label_shares: Option<ClassShares>,
-    /// Entries that were not finite or all zero, and were left out.
-    pub num_no_returns: usize,
-    /// Which of the file's entries are points.
-    pub is_return: Vec<bool>,
-}
+pub use cloud::PointCloud;
 
 /// How a point cloud lies in a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -169,14 +149,6 @@ fn check_returns(cloud: &PointCloud) -> Parsed<()> {
         [] => Err("holds no returns: every point is zero or not finite".into()),
         _ => Ok(()),
     }
-}
-
-/// What a file says, for a complaint: on one line, and not for ever.
-fn shown(bytes: &[u8]) -> String {
-    const LONGEST: usize = 40;
-    let text = String::from_utf8_lossy(bytes.get(..LONGEST).unwrap_or(bytes));
-    let more = if bytes.len() > LONGEST { "..." } else { "" };
-    format!("{}{more}", text.escape_debug())
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@ use npyz::{DType, Endianness, NpyHeader, Order, TypeChar, TypeStr};
 
 use super::column::{Column, Kind, Scalar};
 use super::fields::{Fields, find, seconds_per_tick};
+use super::parsed::{Parsed, shown};
 use super::table::{Table, Values};
-use super::{Parsed, shown};
 use crate::npy::split_header;
 
 /// An array with more columns is no table of points but a picture.

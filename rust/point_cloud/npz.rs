@@ -5,8 +5,9 @@ use std::io::{Cursor, Read};
 use zip::ZipArchive;
 
 use super::fields::find;
+use super::npy;
+use super::parsed::{Parsed, shown};
 use super::table::Table;
-use super::{Parsed, npy, shown};
 
 /// Names of the array that holds x y z, where there are several; the last is `numpy.savez`'s own.
 const POINTS: &[&str] = &["points", "xyz", "cloud", "point_cloud", "pointcloud", "arr_0"];

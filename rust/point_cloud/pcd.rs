@@ -6,8 +6,9 @@
 use super::ascii::{self, Token};
 use super::column::{Column, Kind, Scalar};
 use super::fields::{find, seconds_per_tick};
+use super::lzf;
+use super::parsed::{Parsed, shown};
 use super::table::Table;
-use super::{Parsed, lzf, shown};
 
 struct Header {
     fields: Vec<Field>,

@@ -5,8 +5,8 @@
 use super::ascii::{self, Line, Token};
 use super::column::{Column, Kind, Scalar};
 use super::fields::{find, seconds_per_tick};
+use super::parsed::{Parsed, shown};
 use super::table::Table;
-use super::{Parsed, shown};
 
 #[derive(Clone, Copy, PartialEq)]
 enum Encoding {

@@ -2,9 +2,10 @@
 
 use std::borrow::Cow;
 
+use super::cloud::PointCloud;
 use super::column::{Column, Scalar};
 use super::fields::{Fields, seconds_per_tick};
-use super::{Parsed, PointCloud};
+use super::parsed::Parsed;
 
 /// Columns of a cloud, over the bytes of its file or over bytes unpacked from it.
 #[derive(Debug)]

@@ -7,8 +7,9 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
+use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
-use crate::observation::{Frame, NO_CLASS, Observations};
+use crate::observation::{Frame, Observations};
 
 pub use estimate::estimate;
 

@@ -1,0 +1,24 @@
+//! A sweep as it is handed on.
+
+use crate::class_shares::ClassShares;
+
+/// A sweep without its "no return" entries.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PointCloud {
+    /// `x y z` in metres, LiDAR frame.
+    pub points: Vec<[f32; 3]>,
+    /// As recorded, where the format has it.
+    pub intensity: Option<Vec<f32>>,
+    /// The beam, where the cloud has a field of whole numbers for it.
+    pub ring: Option<Vec<u16>>,
+    /// Seconds, from whatever moment the recorder counts.
+    pub time: Option<Vec<f64>>,
+    /// Raw class ids, of the label file or else of the cloud's own label field.
+    pub labels: Option<Vec<u16>>,
+    /// Probabilities of raw class ids instead, where a network gave them.
+    pub label_shares: Option<ClassShares>,
+    /// Entries that were not finite or all zero, and were left out.
+    pub num_no_returns: usize,
+    /// Which of the file's entries are points.
+    pub is_return: Vec<bool>,
+}
