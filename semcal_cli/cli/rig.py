@@ -14,8 +14,10 @@ import click
 from semcal_cli.cli.options import given_parameters
 from semcal_cli.cli.session import EXIT_NOT_TRUSTED, Session, check_outputs, make_console, matrix_lines, row
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.files.documents import document_text, is_folder, write_text
+from semcal_cli.files.dialect import document_text
 from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.reading import is_folder
+from semcal_cli.files.writing import make_folder, write_text
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import combine, describe_rig
@@ -122,10 +124,7 @@ def _made(folder: Path) -> Iterator[None]:
             f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
         )
     was_there = is_folder(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
+    make_folder(folder)
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder}: cannot be written to, needed a folder for a rig's results")
     try:

@@ -19,7 +19,9 @@ from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import is_folder, output_format, write_text
+from semcal_cli.files.documents import output_format
+from semcal_cli.files.reading import is_folder
+from semcal_cli.files.writing import write_text
 from semcal_cli.formats import write_transform
 from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.pipeline import Run, StageReport, set_threads
@@ -235,10 +237,10 @@ def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
 
 def _check_images(spec: Drive) -> None:
     """Check the pictures that points will be drawn on, if the drive is no longer than what is shown of it."""
-    from semcal_cli.drive.observations import read_image
+    from semcal_cli.drive.observations import read_frame_image
 
     for index in evenly_spaced(range(len(spec.frames)), MAX_PICTURES):
-        read_image(spec, spec.frames[index])
+        read_frame_image(spec, spec.frames[index])
 
 
 def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:

@@ -60,7 +60,7 @@ def verify(
     """Verify a transform on a drive."""
     from semcal_cli.cli.session import Session
     from semcal_cli.config import Limits
-    from semcal_cli.files.documents import write_text
+    from semcal_cli.files.writing import write_text
     from semcal_cli.formats import read_transform
     from semcal_cli.pipeline import Given
     from semcal_cli.verification import verify as check
