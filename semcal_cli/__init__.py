@@ -1,10 +1,72 @@
-"""LiDAR-camera extrinsic calibration from semantic labels, without targets or a start guess."""
+"""LiDAR-camera extrinsic calibration from semantic labels, without targets or a start guess.
+
+    import semcal_cli as semcal
+
+    calibration = semcal.calibrate("my_drive")
+    semcal.write_calibration(calibration, "calibration.yaml")
+
+Names are looked up on first use, so that importing the package costs nothing.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from semcal_cli.config import CalibrationConfig as CalibrationConfig
+    from semcal_cli.config import InitializationConfig as InitializationConfig
+    from semcal_cli.config import Limits as Limits
+    from semcal_cli.config import RefinementConfig as RefinementConfig
+    from semcal_cli.drive.document import read_drive as read_drive
+    from semcal_cli.drive.loading import load as load
+    from semcal_cli.errors import CalibrationError as CalibrationError
+    from semcal_cli.errors import InputError as InputError
+    from semcal_cli.errors import SemcalError as SemcalError
+    from semcal_cli.formats import read_transform as read_transform
+    from semcal_cli.formats import write_transform as write_transform
+    from semcal_cli.geometry.pose_error import compare_poses as compare_poses
+    from semcal_cli.library import convert as convert
+    from semcal_cli.library import verify as verify
+    from semcal_cli.pipeline import calibrate as calibrate
+    from semcal_cli.result.calibration import Calibration as Calibration
+    from semcal_cli.result.calibration import read_calibration as read_calibration
+    from semcal_cli.result.calibration import write_calibration as write_calibration
+
+    __version__: str
+
+_MODULES = {
+    "Calibration": "result.calibration",
+    "CalibrationConfig": "config",
+    "CalibrationError": "errors",
+    "InitializationConfig": "config",
+    "InputError": "errors",
+    "Limits": "config",
+    "RefinementConfig": "config",
+    "SemcalError": "errors",
+    "calibrate": "pipeline",
+    "compare_poses": "geometry.pose_error",
+    "convert": "library",
+    "load": "drive.loading",
+    "read_calibration": "result.calibration",
+    "read_drive": "drive.document",
+    "read_transform": "formats",
+    "verify": "library",
+    "write_calibration": "result.calibration",
+    "write_transform": "formats",
+}
+"""Where the public names are defined."""
 
 
-def __getattr__(name: str) -> str:
-    """Look the version up on first use: reading package metadata would slow every import."""
-    if name != "__version__":
+def __getattr__(name: str) -> object:
+    """Look a public name up on first use."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("semcal")
+    if name not in _MODULES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from importlib.metadata import version
+    return getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
 
-    return version("semcal")
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return [*_MODULES, "__version__"]

@@ -92,7 +92,7 @@ class Stages:
 
 
 def calibrate(
-    drive: Drive | Path | str,
+    drive: LoadedDrive | Drive | Path | str,
     config: CalibrationConfig | None = None,
     *,
     initial_pose: InitialPose | None = None,
@@ -105,7 +105,7 @@ def calibrate(
     """Calibrate the camera and the LiDAR of a drive.
 
     Args:
-        drive: A drive, its folder, or its drive.yaml.
+        drive: A drive, its folder, its drive.yaml, or what `load` gave of it with the same settings.
         config: All settings; the defaults if not given.
         initial_pose: Where to search, or the only pose to start at: see `initialize`.
         priors: What is known of the pose.
@@ -119,7 +119,7 @@ def calibrate(
         CalibrationError: the data give no answer.
     """
     config = config or CalibrationConfig()
-    data = load(drive, config, on_event, sweeps)
+    data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event, sweeps)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)

@@ -15,10 +15,10 @@ import pytest
 import yaml
 from hostile_drives import HOSTILE, Edit, break_drive
 from scipy.spatial.transform import Rotation
+from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 
 from semcal_cli.assessment import findings as reasons
 from semcal_cli.cli import EXIT_FAILURE, main
-from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.files.dialect import document_text

@@ -12,29 +12,32 @@ MAY_IMPORT = {
     "errors": "",
     "config": "",
     "_core": "",
+    "threads": "",
     "geometry": "",
+    "events": "geometry",
     "files": "geometry",
-    "drive": "files",
+    "drive": "files events",
     "result": "drive",
-    "initialization": "drive",
-    "refinement": "drive",
+    "initialization": "result",
+    "refinement": "result",
     "formats": "result",
     "assessment": "initialization refinement formats",
-    "synthetic": "drive",
-    "baselines": "initialization refinement",
-    "pipeline": "assessment baselines",
+    "pipeline": "assessment",
     "verification": "pipeline",
-    "datasets": "drive synthetic formats",
+    "library": "verification",
+    "baselines": "pipeline",
+    "synthetic": "drive",
+    "datasets": "synthetic formats",
     "report": "verification",
     "batch": "verification",
     "rig": "verification",
     "fleet": "batch report",
-    "experiments": "batch datasets report",
+    "experiments": "batch baselines datasets report",
     "schemas": "batch rig fleet",
-    "cli": "datasets report experiments schemas",
+    "cli": "library datasets experiments schemas threads",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
-import the first three."""
+import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""
 EVERYWHERE = {"errors", "config", "_core"}
 WITH_TORCH = {"refinement/mine", "refinement/se3", "refinement/projection", "refinement/objective"}
 WITH_OPENCV = {"initialization/pnp", "files/images", "drive/intensity", "baselines/soic", "report"}

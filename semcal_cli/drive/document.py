@@ -332,12 +332,13 @@ def drive_file(path: Path) -> Path:
     return path / DRIVE_FILE if is_folder(path) else path
 
 
-def read_drive(path: Path) -> Drive:
+def read_drive(path: Path | str) -> Drive:
     """Read and check a drive, given as its folder or as the file.
 
     Raises:
         InputError: the first complaint: file, key, what was found, what was needed.
     """
+    path = Path(path)
     file = drive_file(path)
     if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
         raise InputError(f"{path / RIG_FILE}: {OF_CALIBRATE}")

@@ -54,7 +54,7 @@ def load(
         CalibrationError: one side says nothing.
     """
     start, config = perf_counter(), config or CalibrationConfig()
-    whole = drive if isinstance(drive, Drive) else read_drive(Path(drive))
+    whole = drive if isinstance(drive, Drive) else read_drive(drive)
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import describe, listed
+from semcal_cli.files.messages import describe, listed, one_of
 from semcal_cli.files.writing import write_bytes, write_text
 from semcal_cli.formats import (
     autoware,
@@ -62,7 +62,7 @@ DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 
 
-def read_transform(path: Path, name: str | None = None, asked: Asked | None = None) -> Pose:
+def read_transform(path: Path | str, name: str | None = None, asked: Asked | None = None) -> Pose:
     """Read the transform of a file of any known format, or of a drive's folder.
 
     Args:
@@ -76,6 +76,7 @@ def read_transform(path: Path, name: str | None = None, asked: Asked | None = No
     Raises:
         InputError: the content is of no known format, of several, or wrong, or leaves something open.
     """
+    path = Path(path)
     source = Source.read(drive_file(path))
     try:
         format = _recognised(source) if name is None else find_format(name)
@@ -93,8 +94,15 @@ def read_transform(path: Path, name: str | None = None, asked: Asked | None = No
 
 
 def find_format(name: str) -> Format:
-    """Give the format of a name."""
-    return next(format for format in FORMATS if format.name == name)
+    """Give the format of a name.
+
+    Raises:
+        InputError: there is no such format.
+    """
+    for format in FORMATS:
+        if format.name == name:
+            return format
+    raise InputError(f"found format {name!r}, needed {one_of(name, [format.name for format in FORMATS])}")
 
 
 def _recognised(source: Source) -> Format:

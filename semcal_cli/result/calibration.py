@@ -240,21 +240,23 @@ def calibration_text(calibration: Calibration, format: Format) -> str:
     return document_text(calibration.model_dump(), format)
 
 
-def write_calibration(calibration: Calibration, path: Path) -> None:
+def write_calibration(calibration: Calibration, path: Path | str) -> None:
     """Write a calibration as YAML or JSON, by the suffix.
 
     Raises:
         InputError: another suffix, or the file cannot be written. An existing file is untouched then.
     """
+    path = Path(path)
     write_text(calibration_text(calibration, output_format(path)), path)
 
 
-def read_calibration(path: Path) -> Calibration:
+def read_calibration(path: Path | str) -> Calibration:
     """Read and check a calibration.
 
     Raises:
         InputError: the first complaint: file, key, what was found, what was needed.
     """
+    path = Path(path)
     return validate(Calibration, read_document(path), path)
 
 

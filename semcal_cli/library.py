@@ -1,0 +1,90 @@
+"""What the commands `verify` and `convert` do, for programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.config import CalibrationConfig, Limits
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.errors import InputError
+from semcal_cli.events import Listener, ignore
+from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.formats.format import Asked
+from semcal_cli.geometry.poses import Pose, check_rigid
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.verification import Verification
+from semcal_cli.verification import verify as verify_loaded
+
+
+def verify(
+    drive: LoadedDrive | Drive | Path | str,
+    transform: Path | str | npt.ArrayLike,
+    limits: Limits | None = None,
+    config: CalibrationConfig | None = None,
+    on_event: Listener = ignore,
+) -> Verification:
+    """Tell whether a transform still holds on a drive.
+
+    Args:
+        drive: A drive, its folder, its drive.yaml, or what `load` gave of it.
+        transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; or a file of any known format.
+        limits: What is allowed; the defaults if not given.
+        config: Seed, cues and number of frames; the defaults if not given.
+        on_event: Called with what is done.
+
+    Raises:
+        InputError: the drive, one of its files or the transform is not what it should be.
+        CalibrationError: the drive cannot be calibrated at all.
+    """
+    config = config or CalibrationConfig()
+    initial_pose = _initial_pose(transform)
+    data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event)
+    return verify_loaded(data, initial_pose, limits, config.seed, on_event)
+
+
+def _initial_pose(transform: Path | str | npt.ArrayLike) -> InitialPose:
+    if isinstance(transform, Path | str):
+        path = Path(transform)
+        return InitialPose(read_transform(path), str(path), path)
+    T_camera_lidar: Pose = np.asarray(transform, np.float64)
+    if T_camera_lidar.shape != (4, 4) or not np.isfinite(T_camera_lidar).all():
+        found = f"found shape {T_camera_lidar.shape}"
+        raise InputError(f"transform: {found}, needed a finite 4 x 4 matrix or a file")
+    try:
+        check_rigid(T_camera_lidar)
+    except ValueError as error:
+        raise InputError(f"transform: {error}") from None
+    return InitialPose(T_camera_lidar, "transform")
+
+
+def convert(
+    source: Path | str,
+    to: str,
+    output: Path | str | None = None,
+    *,
+    from_format: str | None = None,
+    read_options: Asked | None = None,
+    write_options: Asked | None = None,
+) -> bytes:
+    """Convert the transform of a file into another format.
+
+    Args:
+        source: A file of any known format, or a drive with a reference.
+        to: Name of the format to write: see `semcal convert --formats`.
+        output: File to write; none is written if not given.
+        from_format: Name of the source's format; its content tells if not given.
+        read_options: What the source leaves open, such as its direction.
+        write_options: What the format to write leaves open.
+
+    Returns:
+        The content of the file.
+
+    Raises:
+        InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
+    """
+    T_camera_lidar = read_transform(Path(source), from_format, read_options)
+    return write_transform(T_camera_lidar, None if output is None else Path(output), to, write_options)
