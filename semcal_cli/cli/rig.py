@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,24 +65,17 @@ def calibrate_rig(path: Path, calibrate: Callable[..., Calibration], options: Re
     drives = rig.read_drives()
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
-        _check_outputs(rig, drives, [folder / name for name in _files(drives)], options.log)
-        for name, drive in drives.items():
-            outputs[name].check(drive)
+        _check_outputs(rig, drives, outputs, folder / f"{RESULT}.yaml", options.log)
     set_num_threads(options.threads)
     sweeps, hashes = Sweeps(), dict[str, str]()
     terminals = {name: Terminal(quiet=options.quiet) for name in drives}
     cameras: dict[str, Calibration] = {}
     failures: dict[str, str] = {}
     for name, terminal in terminals.items():
-        terminal.print(f"[{name}]")
+        run = partial(calibrate, drives[name], relative_to=folder, sweeps=sweeps, hashes=hashes)
         try:
-            with terminal:
-                cameras[name] = calibrate(
-                    drives[name], relative_to=folder, on_event=terminal.on_event, sweeps=sweeps, hashes=hashes
-                )
-            outputs[name].write(cameras[name], terminal, options.threads)
+            cameras[name] = _calibrate_camera(name, run, outputs[name], terminal, options.threads)
         except SemcalError as error:
-            cameras.pop(name, None)
             failures[name] = " ".join(str(error).splitlines())
             terminal.print(labelled("failed", failures[name]))
     if not cameras:
@@ -97,8 +91,14 @@ def calibrate_rig(path: Path, calibrate: Callable[..., Calibration], options: Re
     return EXIT_NOT_TRUSTED if found.status == "not_trusted" else 0
 
 
-def _files(drives: Mapping[str, Drive]) -> tuple[str, ...]:
-    return (*(f"{name}.yaml" for name in drives), f"{RESULT}.yaml")
+def _calibrate_camera(
+    name: str, run: Callable[..., Calibration], outputs: Outputs, terminal: Terminal, num_threads: int | None
+) -> Calibration:
+    terminal.print(f"[{name}]")
+    with terminal:
+        calibration = run(on_event=terminal.on_event)
+    outputs.write(calibration, terminal, num_threads)
+    return calibration
 
 
 def _write(
@@ -156,11 +156,16 @@ def _made(folder: Path) -> Iterator[None]:
         raise
 
 
-def _check_outputs(rig: Rig, drives: Mapping[str, Drive], outputs: list[Path], log: Path | None) -> None:
+def _check_outputs(
+    rig: Rig, drives: Mapping[str, Drive], outputs: Mapping[str, Outputs], result: Path, log: Path | None
+) -> None:
     """Check that results overwrite nothing that is read of any camera."""
     read = [rig.path, *(drive.path for drive in drives.values())]
     read += [drive.resolve(name) for drive in drives.values() for name in drive.files()]
-    check_outputs(read, [*outputs, *([log] if log is not None else [])])
+    written = [each.output for each in outputs.values()]
+    check_outputs(read, [path for path in (*written, result, log) if path is not None])
+    for name, drive in drives.items():
+        outputs[name].check(drive)
 
 
 def _pair_lines(pair: Pair) -> list[str]:

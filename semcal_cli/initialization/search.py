@@ -26,6 +26,8 @@ Grid: TypeAlias = tuple[int, int, float, float]
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are this many standard errors of mutual information behind."""
 
+NO_OTHER = Finding("no other mounting was left to compare with: nothing tells that this one is right")
+
 MAX_SHARE_OUTSIDE = 0.2
 """A `lidar:` block whose field of view leaves out more of the points than this is not that of the sensor."""
 
@@ -88,21 +90,15 @@ def initialize(
         assert T_given is not None
         candidates = _align_given(observations, _Candidate(T_given), config, seed)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
-    possible = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)]
-    is_ruled_out = 0 < len(possible) < len(ranked)
-    kept = possible or ranked
+    kept = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)] or ranked
     hypotheses = tuple(_hypothesis(scored, kept[0]) for scored in kept)
     other = runner_up(hypotheses, config.runner_up_deg)
-    findings: tuple[Finding, ...] = ()
-    if other is not None:
-        findings = _compare(hypotheses[0], other)
-    elif T_given is None and not is_ruled_out:
-        nothing = "no other mounting was left to compare with: nothing tells that this one is right"
-        findings = (Finding(nothing),)
+    # What is known, or a pose to search around, may leave nothing to compare with.
+    is_alone = other is None and T_given is None and len(kept) == len(ranked)
     return Initialization(
         T_camera_lidar=kept[0].candidate.T_camera_lidar,
         agreement=kept[0].agreement,
-        findings=findings,
+        findings=(NO_OTHER,) if is_alone else _compare(hypotheses[0], other),
         settings={"initialization": asdict(config)},
         hypotheses=hypotheses,
         runner_up_margin=None if other is None else hypotheses[0].margin(other),
@@ -114,10 +110,9 @@ def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis 
     return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
 
 
-def _compare(best: Hypothesis, other: Hypothesis) -> tuple[Finding, ...]:
+def _compare(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
     """Say whether another mounting is as good."""
-    margin = best.margin(other)
-    if margin >= MIN_RUNNER_UP_MARGIN:
+    if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:
         return ()
     sentence = (
         f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well: "

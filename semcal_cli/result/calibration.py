@@ -1,8 +1,7 @@
 """The calibration: what semcal writes, as YAML or JSON with the same content."""
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -185,32 +184,13 @@ class Calibration(StrictModel):
     def from_pose(
         cls,
         T_camera_lidar: Pose,
-        *,
-        status: Status,
-        reasons: tuple[str, ...],
-        quality: Quality,
-        stages: Mapping[str, Stage],
-        uncertainty: Uncertainty | None,
-        repeatability: Repeatability | None,
-        polish: HeldOut | None,
-        hypotheses: tuple[Hypothesis, ...],
-        input: Input,
-        settings: Settings,
+        **parts: Any,
     ) -> "Calibration":
         """Make a calibration, deriving the other forms of its pose.
 
         Args:
             T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar; round-off in its rotation is removed.
-            status: the verdict.
-            reasons: sentences, each with its figure.
-            quality: how well the labels agree.
-            stages: stages by name, in order.
-            uncertainty: how sure the pose is.
-            repeatability: where other seeds lead.
-            polish: what held-out data said of it.
-            hypotheses: of the initial calibration, best first.
-            input: what was read.
-            settings: what was asked.
+            parts: All other fields, by name.
 
         Raises:
             CalibrationError: the pose is not finite or not rigid.
@@ -218,20 +198,11 @@ class Calibration(StrictModel):
         T = _finite_rigid(T_camera_lidar)
         return cls(
             semcal_calibration=1,
-            status=status,
-            reasons=reasons,
             T_camera_lidar=T.tolist(),
             T_lidar_camera=inverse(T).tolist(),
             translation_m=T[:3, 3].tolist(),
             quaternion_xyzw=quaternion_xyzw(T).tolist(),
-            uncertainty=uncertainty,
-            repeatability=repeatability,
-            quality=quality,
-            stages=dict(stages),
-            polish=polish,
-            hypotheses=hypotheses,
-            input=input,
-            settings=settings,
+            **parts,
         )
 
 

@@ -289,9 +289,7 @@ def main(before: Path, after: Path, work: Path, data: Path, only: tuple[str, ...
             more = [f"{len(lines) - MAX_LISTED} more"] if len(lines) > MAX_LISTED else []
             click.echo("".join(f"{name}: {kind}: {line}\n" for line in lines[:MAX_LISTED] + more), nl=False)
     (work / "differences.txt").write_text("".join(f"{line}\n" for line in listed))
-    head = (
-        "| case | exit codes | numbers | differ | files differ | keys, strings differ | messages differ | s |"
-    )
+    head = "| case | exit codes | numbers | differ | files differ | keys, strings | messages | s |"
     click.echo("\n".join([head, "|---|---|---|---|---|---|---|---|", *rows]))
     raise SystemExit(fails)
 
