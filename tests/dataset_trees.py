@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.files.images import write_picture
+from semcal_cli.files.images import write_image
 from semcal_cli.geometry.poses import Pose
 
 FORWARD = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
@@ -67,12 +67,12 @@ def write_labels(path: Path, ids: Sequence[int], dtype: str = "<u4") -> None:
 
 def write_ids(path: Path, width: int = WIDTH, height: int = HEIGHT, value: int = 7) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(np.full((height, width), value, dtype=np.uint8), path)
+    write_image(np.full((height, width), value, dtype=np.uint8), path)
 
 
 def write_colors(path: Path, rgb: tuple[int, int, int]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_picture(np.full((HEIGHT, WIDTH, 3), rgb[::-1], dtype=np.uint8), path)
+    write_image(np.full((HEIGHT, WIDTH, 3), rgb[::-1], dtype=np.uint8), path)
 
 
 def rellis3d(root: Path, num_frames: int = 3) -> Tree:

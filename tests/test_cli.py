@@ -15,13 +15,15 @@ import pytest
 import yaml
 from hostile_drives import HOSTILE, Edit, break_drive
 from scipy.spatial.transform import Rotation
+from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 
 from semcal_cli.assessment import findings as reasons
 from semcal_cli.cli import EXIT_FAILURE, main
-from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import DRIVE_FILE
-from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, inverse
 from semcal_cli.result.calibration import Calibration, Repeatability, UncertaintyRecord, read_calibration

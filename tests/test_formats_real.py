@@ -19,7 +19,7 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.drive.observations import load_observations
-from semcal_cli.files.images import read_picture
+from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.format import Asked
 from semcal_cli.geometry.poses import Pose, inverse
@@ -79,7 +79,7 @@ def edge_points(path: Path) -> npt.NDArray[np.float32]:
 
 def on_edges(path: Path, picture: Path, camera: Camera, T: Pose) -> float:
     """How strong the picture's edges are under edges of the cloud: the share of its pixels that have weaker ones."""
-    gray = cv2.GaussianBlur(cv2.cvtColor(read_picture(picture), cv2.COLOR_BGR2GRAY), (0, 0), 2.0)
+    gray = cv2.GaussianBlur(cv2.cvtColor(read_image(picture), cv2.COLOR_BGR2GRAY), (0, 0), 2.0)
     strength = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0))
     weaker = np.sort(strength.ravel()[::37])
     strongest = cv2.dilate(strength, np.ones((1, 3)))
@@ -99,7 +99,7 @@ def opencalib() -> list[tuple[Path, Path, Camera, Pose]]:
             line.split(":")[0]: [float(x) for x in line.split(":")[1].split()] for line in lines if line
         }
         picture = next(folder.glob("calib.[jp][pn]g"))
-        height, width = read_picture(picture).shape[:2]
+        height, width = read_image(picture).shape[:2]
         rows = np.reshape(values["K"], (3, 3)).tolist()
         camera = Camera.model_validate(
             {

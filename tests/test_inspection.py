@@ -8,8 +8,10 @@ from click.testing import CliRunner
 from semcal_cli.assessment.inspection import inspect
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.files.documents import document_text, read_document, write_text
-from semcal_cli.files.images import write_picture
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.images import write_image
+from semcal_cli.files.writing import write_text
 
 
 def changed(street: Path, folder: Path, **changes: object) -> Path:
@@ -101,7 +103,7 @@ def test_sides_that_say_nothing_are_suspicious(street: Path, tmp_path: Path) -> 
         write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
         report = inspect(read_drive(drive))
         found[name] = [*report.suspicions, *report.frames[0].suspicions]
-    write_picture(np.dstack([pictures["one.npy"]] * 3), tmp_path / "colors.png")
+    write_image(np.dstack([pictures["one.npy"]] * 3), tmp_path / "colors.png")
     document["frames"][0]["image_labels"] = "colors.png"
     write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
     (complaint,) = inspect(read_drive(drive)).frames[0].suspicions
@@ -149,6 +151,6 @@ def test_pictures_of_another_size_than_the_labels_are_suspicious(street: Path, t
     document = read_document(tmp_path / DRIVE_FILE)
     document["frames"][0]["image"] = "half.png"
     write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
-    write_picture(np.zeros((180, 320), np.uint8), tmp_path / "half.png")
+    write_image(np.zeros((180, 320), np.uint8), tmp_path / "half.png")
     suspicions = inspect(read_drive(drive)).suspicions
     assert "half.png is 320 x 180, the camera's pictures are 640 x 360" in suspicions

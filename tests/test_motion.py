@@ -12,7 +12,9 @@ from semcal_cli.assessment.inspection import inspect
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.observations import Observations, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 
 TWIST = {"linear_m_s": [9.0, 0.5, -0.2], "angular_rad_s": [0.03, -0.02, 0.35]}

@@ -12,7 +12,9 @@ from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
 from semcal_cli.drive.frame_selection import select_frames
 from semcal_cli.drive.observations import load_observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.writing import write_text
 
 COLORS = np.random.default_rng(0).integers(0, 256, (256, 3)).astype(np.uint8)
 """Red, green, blue of each id."""

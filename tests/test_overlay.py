@@ -21,7 +21,7 @@ from semcal_cli.report.overlay import (
     class_colors,
     draw_legend,
     goes_together,
-    points_in_picture,
+    points_in_image,
 )
 
 CAMERA = Camera(
@@ -148,7 +148,7 @@ def agreeing(poses: list[np.ndarray], observations: Observations) -> list[float]
     """Share of green among green and red dots, for each pose."""
     found, together = [], goes_together(observations, poses[1])
     for T in poses:
-        seen = points_in_picture(observations.points[0], T, observations.camera)
+        seen = points_in_image(observations.points[0], T, observations.camera)
         _, kinds = by_agreement(observations, 0, seen, together)
         found.append(float(np.mean(kinds[kinds < 2] == 0)))
     return found

@@ -11,7 +11,9 @@ from semcal_cli.config import ExactConfig, MineConfig, PolishConfig, PyramidConf
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.observations import Observations, load_observations, read_observations
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.mine import MineClimb

@@ -15,7 +15,7 @@ from scipy.linalg import expm
 
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import read_pictures
+from semcal_cli.drive.observations import read_label_images
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files import point_clouds
 from semcal_cli.files.documents import read_document
@@ -182,10 +182,10 @@ def test_cameras_of_a_synthetic_rig_err_in_places_of_their_own(tmp_path: Path) -
     config = dataclasses.replace(SMALL, num_frames=1, label_noise=0.3)
     synthesize(config, tmp_path / "a")
     synthesize(config, tmp_path / "b", sweeps="../a", camera=1)
-    pictures = [read_pictures(read_drive(tmp_path / name))[0] for name in ("a", "b")]
+    pictures = [read_label_images(read_drive(tmp_path / name))[0] for name in ("a", "b")]
     clean = dataclasses.replace(config, label_noise=0.0)
     synthesize(clean, tmp_path / "clean")
-    truth = read_pictures(read_drive(tmp_path / "clean"))[0]
+    truth = read_label_images(read_drive(tmp_path / "clean"))[0]
     wrong = [picture != truth for picture in pictures]
     assert np.mean(wrong[0] & wrong[1]) == pytest.approx(np.mean(wrong[0]) * np.mean(wrong[1]), rel=0.1)
 

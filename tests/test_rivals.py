@@ -17,7 +17,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import rivals
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, WITH_MINE
 from semcal_cli.experiments.rivals import EXPERIMENTS, Case, Experiment, Finding, Setting
-from semcal_cli.files.images import read_picture, write_picture
+from semcal_cli.files.images import read_image, write_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting, rotation_vector_deg
 
@@ -65,9 +65,9 @@ def test_every_method_on_a_real_frame(rellis3d: Path, tmp_path: Path) -> None:
     assert measure["semcal"] == max(measure[m] for m in measure if m not in WITH_MINE)
     distance = {m: float(row["distance_px"]) for m, row in rows.items()}
     assert distance["SOIC"] == min(distance.values())
-    size = read_picture(rellis3d / "frame000104-1581624663_149.jpg").shape
+    size = read_image(rellis3d / "frame000104-1581624663_149.jpg").shape
     for name in ("a_reference", "b_soic", "c_pmi", "d_semcal"):
-        picture = read_picture(tmp_path / f"table_rellis3d_000104/{name}.png")
+        picture = read_image(tmp_path / f"table_rellis3d_000104/{name}.png")
         assert picture.shape[0] > size[0]
         assert picture.shape[1] == size[1]
     assert (tmp_path / "table_rellis3d_000104/table.md").read_text() == table
@@ -108,7 +108,7 @@ def make_kitti_360(street: Path, root: Path, truth: Pose) -> None:
         assert frame.image is not None
         assert frame.image_labels is not None
         pictures.write_bytes(drive.resolve(frame.image).read_bytes())
-        write_picture(ids[read_picture(drive.resolve(frame.image_labels))[..., 0]], labels)
+        write_image(ids[read_image(drive.resolve(frame.image_labels))[..., 0]], labels)
         cloud = np.fromfile(drive.resolve(frame.points), np.float32).reshape(-1, 4)
         of_points = ids[np.fromfile(drive.resolve(str(frame.point_labels)), np.uint32) & 0xFFFF]
         # The HDL-64E sees less of what is above and below.

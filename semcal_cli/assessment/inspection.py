@@ -21,10 +21,10 @@ from semcal_cli.drive.observations import (
     count_labels,
     load_observations,
     read_clouds,
-    read_pictures,
+    read_label_images,
 )
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.images import read_picture
+from semcal_cli.files.images import read_image
 from semcal_cli.initialization.search import initialize
 
 MAX_GAP_S = 0.05
@@ -116,7 +116,7 @@ def inspect(drive: Drive) -> DriveReport:
         shared_classes=tuple(name for name in of_points or () if name in (of_pixels or ())),
         suspicions=(
             *_camera_suspicions(drive),
-            *_picture_suspicions(drive),
+            *_image_suspicions(drive),
             *_range_suspicions(points),
             *_class_suspicions(of_points, of_pixels),
             *_motion_suspicions(motion_error_px(probed, clouds)),
@@ -154,8 +154,8 @@ def _read(drive: Drive, index: int) -> _Content:
     if alone.frames[0].image_labels is None:
         return content
     try:
-        (picture,) = read_pictures(alone)
-        counts, num_ignored = count_labels(drive, "image", picture)
+        (label_image,) = read_label_images(alone)
+        counts, num_ignored = count_labels(drive, "image", label_image)
         return replace(content, image_classes=counts, num_pixels_ignored=num_ignored)
     except InputError as error:
         return replace(content, complaints=(*content.complaints, str(error)))
@@ -267,12 +267,12 @@ def _range_suspicions(points: Sequence[npt.NDArray[np.float32]]) -> list[str]:
     return [f"half of the points are {middle_m:,.0f} m away or more: clouds have to be in the LiDAR frame"]
 
 
-def _picture_suspicions(drive: Drive) -> list[str]:
+def _image_suspicions(drive: Drive) -> list[str]:
     named = [frame.image for frame in drive.frames if frame.image is not None]
     found = []
     for name in evenly_spaced(named, NUM_PROBED):
         try:
-            height, width, _ = read_picture(drive.resolve(name)).shape
+            height, width, _ = read_image(drive.resolve(name)).shape
         except InputError as error:
             found.append(str(error))
             continue

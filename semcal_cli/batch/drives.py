@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from semcal_cli.drive.document import DRIVE_FILE, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import is_folder, read_text
+from semcal_cli.files.reading import is_folder, read_text
 
 LISTS = (".txt", ".list")
 MAGIC = "*?["

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.batch.tasks import Outcome
-from semcal_cli.files.documents import write_text
+from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import camera_center, quaternion_xyzw
 
 WORST_FIRST = (1, 3, 4, 0)

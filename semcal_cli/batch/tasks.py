@@ -18,7 +18,9 @@ from typing import Any
 
 from semcal_cli.drive.document import drive_file, first_stamp, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_bytes, read_document, read_text, write_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.reading import read_bytes, read_text
+from semcal_cli.files.writing import write_text
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.result.provenance import camera_hash
 

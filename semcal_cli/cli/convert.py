@@ -116,7 +116,7 @@ def convert(
 
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
-    from semcal_cli.files.documents import is_same_file
+    from semcal_cli.files.reading import is_same_file
     from semcal_cli.formats import put_transform, read_transform, write_transform
 
     if (to is None) == (into is None):

@@ -62,13 +62,10 @@ def fleet(
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
-    from semcal_cli.files.documents import (
-        document_text,
-        is_folder,
-        output_format,
-        write_bytes,
-        write_text,
-    )
+    from semcal_cli.files.dialect import document_text
+    from semcal_cli.files.documents import output_format
+    from semcal_cli.files.reading import is_folder
+    from semcal_cli.files.writing import write_bytes, write_text
     from semcal_cli.fleet.assessment import assess
     from semcal_cli.fleet.members import read_members
     from semcal_cli.fleet.page import page_html

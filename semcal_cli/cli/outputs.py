@@ -16,7 +16,9 @@ from semcal_cli.cli.tables import labelled, summary_lines
 from semcal_cli.cli.terminal import Terminal, progress_line
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import is_folder, output_format, write_text
+from semcal_cli.files.documents import output_format
+from semcal_cli.files.reading import is_folder
+from semcal_cli.files.writing import write_text
 from semcal_cli.formats import write_transform
 from semcal_cli.result.calibration import calibration_text, write_calibration
 
@@ -107,10 +109,10 @@ class Outputs:
 
 def _check_frame_images(drive: Drive) -> None:
     """Check the images that points will be drawn on, if the drive is no longer than what is shown of it."""
-    from semcal_cli.drive.observations import read_image
+    from semcal_cli.drive.observations import read_frame_image
 
     for index in evenly_spaced(range(len(drive.frames)), MAX_IMAGES):
-        read_image(drive, drive.frames[index])
+        read_frame_image(drive, drive.frames[index])
 
 
 def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:

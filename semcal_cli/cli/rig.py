@@ -16,8 +16,10 @@ from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs
 from semcal_cli.cli.tables import labelled, matrix_lines, row
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.files.documents import document_text, is_folder, write_text
+from semcal_cli.files.dialect import document_text
 from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.reading import is_folder
+from semcal_cli.files.writing import make_folder, write_text
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
@@ -142,10 +144,7 @@ def _made(folder: Path) -> Iterator[None]:
             f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
         )
     was_there = is_folder(folder)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
+    make_folder(folder)
     if not os.access(folder, os.W_OK):
         raise InputError(f"{folder}: cannot be written to, needed a folder for a rig's results")
     try:

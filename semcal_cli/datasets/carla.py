@@ -20,13 +20,14 @@ from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, read_list
-from semcal_cli.formats.values import MAX_MOUNT_M, number, picture_side
+from semcal_cli.files.documents import read_list
+from semcal_cli.files.messages import describe
+from semcal_cli.formats.values import MAX_MOUNT_M, image_side, number
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
 
 PLACES, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 FOV_DEG = 0.1, 179.9
-SEGMENTATION, PICTURE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
+SEGMENTATION, IMAGE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 OLD_TAGS, NEW_TAGS = (0, 9, 10), (0, 9, 14)
@@ -100,7 +101,7 @@ def _table(version: str | None) -> str:
 
 def _read_rig(path: Path) -> list[Sensor]:
     """The sensors that data sets are made of: others, as of speed, have no place."""
-    kinds = (SEGMENTATION, PICTURE, LIDAR, SEMANTIC_LIDAR)
+    kinds = (SEGMENTATION, IMAGE, LIDAR, SEMANTIC_LIDAR)
     return [
         _sensor(path, index, settings)
         for index, settings in enumerate(read_list(path))
@@ -142,7 +143,7 @@ def _camera_from_vehicle(camera: Sensor) -> Pose:
 def _pinhole(path: Path, camera: Sensor) -> dict[str, Any]:
     """The renderer's pinhole: the optical axis meets the picture's middle, which lies between pixel centres."""
     where = {key: _key(path, camera.settings, key) for key in ("width", "height", "fov")}
-    width, height = (picture_side(where[key], camera.settings.get(key)) for key in ("width", "height"))
+    width, height = (image_side(where[key], camera.settings.get(key)) for key in ("width", "height"))
     fov_deg = number(where["fov"], camera.settings.get("fov"), *FOV_DEG)
     focal = 0.5 * width / float(np.tan(np.radians(0.5 * fov_deg)))
     K = [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]]
@@ -173,9 +174,7 @@ def _looks_alike(other: Sensor, camera: Sensor) -> bool:
     """Whether a picture camera has the place and the lens of the segmentation camera."""
     keys = ("width", "height", "fov")
     same_lens = all(other.settings.get(key) == camera.settings.get(key) for key in keys)
-    return (
-        other.type == PICTURE and same_lens and np.allclose(other.T_vehicle_sensor, camera.T_vehicle_sensor)
-    )
+    return other.type == IMAGE and same_lens and np.allclose(other.T_vehicle_sensor, camera.T_vehicle_sensor)
 
 
 def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
@@ -195,6 +194,6 @@ def _convert(path: Path) -> Cloud:
 
 def _are_raw(label_images: list[Path]) -> bool:
     """Whether label images hold tags in the red channel, and not the colours of CityScapesPalette."""
-    from semcal_cli.files.images import read_picture
+    from semcal_cli.files.images import read_image
 
-    return not any(read_picture(path)[..., :2].any() for path in evenly_spaced(label_images, NUM_PROBED))
+    return not any(read_image(path)[..., :2].any() for path in evenly_spaced(label_images, NUM_PROBED))

@@ -7,7 +7,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, is_folder, one_of, read_bytes
+from semcal_cli.files.messages import describe, one_of, os_reason
+from semcal_cli.files.reading import is_folder, read_bytes
 
 
 def need_file(path: Path) -> Path:
@@ -33,7 +34,7 @@ def need_folder(path: Path) -> Path:
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{path}: no such file or folder") from None
     except OSError as error:
-        raise InputError(f"{path}: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{path}: {os_reason(error)}") from None
     raise InputError(f"{path}: found a file, needed a folder")
 
 
@@ -107,7 +108,7 @@ def _content(folder: Path) -> list[Path]:
     try:
         return sorted(need_folder(folder).iterdir())
     except OSError as error:
-        raise InputError(f"{folder}: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{folder}: {os_reason(error)}") from None
 
 
 def _is_writable(name: str) -> bool:

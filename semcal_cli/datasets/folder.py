@@ -58,14 +58,14 @@ def read(folder: Folder) -> Recording:
     point_labels = _partners(clouds, "--point-labels", folder.point_labels, folder.max_gap_s)
     image_labels = _partners(clouds, "--image-labels", folder.image_labels, folder.max_gap_s)
     images = _partners(clouds, "--images", folder.images, folder.max_gap_s)
-    pictures = image_labels if image_labels.of_cloud else images
-    needed = [found.of_cloud for found in (point_labels, pictures) if found.of_cloud]
+    timed = image_labels if image_labels.of_cloud else images
+    needed = [found.of_cloud for found in (point_labels, timed) if found.of_cloud]
     whole = [cloud for cloud in clouds if all(cloud in found for found in needed)]
     if not whole:
         option = "--image-labels" if image_labels.of_cloud else "--images"
         raise InputError(
             f"--points: found {len(clouds):,} clouds, {len(point_labels.of_cloud):,} with a file of --point-labels, "
-            f"{len(pictures.of_cloud):,} with one of {option}, none with both, needed at least one"
+            f"{len(timed.of_cloud):,} with one of {option}, none with both, needed at least one"
         )
     stamps = stamps_s(clouds)
     frames = [
@@ -76,7 +76,7 @@ def read(folder: Folder) -> Recording:
             image_labels=image_labels.of_cloud.get(cloud),
             image=images.of_cloud.get(cloud),
             points_stamp=stamps.get(cloud),
-            image_stamp=pictures.stamps_s.get(pictures.of_cloud[cloud]) if pictures.of_cloud else None,
+            image_stamp=timed.stamps_s.get(timed.of_cloud[cloud]) if timed.of_cloud else None,
         )
         for cloud in whole
     ]

@@ -14,9 +14,11 @@ from typing import Any
 from semcal_cli.datasets.files import pick
 from semcal_cli.drive.document import DISTORTION_COUNTS, PARAMETERS
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, parse_document, read_text
+from semcal_cli.files.documents import parse_document
+from semcal_cli.files.messages import describe
+from semcal_cli.files.reading import read_text
 from semcal_cli.formats.storage import Storage, is_storage
-from semcal_cli.formats.values import camera_block, number, picture_side
+from semcal_cli.formats.values import camera_block, image_side, number
 
 ROS_MODELS = {
     "plumb_bob": "plumb_bob",
@@ -192,7 +194,7 @@ def _kalibr(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
     if read is None:
         raise _unknown(path, "camera_model", camera["camera_model"], _KALIBR_MODELS)
     sides = _numbers(path, camera, "resolution", 2)
-    width, height = (picture_side(f"{path}: resolution", side) for side in sides)
+    width, height = (image_side(f"{path}: resolution", side) for side in sides)
     return {"width": width, "height": height} | read(path, camera)
 
 

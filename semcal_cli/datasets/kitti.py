@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.formats.values import camera_block, numbers, read_keyed, rigid, transform
 from semcal_cli.geometry.poses import Pose
 

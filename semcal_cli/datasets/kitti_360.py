@@ -21,12 +21,17 @@ from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, speeds_mps
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_text
+from semcal_cli.files.reading import read_text
 from semcal_cli.formats.values import MAX_WORLD_M, parse_numbers, pose_from_rows, read_keyed, transform
 from semcal_cli.geometry.poses import Pose, inverse
 
 USUAL_CAMERA = "image_00"
-PICTURES = {"image_00": "data_rect", "image_01": "data_rect", "image_02": "data_rgb", "image_03": "data_rgb"}
+IMAGE_FOLDERS = {
+    "image_00": "data_rect",
+    "image_01": "data_rect",
+    "image_02": "data_rgb",
+    "image_03": "data_rgb",
+}
 """The folder of the pictures of each camera: 0 and 1 are rectified, 2 and 3 fisheyes that look to the sides."""
 PARTS = ("train", "test")
 MAX_FRAME = 10**9
@@ -37,7 +42,7 @@ def read(request: Request) -> Recording:
     root = request.root
     sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
     sequence = pick("sequence", request.sequence, sequences, root)
-    camera = pick("camera", request.camera, list(PICTURES), root, usual=USUAL_CAMERA)
+    camera = pick("camera", request.camera, list(IMAGE_FOLDERS), root, usual=USUAL_CAMERA)
     block, T_camera_camera0 = _camera(root / "calibration", camera)
     T_velo_camera0 = _camera_to_velodyne(root / "calibration/calib_cam_to_velo.txt")
     folder = _windows_folder(root, sequence)
@@ -84,7 +89,7 @@ def _windows_folder(root: Path, sequence: str) -> Path | None:
 def _camera(folder: Path, camera: str) -> tuple[dict[str, Any], Pose]:
     """The camera block, and T_camera_camera0 of what it sees: rectified, or the fisheye itself."""
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
-    if PICTURES[camera] == "data_rgb":
+    if IMAGE_FOLDERS[camera] == "data_rgb":
         return read_mei(_fisheye(folder, camera)), T
     path, number = folder / "perspective.txt", camera.removeprefix("image_")
     keyed = read_keyed(path)
@@ -113,7 +118,7 @@ def _raw_frames(root: Path, sequence: str, camera: str) -> list[SourceFrame]:
     points = root / "data_3d_raw" / sequence / "velodyne_points"
     clouds = numbered_files(points / "data", ".bin")
     stamps = read_stamps(points / "timestamps.txt")
-    images, labels, image_stamps = _pictures(root, sequence, camera)
+    images, labels, image_stamps = _image_files(root, sequence, camera)
     return [
         SourceFrame(
             name=number,
@@ -133,8 +138,8 @@ def _window_frames(
 ) -> list[SourceFrame]:
     poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
     speeds = _speeds(poses)
-    images, labels, image_stamps = _pictures(root, sequence, camera)
-    windows = Windows(folder, visible_only=PICTURES[camera] == "data_rect")
+    images, labels, image_stamps = _image_files(root, sequence, camera)
+    windows = Windows(folder, visible_only=IMAGE_FOLDERS[camera] == "data_rect")
     frames = []
     for number, T_world_pose in poses.items():
         name = f"{number:010d}"
@@ -152,12 +157,12 @@ def _window_frames(
     return frames
 
 
-def _pictures(
+def _image_files(
     root: Path, sequence: str, camera: str
 ) -> tuple[dict[str, Path], dict[str, Path], dict[int, float]]:
     """Pictures, their labels and their stamps."""
     folder = root / "data_2d_raw" / sequence / camera
-    images = folder / PICTURES[camera]
+    images = folder / IMAGE_FOLDERS[camera]
     semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in PARTS]
     labels = next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {})
     return (

@@ -9,11 +9,11 @@ import numpy as np
 
 from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
-from semcal_cli.datasets.pictures import picture_size
+from semcal_cli.datasets.image_headers import image_size
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_positions, speeds_mps
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_text
+from semcal_cli.files.reading import read_text
 from semcal_cli.formats.values import parse_numbers, stamp_s
 
 USUAL_CAMERA = "image_2"
@@ -32,7 +32,7 @@ def read(request: Request) -> Recording:
     image = frames[0].image
     assert image is not None
     number = int(camera.removeprefix("image_"))
-    block, T_camera_lidar = kitti.calibration(folder / "calib.txt", number, *picture_size(image))
+    block, T_camera_lidar = kitti.calibration(folder / "calib.txt", number, *image_size(image))
     return Recording(
         camera=block,
         lidar=kitti.LIDAR,

@@ -12,8 +12,8 @@ from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_text
-from semcal_cli.formats.values import numbers, parse_numbers, picture_side, read_keyed, stamp_s
+from semcal_cli.files.reading import read_text
+from semcal_cli.formats.values import image_side, numbers, parse_numbers, read_keyed, stamp_s
 from semcal_cli.geometry.poses import Pose
 
 USUAL_CAMERA = "image_02"
@@ -55,7 +55,7 @@ def rectified_size(path: Path, keyed: dict[str, str], camera: str) -> tuple[int,
         InputError: they are not there, or no whole numbers of pixels.
     """
     key = f"S_rect_{camera}"
-    width, height = (picture_side(f"{path}: {key}", side) for side in numbers(path, keyed, key, 2).tolist())
+    width, height = (image_side(f"{path}: {key}", side) for side in numbers(path, keyed, key, 2).tolist())
     return width, height
 
 

@@ -53,16 +53,16 @@ def labelled(recording: Recording) -> Recording:
     """
     frames = list(recording.frames)
     num_points = sum(frame.has_point_labels for frame in frames)
-    num_pictures = sum(frame.image_labels is not None for frame in frames)
+    num_images = sum(frame.image_labels is not None for frame in frames)
     remarks = []
     for side, what, option in (
         ("has_point_labels", "points", "--point-labels"),
         ("image_labels", "pictures", "--image-labels"),
     ):
         kept = [frame for frame in frames if getattr(frame, side)]
-        if not kept and num_points and num_pictures:
+        if not kept and num_points and num_images:
             raise InputError(
-                f"found {num_points:,} frames with labels of points and {num_pictures:,} with labels of "
+                f"found {num_points:,} frames with labels of points and {num_images:,} with labels of "
                 f"pictures, none of {len(recording.frames):,} with both, needed at least one"
             )
         if not kept:

@@ -27,9 +27,9 @@ from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import speeds_mps
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe
+from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats.values import camera_block, picture_side, rigid
+from semcal_cli.formats.values import camera_block, image_side, rigid
 from semcal_cli.geometry.poses import Pose, inverse
 
 LIDAR_CHANNEL = "LIDAR_TOP"
@@ -52,19 +52,19 @@ def read(request: Request) -> Recording:
             name=sweep.token,
             points=_file(tables, request.root, sweep),
             point_labels=need_file(point_labels[sweep.token]) if sweep.token in point_labels else None,
-            image=_file(tables, request.root, picture),
+            image=_file(tables, request.root, image),
             points_stamp=sweep.timestamp * MICROSECONDS,
-            image_stamp=picture.timestamp * MICROSECONDS,
+            image_stamp=image.timestamp * MICROSECONDS,
             speed_mps=speed,
             T_camera_lidar=rigid(
                 f"{tables.path('ego_pose')}: rows {describe(sweep.ego_pose_token)} and "
-                f"{describe(picture.ego_pose_token)}: T_camera_lidar",
-                inverse(T_world_sensor[picture.token]) @ T_world_sensor[sweep.token],
+                f"{describe(image.ego_pose_token)}: T_camera_lidar",
+                inverse(T_world_sensor[image.token]) @ T_world_sensor[sweep.token],
                 MAX_TRANSLATION_M,
             ),
             label_names=(f"{sweep.token}_lidarseg",),
         )
-        for (sweep, picture), speed in zip(keyframes, _speeds(keyframes, T_world_sensor), strict=True)
+        for (sweep, image), speed in zip(keyframes, _speeds(keyframes, T_world_sensor), strict=True)
     ]
     return Recording(
         camera=_camera(tables, keyframes[0][1], sensors),
@@ -77,7 +77,7 @@ def read(request: Request) -> Recording:
 def _keyframes(
     tables: Tables, sensors: list[CalibratedSensor], request: Request
 ) -> list[tuple[SampleData, SampleData]]:
-    """Sweep and picture of each sample of the scene that has both, in order of time."""
+    """Sweep and image of each sample of the scene that has both, in order of time."""
     samples = _samples(tables, request)
     names = {row.token: row.channel for row in tables.rows("sensor", Sensor)}
     channels = {row.token: names.get(row.sensor_token, "") for row in sensors}
@@ -88,8 +88,8 @@ def _keyframes(
         channel = channels.get(row.calibrated_sensor_token, "")
         if row.is_key_frame and row.sample_token in samples and channel in found:
             found[channel][row.sample_token] = row
-    sweeps, pictures = found[LIDAR_CHANNEL], found[camera]
-    both = [(sweeps[sample], pictures[sample]) for sample in sweeps if sample in pictures]
+    sweeps, images = found[LIDAR_CHANNEL], found[camera]
+    both = [(sweeps[sample], images[sample]) for sample in sweeps if sample in images]
     if not both:
         raise InputError(
             f"{tables.path('sample_data')}: found no keyframe of both {LIDAR_CHANNEL} and {camera}"
@@ -120,14 +120,13 @@ def _speeds(keyframes: list[tuple[SampleData, SampleData]], T_world_sensor: dict
     return [float(speed) for speed in speeds_mps(positions, np.diff(stamps_s))]
 
 
-def _camera(tables: Tables, picture: SampleData, sensors: list[CalibratedSensor]) -> dict[str, Any]:
+def _camera(tables: Tables, image: SampleData, sensors: list[CalibratedSensor]) -> dict[str, Any]:
     """The camera block; pictures of nuScenes come without distortion."""
-    sensor = next(row for row in sensors if row.token == picture.calibrated_sensor_token)
+    sensor = next(row for row in sensors if row.token == image.calibrated_sensor_token)
     K = [list(values) for values in sensor.camera_intrinsic]
-    row = f"{tables.path('sample_data')}: row {describe(picture.token)}"
+    row = f"{tables.path('sample_data')}: row {describe(image.token)}"
     width, height = (
-        picture_side(f"{row}: {key}", side)
-        for key, side in (("width", picture.width), ("height", picture.height))
+        image_side(f"{row}: {key}", side) for key, side in (("width", image.width), ("height", image.height))
     )
     block = {"model": "plumb_bob", "width": width, "height": height, "K": K}
     key = f"row {describe(sensor.token)}: camera_intrinsic"

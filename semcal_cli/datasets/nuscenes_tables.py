@@ -9,7 +9,8 @@ from typing import Annotated, TypeAlias, TypeVar
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, read_list
+from semcal_cli.files.documents import read_list
+from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import FileName, Vector3, Vector4, length, validate
 from semcal_cli.formats.values import MAX_STAMP_S, MAX_WORLD_M
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.datasets.files import folders, need_file, pick
-from semcal_cli.datasets.pictures import picture_size
+from semcal_cli.datasets.image_headers import image_size
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
 from semcal_cli.formats.values import camera_block, numbers, read_keyed, transform
@@ -23,7 +23,7 @@ def read(request: Request) -> Recording:
     image = _image(folder)
     K = numbers(calibration, keyed, "K", 9).reshape(3, 3)
     distortion = numbers(calibration, keyed, "D", 4, 5)
-    width, height = picture_size(image)
+    width, height = image_size(image)
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
     camera |= {"K": K.tolist(), "distortion": distortion.tolist()}
     return Recording(

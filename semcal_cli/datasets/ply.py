@@ -14,7 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed, read_bytes
+from semcal_cli.files.messages import listed
+from semcal_cli.files.reading import read_bytes
 
 END = re.compile(rb"\nend_header\r?\n")
 MAX_HEADER = 65536

@@ -17,7 +17,7 @@ from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_positions, speeds_mps
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_text
+from semcal_cli.files.reading import read_text
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.values import camera_block, parse_numbers, rigid
 from semcal_cli.geometry.poses import Pose
@@ -28,7 +28,7 @@ DISTORTION = [-0.134313, -0.025905, 0.002181, 0.00084, 0.0]
 """k1 k2 p1 p2 k3; camera_info.txt leaves them out, the project's own projection (utils/lidar2img.ipynb) has them."""
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 16.6, "fov_down_deg": -16.6}
 """Ouster OS1-64, first generation."""
-PICTURE_NAME = re.compile(r"frame([0-9]{6})-([0-9]{1,10})_([0-9]{3})")
+IMAGE_NAME = re.compile(r"frame([0-9]{6})-([0-9]{1,10})_([0-9]{3})")
 
 
 def read(request: Request) -> Recording:
@@ -99,15 +99,15 @@ def _by_number(files: dict[str, Path]) -> dict[str, Path]:
     return {_parse(path).group(1): path for path in files.values()}
 
 
-def _stamp(picture: Path) -> float:
-    _, seconds, milliseconds = _parse(picture).groups()
+def _stamp(image: Path) -> float:
+    _, seconds, milliseconds = _parse(image).groups()
     return int(seconds) + int(milliseconds) / 1000.0
 
 
-def _parse(picture: Path) -> re.Match[str]:
-    found = PICTURE_NAME.fullmatch(picture.stem)
+def _parse(image: Path) -> re.Match[str]:
+    found = IMAGE_NAME.fullmatch(image.stem)
     if not found:
-        raise InputError(f"{picture}: found name {picture.stem!r}, needed one as frame000104-1581624663_149")
+        raise InputError(f"{image}: found name {image.stem!r}, needed one as frame000104-1581624663_149")
     return found
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.files.documents import read_text
+from semcal_cli.files.reading import read_text
 from semcal_cli.formats.values import MAX_WORLD_M, number, parse_numbers
 
 KITTI_PERIOD_S = 0.1

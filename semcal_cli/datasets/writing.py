@@ -13,14 +13,16 @@ import numpy as np
 
 from semcal_cli.datasets.choice import Choice, most_varied, narrowed
 from semcal_cli.datasets.files import need_file, writable_name
+from semcal_cli.datasets.image_headers import holds_colors
 from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
-from semcal_cli.datasets.pictures import holds_colors
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
 from semcal_cli.drive.document import DRIVE_FILE, Drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, write_bytes, write_text
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.messages import os_reason
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
+from semcal_cli.files.writing import write_bytes, write_text
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 
@@ -225,4 +227,4 @@ def _make_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {(error.strerror or str(error)).lower()}") from None
+        raise InputError(f"{folder}: cannot be written: {os_reason(error)}") from None

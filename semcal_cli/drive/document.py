@@ -9,7 +9,9 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, is_folder, read_document
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.messages import describe, mismatch
+from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import (
     FileName,
     Matrix3,
@@ -18,7 +20,6 @@ from semcal_cli.files.validation import (
     Version,
     check_distinct,
     length,
-    mismatch,
     validate,
 )
 from semcal_cli.geometry.poses import nearest_rigid

@@ -24,7 +24,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.motion import compensated, motion_error_px
-from semcal_cli.drive.observations import Observations, read_clouds, read_image
+from semcal_cli.drive.observations import Observations, read_clouds, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -102,9 +102,9 @@ def _intensity(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Values:
 
 
 def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: IntensityConfig) -> Values:
-    """Grey values (H, W) of a picture against their surroundings."""
-    camera, picture = drive.camera, read_image(drive, frame)
-    if picture is None:
+    """Grey values (H, W) of an image against their surroundings."""
+    camera, image = drive.camera, read_frame_image(drive, frame)
+    if image is None:
         raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
     sigma_px = np.radians(config.surroundings_deg) * core_camera(camera).pixels_per_radian
 
@@ -118,7 +118,7 @@ def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: Inten
         around: Values = cv2.resize(smooth, (camera.width, camera.height)).astype(np.float64)
         return around
 
-    grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.float64)
+    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float64)
     weights = blur(seen.astype(np.float64))
     grey = np.where(seen, grey, 0.0)
     return _contrast(grey, weights, blur(grey), blur(grey**2), float(grey[seen].std()))

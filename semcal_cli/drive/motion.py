@@ -13,7 +13,7 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_text
+from semcal_cli.files.reading import read_text
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion
 
 MAX_SWEEP_S = 1.0

@@ -17,7 +17,7 @@ from semcal_cli.drive.classes import NO_CLASS, ClassTable, class_table
 from semcal_cli.drive.document import Camera, Drive, Frame, Lidar
 from semcal_cli.drive.motion import compensated, motion_error_px
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.images import read_picture
+from semcal_cli.files.images import read_image
 from semcal_cli.files.point_clouds import Sweeps
 
 Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
@@ -57,7 +57,7 @@ class Observations:
 
     @property
     def num_frames(self) -> int:
-        """How many pairs of sweep and picture there are."""
+        """How many pairs of sweep and image there are."""
         return len(self.points)
 
     def of_frames(self, indices: Sequence[int]) -> Observations:
@@ -107,14 +107,14 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
-    pictures = read_pictures(drive)
+    label_images = read_label_images(drive)
     clouds = read_clouds(drive, sweeps)
     points, twists_per_s = compensated(drive, clouds)
     point_labels = _point_labels(drive, clouds)
     point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
-    image_table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
+    image_table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
     point_classes, point_shares = zip(*(_dense(labels, point_table) for labels in point_labels), strict=True)
-    image_classes, image_shares = zip(*(_dense(picture, image_table) for picture in pictures), strict=True)
+    image_classes, image_shares = zip(*(_dense(labels, image_table) for labels in label_images), strict=True)
     size = drive.camera.height, drive.camera.width
     return Observations(
         camera=drive.camera,
@@ -152,10 +152,10 @@ def load_points(drive: Drive) -> Observations:
     )
     if any(frame.image_labels is None for frame in drive.frames):
         return observations
-    pictures = read_pictures(drive)
-    table = _class_table(drive, "image", [_ids(picture) for picture in pictures])
+    label_images = read_label_images(drive)
+    table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
     size = drive.camera.height, drive.camera.width
-    classes = [_dense(picture, table)[0].reshape(size) for picture in pictures]
+    classes = [_dense(labels, table)[0].reshape(size) for labels in label_images]
     return replace(observations, image_classes=classes, image_class_names=table.names)
 
 
@@ -164,7 +164,7 @@ def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
     return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]
 
 
-def read_pictures(drive: Drive) -> list[Labels]:
+def read_label_images(drive: Drive) -> list[Labels]:
     """Read the label images of all frames, ids or probabilities by their suffix.
 
     Raises:
@@ -178,8 +178,8 @@ def read_pictures(drive: Drive) -> list[Labels]:
     return [next(shares if path in soft else ids) for path in paths]
 
 
-def read_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None:
-    """Read the picture (H, W, 3) of a frame, blue, green, red, if it has one.
+def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None:
+    """Read the image (H, W, 3) of a frame, blue, green, red, if it has one.
 
     Raises:
         InputError: it is damaged, or of another size than the camera's.
@@ -187,11 +187,11 @@ def read_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None:
     if frame.image is None:
         return None
     path, camera = drive.resolve(frame.image), drive.camera
-    picture = read_picture(path)
-    found, needed = picture.shape[1::-1], (camera.width, camera.height)
+    image = read_image(path)
+    found, needed = image.shape[1::-1], (camera.width, camera.height)
     if found != needed:
         raise InputError(f"{path}: found {found[0]} x {found[1]} pixels, needed {needed[0]} x {needed[1]}")
-    return picture
+    return image
 
 
 def _ids(labels: Labels) -> npt.NDArray[np.uint16]:

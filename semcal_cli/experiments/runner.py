@@ -23,7 +23,8 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_text, write_bytes, write_text
+from semcal_cli.files.reading import read_text
+from semcal_cli.files.writing import write_bytes, write_text
 from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -17,7 +17,9 @@ from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.accuracy import off
 from semcal_cli.experiments.runner import machine, write_results
-from semcal_cli.files.documents import document_text, read_document, write_text
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose

@@ -21,11 +21,11 @@ from semcal_cli.config import CalibrationConfig, InitializationConfig, SoicConfi
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations, read_image
+from semcal_cli.drive.observations import Observations, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
 from semcal_cli.experiments.runner import machine, write_results
-from semcal_cli.files.images import write_picture
+from semcal_cli.files.images import write_image
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, mounting_rpy_deg, rotation_vector_deg
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -127,7 +127,7 @@ def _check_frame(drive: Drive, frame: int) -> None:
     """Check what pictures will be drawn on, before all the work."""
     if frame >= len(drive.frames):
         raise InputError(f"{drive.path}: found {len(drive.frames)} frames, needed one numbered {frame}")
-    read_image(drive, drive.frames[frame])
+    read_frame_image(drive, drive.frames[frame])
 
 
 @dataclass(frozen=True)
@@ -243,4 +243,4 @@ def _write_pictures(found: Comparison, frame: int, folder: Path) -> None:
         if method in pictures:
             picture = add_caption(pictures[method], f"({file[0]}) {method}", pictures[method].shape[1])
             strip = draw_legend(list(legend), swatches, picture.shape[1])
-            write_picture(np.vstack([picture, strip]), path)
+            write_image(np.vstack([picture, strip]), path)

@@ -1,4 +1,4 @@
-"""Pictures on disk."""
+"""Images on disk."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_bytes, write_bytes
+from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.writing import write_bytes
 
 MAGIC = b"\x89PNG", b"\xff\xd8\xff", b"BM"
 """How PNG, JPEG and BMP begin."""
 
 
-def read_picture(path: Path) -> npt.NDArray[np.uint8]:
-    """Read a colour picture as its pixels are stored, whatever its EXIF orientation.
+def read_image(path: Path) -> npt.NDArray[np.uint8]:
+    """Read a colour image as its pixels are stored, whatever its EXIF orientation.
 
     Returns:
         (H, W, 3) blue, green, red.
 
     Raises:
-        InputError: there is no such file, or it is no picture.
+        InputError: there is no such file, or it is no image.
     """
     content = read_bytes(path)
     if not content.startswith(MAGIC):
@@ -31,19 +32,19 @@ def read_picture(path: Path) -> npt.NDArray[np.uint8]:
         )
     flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
     try:
-        picture = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
+        image = cv2.imdecode(np.frombuffer(content, dtype=np.uint8), flags)
     except cv2.error:
-        picture = None
-    if picture is None:
+        image = None
+    if image is None:
         raise InputError(f"{path}: found a damaged picture, or too large a one, needed a picture")
-    return picture.astype(np.uint8, copy=False)
+    return image.astype(np.uint8, copy=False)
 
 
-def write_picture(picture: npt.NDArray[np.uint8], path: Path) -> None:
+def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
     """Write a PNG as a whole or not at all: to a temporary file beside it, which is then renamed.
 
     Args:
-        picture: (H, W) grey, or (H, W, 3) blue, green, red.
+        image: (H, W) grey, or (H, W, 3) blue, green, red.
         path: What to write; its suffix is .png.
 
     Raises:
@@ -51,17 +52,5 @@ def write_picture(picture: npt.NDArray[np.uint8], path: Path) -> None:
     """
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .png")
-    _, content = cv2.imencode(".png", picture)
+    _, content = cv2.imencode(".png", image)
     write_bytes(content.tobytes(), path)
-
-
-def make_picture_folder(path: Path) -> None:
-    """Make a folder for pictures, unless there is one.
-
-    Raises:
-        InputError: it cannot be made.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be made: {(error.strerror or str(error)).lower()}") from None

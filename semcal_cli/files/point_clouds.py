@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_bytes
+from semcal_cli.files.reading import read_bytes
 
 if TYPE_CHECKING:
     import laspy

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import ErrorDetails
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe
+from semcal_cli.files.messages import describe, mismatch
 from semcal_cli.geometry.poses import check_rigid
 
 MAX_TRANSLATION_M = 1e6
@@ -49,11 +49,6 @@ def validate(model: type[Model], document: object, path: Path) -> Model:
     except ValidationError as error:
         first = error.errors()[0]
         raise InputError(": ".join(filter(None, (str(path), _key(first), _complaint(first))))) from None
-
-
-def mismatch(found: object, needed: object) -> ValueError:
-    """Make the error that a validator raises."""
-    return ValueError(f"found {found}, needed {needed}")
 
 
 def check_distinct(names: Mapping[str, Iterable[object]]) -> None:

@@ -18,7 +18,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.limits import Check, Verdict, joint_quantile, judge, together
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.fleet.changes import Drift, change_points, drift, misfit
 from semcal_cli.fleet.consensus import (
     Matrices,

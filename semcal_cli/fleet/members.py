@@ -16,7 +16,8 @@ import numpy.typing as npt
 from semcal_cli.batch.summary import JSONL
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import is_folder, read_json_lines
+from semcal_cli.files.documents import read_json_lines
+from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import FileName, StrictModel, Transform, Vector6, length, validate
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import read_calibration

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, listed, write_bytes, write_text
+from semcal_cli.files.messages import describe, listed
+from semcal_cli.files.writing import write_bytes, write_text
 from semcal_cli.formats import (
     autoware,
     camera_entries,

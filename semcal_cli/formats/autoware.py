@@ -12,7 +12,7 @@ import re
 from typing import Any
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import (
     CAMERA_NAME,
     FRAMES,

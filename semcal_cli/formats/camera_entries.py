@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_rows
 from semcal_cli.formats.values import matrix_at
 from semcal_cli.geometry.poses import Pose

@@ -6,7 +6,7 @@ import json
 from typing import Any
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import CAMERA, Asked, Format, Source, from_quaternion, wxyz, xyz
 from semcal_cli.formats.values import numbers_in
 from semcal_cli.geometry.poses import Pose

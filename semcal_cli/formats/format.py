@@ -13,7 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, parse_any, read_bytes
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import parse_any
+from semcal_cli.files.reading import read_bytes
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 

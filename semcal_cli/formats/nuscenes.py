@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed, read_list
+from semcal_cli.files.documents import read_list
+from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import Asked, Format, Source, from_quaternion, wxyz, xyz
 from semcal_cli.formats.values import numbers_in
 from semcal_cli.geometry.poses import Pose, inverse

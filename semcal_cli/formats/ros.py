@@ -11,7 +11,7 @@ import shlex
 from contextlib import suppress
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import (
     CAMERA_NAME,
     FRAMES,

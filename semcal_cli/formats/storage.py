@@ -14,8 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, listed, parse_document, read_text
-from semcal_cli.formats.values import number, picture_side
+from semcal_cli.files.documents import parse_document
+from semcal_cli.files.messages import describe, listed
+from semcal_cli.files.reading import read_text
+from semcal_cli.formats.values import image_side, number
 from semcal_cli.formats.xml import parse_xml
 
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
@@ -87,7 +89,7 @@ class Storage:
             InputError: there is none.
         """
         values = self.first(names)
-        return picture_side(f"{self.path}: {names[0]}", values[0] if len(values) == 1 else values)
+        return image_side(f"{self.path}: {names[0]}", values[0] if len(values) == 1 else values)
 
 
 def _parse_yaml(text: str, path: Path) -> dict[Any, Any]:

@@ -8,7 +8,7 @@ from contextlib import suppress
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import (
     CAMERA_NAME,
     FRAMES,

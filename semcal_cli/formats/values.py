@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, one_of, read_text
+from semcal_cli.files.messages import describe, one_of
+from semcal_cli.files.reading import read_text
 from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
 
@@ -46,7 +47,7 @@ def number(where: str, value: object, low: float = -math.inf, high: float = math
     return found
 
 
-def picture_side(where: str, value: object) -> int:
+def image_side(where: str, value: object) -> int:
     """Give the pixels along a side of a picture, which are nowhere rounded.
 
     Raises:

@@ -12,9 +12,9 @@ import numpy.typing as npt
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.observations import read_image
+from semcal_cli.drive.observations import read_frame_image
 from semcal_cli.geometry.poses import camera_center, inverse
-from semcal_cli.report.overlay import Colors, hex_color, palettes, points_in_picture
+from semcal_cli.report.overlay import Colors, hex_color, palettes, points_in_image
 from semcal_cli.report.subject import Subject
 
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
@@ -52,7 +52,7 @@ def frame_cloud(subject: Subject) -> Cloud:
     names = [frame.image for frame in subject.drive.frames]
     number = next((i for i, name in enumerate(names) if name is not None), 0)
     points = observations.points[number]
-    seen = points_in_picture(points, T, observations.camera)
+    seen = points_in_image(points, T, observations.camera)
     visible = _thinned(~seen.is_hidden, MAX_SEEN)
     is_other = np.linalg.norm(points, axis=1) < MAX_RANGE_M
     is_other[seen.indices[~seen.is_hidden]] = False
@@ -70,9 +70,9 @@ def frame_cloud(subject: Subject) -> Cloud:
         "label of the pixel": _legend(pixel_classes, observations.image_class_names, of_pixels),
         "label of the point": _legend(point_classes, observations.point_class_names, of_points),
     }
-    picture = read_image(subject.drive, subject.drive.frames[number])
-    if picture is not None:
-        by["picture"] = _at(picture, pixels)[:, ::-1]
+    image = read_frame_image(subject.drive, subject.drive.frames[number])
+    if image is not None:
+        by["picture"] = _at(image, pixels)[:, ::-1]
     grey = np.full((len(others), 3), GREY, np.uint8)
     positions = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
     return Cloud(

@@ -17,9 +17,10 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive
-from semcal_cli.drive.observations import Observations, read_image
+from semcal_cli.drive.observations import Observations, read_frame_image
 from semcal_cli.errors import InputError
-from semcal_cli.files.images import make_picture_folder, write_picture
+from semcal_cli.files.images import write_image
+from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
 
 Picture: TypeAlias = npt.NDArray[np.uint8]
@@ -152,7 +153,7 @@ class Seen(NamedTuple):
     is_hidden: npt.NDArray[np.bool_]
 
 
-def points_in_picture(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
+def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
     """Find the points (N, 3), metres, LiDAR frame, that land in the picture, and tell which of them are hidden."""
     pixels, ranges, hidden = _core.land(core_camera(camera), points, T_camera_lidar)
     seen = np.flatnonzero(np.isfinite(ranges))
@@ -218,7 +219,7 @@ class Overlays:
         Raises:
             InputError: the folder cannot be made, or as `write`.
         """
-        make_picture_folder(folder)
+        make_folder(folder)
         for frame, path in enumerate(picture_paths(folder, self.observations.num_frames)):
             self.write(frame, path)
             yield path
@@ -233,7 +234,7 @@ class Overlays:
         pictures, legend = self.draw(frame)
         picture = before_after(pictures, stacked=camera.width >= WIDE * camera.height)
         swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
-        write_picture(np.vstack([picture, draw_legend(list(legend), swatches, picture.shape[1])]), path)
+        write_image(np.vstack([picture, draw_legend(list(legend), swatches, picture.shape[1])]), path)
 
     def draw(self, frame: int) -> tuple[dict[str, Picture], Legend]:
         """Draw the points of a frame, numbered from 0, at each pose: pictures by caption, and what colours mean.
@@ -250,7 +251,7 @@ class Overlays:
         pictures: dict[str, Picture] = {}
         legend: Legend = {}
         for caption, T in self.poses.items():
-            seen = points_in_picture(observations.points[frame], T, observations.camera)
+            seen = points_in_image(observations.points[frame], T, observations.camera)
             pixels, colors, named = self._colored(frame, seen)
             pictures[caption] = _draw_dots(background, pixels, colors)
             legend |= named
@@ -358,15 +359,15 @@ def _background(drive: Drive, observations: Observations, frame: int) -> Picture
         table = np.zeros((256, 3), dtype=np.uint8)
         table[: len(colors)] = (LABEL_STRENGTH * colors).astype(np.uint8)
         return table[observations.image_classes[frame]]
-    picture = read_image(drive, drive.frames[frame])
-    assert picture is not None
-    return _dim(picture)
+    image = read_frame_image(drive, drive.frames[frame])
+    assert image is not None
+    return _dim(image)
 
 
-def _dim(picture: Picture) -> Picture:
-    """Darken a picture and take colour out of it."""
-    gray = picture.mean(axis=2, keepdims=True)
-    mixed = BACKGROUND_GRAY * gray + (1.0 - BACKGROUND_GRAY) * picture
+def _dim(image: Picture) -> Picture:
+    """Darken an image and take colour out of it."""
+    gray = image.mean(axis=2, keepdims=True)
+    mixed = BACKGROUND_GRAY * gray + (1.0 - BACKGROUND_GRAY) * image
     dimmed: Picture = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
     return dimmed
 

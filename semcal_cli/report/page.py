@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.files.documents import document_text, write_text
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.classes import class_agreements

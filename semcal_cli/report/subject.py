@@ -12,7 +12,7 @@ from semcal_cli.drive.cues import CUES, choose_frames, load_cues
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
-from semcal_cli.files.documents import listed
+from semcal_cli.files.messages import listed
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.semcal import read_record
 from semcal_cli.geometry.poses import Pose

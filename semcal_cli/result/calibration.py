@@ -10,7 +10,9 @@ from pydantic import Field, JsonValue, model_validator
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import CalibrationError
-from semcal_cli.files.documents import Format, document_text, output_format, read_document, write_text
+from semcal_cli.files.dialect import Format, document_text
+from semcal_cli.files.documents import output_format, read_document
+from semcal_cli.files.messages import mismatch
 from semcal_cli.files.validation import (
     Count,
     FileName,
@@ -23,9 +25,9 @@ from semcal_cli.files.validation import (
     Width,
     Widths,
     length,
-    mismatch,
     validate,
 )
+from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, quaternion_xyzw
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.uncertainty import Uncertainty

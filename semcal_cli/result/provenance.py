@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from semcal_cli.drive.document import Camera, Drive, drive_file
-from semcal_cli.files.documents import read_bytes
+from semcal_cli.files.reading import read_bytes
 from semcal_cli.result.calibration import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")

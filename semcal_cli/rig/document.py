@@ -12,8 +12,10 @@ from pydantic import Field, PrivateAttr, field_validator, model_validator
 
 from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import describe, is_folder, one_of, read_bytes, read_document
-from semcal_cli.files.validation import FileName, StrictModel, Transform, Version, mismatch, validate
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.messages import describe, mismatch, one_of
+from semcal_cli.files.reading import is_folder, read_bytes
+from semcal_cli.files.validation import FileName, StrictModel, Transform, Version, validate
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
 
 RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[\r{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)

@@ -17,8 +17,10 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera, CameraModel
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import document_text, write_text
-from semcal_cli.files.images import write_picture
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.images import write_image
+from semcal_cli.files.messages import os_reason
+from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
 from semcal_cli.synthetic.config import MIN_BASELINE_M, Lens, SynthConfig
 from semcal_cli.synthetic.label_noise import mislabel
@@ -258,7 +260,7 @@ def _write_frame(
     camera: int,
     number: int,
 ) -> _Written:
-    points, labels, _, image_labels, picture, _ = renderer.frame(config.seed, number)
+    points, labels, _, image_labels, image, _ = renderer.frame(config.seed, number)
     path = {folder: out / name for folder, name in _file_names(number).items()}
     try:
         if sweeps is None:
@@ -269,8 +271,8 @@ def _write_frame(
     # The networks of two cameras err in other places.
     rng = _generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
     noisy = mislabel(image_labels, config.label_noise, _class_ids(), rng, UNLABELED)
-    write_picture(ids[noisy], path["image_labels"])
-    write_picture(picture[..., ::-1], path["images"])
+    write_image(ids[noisy], path["image_labels"])
+    write_image(image[..., ::-1], path["images"])
     classes = np.union1d(labels & 0xFFFF, image_labels)
     return _Written(len(points), frozenset(classes.tolist()))
 
@@ -316,7 +318,7 @@ def _prepare_folder(out: Path, force: bool, sweeps: str | None) -> None:
 
 
 def _unwritable(out: Path, error: OSError) -> InputError:
-    return InputError(f"{out}: cannot be written: {(error.strerror or str(error)).lower()}")
+    return InputError(f"{out}: cannot be written: {os_reason(error)}")
 
 
 def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | None) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from semcal_cli import _core
 from semcal_cli.config import Cue
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import read_image
+from semcal_cli.drive.observations import read_frame_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
@@ -51,7 +51,7 @@ def spreads(drive: Drive, T: Pose) -> tuple[float, float]:
         labels = np.fromfile(drive.resolve(str(frame.point_labels)), np.uint32) & 0xFFFF
         pixels, ranges, hidden = _core.land(core_camera(drive.camera), cloud[:, :3].copy(), T)
         seen = np.isfinite(ranges) & ~hidden
-        picture = read_image(drive, frame)
+        picture = read_frame_image(drive, frame)
         assert picture is not None
         u, v = np.rint(pixels[seen]).astype(int).T
         grey = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)

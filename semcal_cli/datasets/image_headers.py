@@ -1,11 +1,11 @@
-"""What a picture's file says of it."""
+"""What an image's file says of it."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from semcal_cli.files.documents import read_bytes
-from semcal_cli.formats.values import picture_side
+from semcal_cli.files.reading import read_bytes
+from semcal_cli.formats.values import image_side
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_SIZE = 26
@@ -13,23 +13,23 @@ TRUE_COLORS = (2, 6)
 """Colour types of PNG that hold colours, without and with alpha; the others hold one number a pixel."""
 
 
-def picture_size(path: Path) -> tuple[int, int]:
-    """Give width and height of a picture.
+def image_size(path: Path) -> tuple[int, int]:
+    """Give width and height of an image.
 
     Raises:
-        InputError: there is no such file, or it is no picture, or one without pixels.
+        InputError: there is no such file, or it is no image, or one without pixels.
     """
     width, height = _size(path)
-    return picture_side(f"{path}: width", width), picture_side(f"{path}: height", height)
+    return image_side(f"{path}: width", width), image_side(f"{path}: height", height)
 
 
 def _size(path: Path) -> tuple[int, int]:
     header = _header(path)
     if header.startswith(PNG_SIGNATURE) and len(header) == PNG_HEADER_SIZE:
         return int.from_bytes(header[16:20], "big"), int.from_bytes(header[20:24], "big")
-    from semcal_cli.files.images import read_picture
+    from semcal_cli.files.images import read_image
 
-    height, width = read_picture(path).shape[:2]
+    height, width = read_image(path).shape[:2]
     return width, height
 
 

@@ -1,0 +1,56 @@
+"""Regular files read as a whole, and what there is under a name."""
+
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.messages import os_reason
+
+
+def is_folder(path: Path) -> bool:
+    """Tell whether there is a folder, also for names that are too long to ask for."""
+    with suppress(OSError):
+        return path.is_dir()
+    return False
+
+
+def is_same_file(a: Path, b: Path) -> bool:
+    """Tell whether two names are of one file, by links or otherwise."""
+    return os.path.realpath(a) == os.path.realpath(b)
+
+
+def read_bytes(path: Path, count: int | None = None) -> bytes:
+    """Read a regular file, or its first `count` bytes: neither a pipe that nobody writes to nor an endless device.
+
+    Raises:
+        InputError: there is no such file, or it cannot be read.
+    """
+    try:
+        if not stat.S_ISREG(path.stat().st_mode):
+            found = "a folder" if path.is_dir() else "no regular file"
+            raise InputError(f"{path}: found {found}, needed a file")
+        with path.open("rb") as file:
+            return file.read() if count is None else file.read(count)
+    except OSError as error:
+        raise InputError(f"{path}: {read_reason(error)}") from None
+
+
+def read_text(path: Path) -> str:
+    """Read a UTF-8 file, with or without a byte order mark.
+
+    Raises:
+        InputError: there is no such file, or it is not UTF-8.
+    """
+    try:
+        return read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: byte {error.start} is not UTF-8 text") from None
+
+
+def read_reason(error: OSError) -> str:
+    """Say in a few words why nothing can be read or written under a name."""
+    if isinstance(error, FileNotFoundError | NotADirectoryError):
+        return "no such file or folder"
+    return os_reason(error)

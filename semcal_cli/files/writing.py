@@ -1,0 +1,62 @@
+"""Files written as a whole or not at all, so that a crash leaves no half a file."""
+
+import os
+import secrets
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.messages import os_reason
+from semcal_cli.files.reading import read_reason
+
+
+def write_text(text: str, path: Path) -> None:
+    """Write a UTF-8 file as `write_bytes` does."""
+    write_bytes(text.encode("utf-8"), path)
+
+
+def write_bytes(content: bytes, path: Path) -> None:
+    """Write a file as a whole or not at all: to a temporary file beside it, which is then renamed.
+
+    Devices and pipes are written to, not replaced. A file that is replaced keeps its permissions.
+
+    Raises:
+        InputError: the file cannot be written. An existing one is untouched then.
+    """
+    target = Path(os.path.realpath(path))
+    try:
+        mode = target.stat().st_mode
+        if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
+            target.write_bytes(content)
+            return
+    except FileNotFoundError:
+        mode = None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
+    temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
+    try:
+        with temporary.open("xb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        if mode is not None:
+            temporary.chmod(stat.S_IMODE(mode))
+        temporary.replace(target)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def make_folder(path: Path) -> None:
+    """Make a folder, unless there is one.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be made: {os_reason(error)}") from None
