@@ -37,7 +37,14 @@ MAY_IMPORT = {
 import the first three."""
 EVERYWHERE = {"errors", "config", "_core"}
 WITH_TORCH = {"refinement/mine", "refinement/se3", "refinement/projection", "refinement/objective"}
-WITH_OPENCV = {"initialization/pnp", "files/images", "drive/intensity", "baselines/soic", "report"}
+WITH_OPENCV = {
+    "files/images",
+    "drive/intensity",
+    "initialization/pnp",
+    "assessment/uncertainty",
+    "baselines/soic",
+    "report",
+}
 
 
 def allowed(folder: str) -> set[str]:
