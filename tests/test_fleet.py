@@ -19,11 +19,12 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.fleet.assessment import assess
 from semcal_cli.fleet.changes import ALPHA, change_points, drift
-from semcal_cli.fleet.consensus import extra_scatter, local_coordinates, moved, robust_mean
+from semcal_cli.fleet.consensus import extra_scatter, robust_mean
 from semcal_cli.fleet.members import Member, _Line
 from semcal_cli.fleet.record import describe_fleet
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 TRUTH = make_pose((1.2, -0.3, 0.8), (0.4, -0.2, 0.7))
 MANY = 1e6
@@ -38,7 +39,7 @@ def fleet(
     off = rng.standard_normal((count, 6)) * SIGMAS * scales[:, None]
     off += extra * rng.standard_normal((count, 6)) * SIGMAS
     covariances = np.array([np.diag((SIGMAS * scale) ** 2) for scale in scales])
-    return [moved(TRUTH, each) for each in off], covariances, off
+    return [pose_at(TRUTH, each) for each in off], covariances, off
 
 
 def test_coordinates_are_those_of_the_calibration_s_uncertainty() -> None:
@@ -50,7 +51,7 @@ def test_coordinates_are_those_of_the_calibration_s_uncertainty() -> None:
     T[:3, 3] = -T[:3, :3] @ center
     (found,) = local_coordinates([T], TRUTH)
     assert found == pytest.approx([0.0, 0.0, -0.05, 0.0, 0.01, 0.0], abs=1e-12)
-    assert moved(TRUTH, found) == pytest.approx(T, abs=1e-12)
+    assert pose_at(TRUTH, found) == pytest.approx(T, abs=1e-12)
 
 
 def test_coordinates_are_a_twist_to_first_order() -> None:
@@ -114,7 +115,7 @@ def test_one_that_lies_alone_is_neither_a_change_nor_a_drift(place: int) -> None
     for seed in range(10):
         drives = series_of("nothing", 30, seed)
         off = np.array([0.2, 0.0, 0.0, 0.0, np.radians(0.8), 0.0])
-        drives[place] = replace(drives[place], T_camera_lidar=moved(drives[place].T_camera_lidar, off))
+        drives[place] = replace(drives[place], T_camera_lidar=pose_at(drives[place].T_camera_lidar, off))
         found = assess(drives, Limits())
         assert (found.verdict, len(found.parts), found.drift) == ("fail", 1, None)
         (far,) = [standing.member.drive for standing in found.standings if standing.is_far]
@@ -145,7 +146,7 @@ def test_few_drives_of_which_one_is_off_do_not_pass(count: int) -> None:
             for place in places:
                 T = drives[place].T_camera_lidar
                 drives[place] = replace(
-                    drives[place], T_camera_lidar=moved(T, np.array([0, 0, 0, 0, np.radians(0.8), 0]))
+                    drives[place], T_camera_lidar=pose_at(T, np.array([0, 0, 0, 0, np.radians(0.8), 0]))
                 )
             found = assess(drives, Limits())
             assert found.verdict != "pass"
@@ -156,7 +157,7 @@ def test_small_changes_add_up() -> None:
     drives = series_of("nothing", 40)
     for index, drive in enumerate(drives):
         turn = np.radians(0.25) * (index // 10)
-        T = moved(drive.T_camera_lidar, np.array([0, 0, 0, 0, 0, turn]))
+        T = pose_at(drive.T_camera_lidar, np.array([0, 0, 0, 0, 0, turn]))
         drives[index] = replace(drive, T_camera_lidar=T)
     assert assess(drives, Limits()).verdict == "fail"
 
@@ -225,7 +226,7 @@ def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
         series[9, [0, 5]] += [0.2, np.radians(1.0)]
     if kind == "small change":
         series[15:, 4] += np.radians(0.22)
-    return members([moved(TRUTH, each) for each in series], covariances)
+    return members([pose_at(TRUTH, each) for each in series], covariances)
 
 
 @pytest.mark.parametrize(
@@ -264,7 +265,7 @@ def test_the_order_is_that_of_time_and_else_nothing_depends_on_order() -> None:
 
 
 def test_a_reference_is_judged() -> None:
-    found = assess(series_of("nothing"), Limits(), moved(TRUTH, np.array([0.1, 0, 0, 0, 0, 0])))
+    found = assess(series_of("nothing"), Limits(), pose_at(TRUTH, np.array([0.1, 0, 0, 0, 0, 0])))
     assert found.verdict == "fail"
     assert [c.name for c in found.checks if c.verdict == "fail"] == [
         "from the reference: camera centre x",

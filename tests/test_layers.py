@@ -40,7 +40,14 @@ MAY_IMPORT = {
 import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""
 EVERYWHERE = {"errors", "config", "_core"}
 WITH_TORCH = {"refinement/mine", "refinement/se3", "refinement/projection", "refinement/objective"}
-WITH_OPENCV = {"initialization/pnp", "files/images", "drive/intensity", "baselines/soic", "report"}
+WITH_OPENCV = {
+    "files/images",
+    "drive/intensity",
+    "initialization/pnp",
+    "assessment/uncertainty",
+    "baselines/soic",
+    "report",
+}
 
 
 def allowed(folder: str) -> set[str]:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from semcal_cli import _core
 from semcal_cli.config import MIN_OVERLAP
+from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
 
@@ -30,7 +29,7 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
 
 def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:
     """Say whether a camera whose distance nothing limits is farther from the LiDAR than it may be."""
-    distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))
+    distance_m = baseline_m(T_camera_lidar)
     if distance_m <= max_baseline_m:
         return ()
     sentence = (
@@ -50,7 +49,7 @@ def check_pose(
         max_baseline_m: Limit that the refinement kept the camera's distance to.
     """
     sentences = []
-    distance_m = float(np.linalg.norm(T_camera_lidar[:3, 3]))
+    distance_m = baseline_m(T_camera_lidar)
     if distance_m >= AT_LIMIT * max_baseline_m:
         sentences.append(
             f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m: it may be "

@@ -28,6 +28,7 @@ from semcal_cli.assessment.uncertainty import (
 from semcal_cli.config import EDGE_BAND_PX
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
+from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, pose_at
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -77,7 +78,7 @@ class Prior:
         """(6, 6) derivatives of the residual with respect to a twist on the left of the pose."""
         jacobian = np.zeros((6, 6))
         jacobian[:3, :3] = -self.T_camera_lidar[:3, :3] @ T_camera_lidar[:3, :3].T
-        jacobian[3:, 3:] = _inverse_left_jacobian(rotation_difference(T_camera_lidar, self.T_camera_lidar))
+        jacobian[3:, 3:] = inverse_left_jacobian(rotation_difference(T_camera_lidar, self.T_camera_lidar))
         return jacobian
 
     def describe(self) -> dict[str, object]:
@@ -108,11 +109,8 @@ class Prior:
         if (np.abs(residual) <= most).all():
             return T_camera_lidar
         clamped = np.clip(residual, -most, most)
-        R = _rotation(clamped[3:]) @ self.T_camera_lidar[:3, :3]
-        center = camera_center(self.T_camera_lidar) + self.T_camera_lidar[:3, :3].T @ clamped[:3]
-        T: Pose = np.eye(4)
-        T[:3, :3], T[:3, 3] = R, -R @ center
-        return T
+        # A twist that moves the camera's centre one way has its translation the other way.
+        return pose_at(self.T_camera_lidar, np.concatenate([-clamped[:3], clamped[3:]]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,7 +172,7 @@ def fuse(
         step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
-        T = _moved(T, step)
+        T = apply_twist(T, step)
         # Where labels lead does not change, seen from where the step has led.
         labels = labels._replace(mean=labels.mean - labels.reads @ step)
         if moved_px < SETTLED_PX:
@@ -319,29 +317,3 @@ def _length(axis: int, off: float) -> str:
 def _null_space(rows: Matrix) -> Matrix:
     _, values, directions = np.linalg.svd(rows)
     return np.asarray(directions[int((values > 1e-9 * values[0]).sum()) :].T)
-
-
-def _moved(T_camera_lidar: Pose, twist: Vector6) -> Pose:
-    """A twist on the left, to first order in its translation."""
-    R = _rotation(twist[3:])
-    T: Pose = np.eye(4)
-    T[:3, :3] = R @ T_camera_lidar[:3, :3]
-    T[:3, 3] = R @ T_camera_lidar[:3, 3] + twist[:3]
-    return T
-
-
-def _rotation(vector: npt.NDArray[np.float64]) -> Matrix:
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(vector).as_matrix()
-
-
-def _inverse_left_jacobian(vector: npt.NDArray[np.float64]) -> Matrix:
-    """Of SO(3), (3, 3): Solà, Deray and Atchuthan, *A micro Lie theory*, arXiv 1812.01537, eq. 146."""
-    x, y, z = vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = float(np.linalg.norm(vector))
-    if angle < 1e-4:
-        return np.eye(3) - 0.5 * cross
-    factor = 1.0 / angle**2 - (1.0 + np.cos(angle)) / (2.0 * angle * np.sin(angle))
-    return np.asarray(np.eye(3) - 0.5 * cross + factor * cross @ cross)

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -44,6 +45,9 @@ MAX_HALF_WIDTH_M = 0.25
 """A pose whose place is not known better than this is not trusted."""
 MAX_HALF_WIDTH_DEG = 1.0
 """A pose whose rotation is not known better than this is not trusted."""
+
+CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
+"""A pixel and the four around it."""
 
 
 class Sensitivity(NamedTuple):
@@ -163,18 +167,8 @@ def bled(images: Sequence[npt.NDArray[np.uint8]]) -> list[npt.NDArray[np.uint8]]
     sizes[NO_CLASS] = np.iinfo(sizes.dtype).max  # what carries no information grows over nothing
     classes = np.argsort(sizes, kind="stable").astype(np.uint8)
     ranks = np.argsort(classes).astype(np.uint8)
-    grown = [classes[_lowest_around(ranks[image])] for image in images]
+    grown = [classes[cv2.erode(ranks[image], CROSS)] for image in images]
     return [
         np.where(image == NO_CLASS, NO_CLASS, after).astype(np.uint8)
         for image, after in zip(images, grown, strict=True)
     ]
-
-
-def _lowest_around(ranks: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    """The lowest of each pixel and the four around it."""
-    lowest = ranks.copy()
-    np.minimum(lowest[1:], ranks[:-1], out=lowest[1:])
-    np.minimum(lowest[:-1], ranks[1:], out=lowest[:-1])
-    np.minimum(lowest[:, 1:], ranks[:, :-1], out=lowest[:, 1:])
-    np.minimum(lowest[:, :-1], ranks[:, 1:], out=lowest[:, :-1])
-    return lowest

@@ -22,7 +22,8 @@ from semcal_cli.config import PnpConfig, SoicConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.baseline import baseline_m
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.pnp import solve_pnp
 
 BINS_PER_SECTOR = 4
@@ -82,7 +83,7 @@ class Soic:
                 T_camera_lidar, _ = solve_pnp(points, pixels, camera, pnp)
             except CalibrationError:
                 continue
-            if np.linalg.norm(camera_center(T_camera_lidar)) <= max_baseline_m:
+            if baseline_m(T_camera_lidar) <= max_baseline_m:
                 found.append(T_camera_lidar)
         if not found:
             most = len(self.classes) * self.observations.num_frames

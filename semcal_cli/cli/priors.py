@@ -80,7 +80,7 @@ def make_priors(
         InputError: the camera is known to be farther from the LiDAR than it may be.
     """
     from semcal_cli.assessment.priors import EXACT, Prior
-    from semcal_cli.errors import InputError
+    from semcal_cli.geometry.baseline import check_baseline
     from semcal_cli.geometry.poses import pose_from_mounting
 
     names = ("fix", "prior_translation_m", "prior_rotation_deg")
@@ -89,12 +89,8 @@ def make_priors(
     if place is not None:
         *center_m, sigma_m = place
         _check_sigma(sigma_m, "--prior-translation-m")
-        if math.hypot(*center_m) > max_baseline_m:
-            raise InputError(
-                f"--prior-translation-m: found the camera {math.hypot(*center_m):g} m from the LiDAR, needed at most "
-                f"{max_baseline_m:g} m; --max-baseline-m sets the limit"
-            )
         T = pose_from_mounting((0.0, 0.0, 0.0), center_m)
+        check_baseline("--prior-translation-m", T, max_baseline_m)
         found.append(Prior(_name("--prior-translation-m", place), T, (sigma_m,) * 3 + (UNKNOWN,) * 3))
     if rotation is not None:
         *rpy_deg, sigma_deg = rotation

@@ -24,12 +24,11 @@ from semcal_cli.fleet.consensus import (
     Matrices,
     Vectors,
     extra_scatter,
-    local_coordinates,
-    moved,
     robust_mean,
 )
 from semcal_cli.fleet.members import Member
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 ALPHA = 0.01
 """A fleet that agrees has a drive that is said to disagree no more often than this (Bonferroni)."""
@@ -173,7 +172,7 @@ def assess(members: Sequence[Member], limits: Limits, T_reference: Pose | None =
     factors = np.array([_core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
     standings = _standings(used, times, series, covariances, course, factors, least, limits)
     parts = _parts(used, course, T_middle, factors)
-    T_now, covariance = moved(T_middle, course.expected[-1]), course.covariances[-1]
+    T_now, covariance = pose_at(T_middle, course.expected[-1]), course.covariances[-1]
     drifted = None if course.drift is None else _total_drift(course.drift, times, factors)
 
     nothing = Offset(np.zeros(3), np.zeros(3), _half_widths(covariance, factors))
@@ -276,7 +275,7 @@ def _in_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -
     expected, known = np.zeros_like(series), np.zeros_like(covariances)
     for begin, end in zip(starts, (*starts[1:], len(series)), strict=True):
         # Local coordinates are far smaller than what would make their own frame matter.
-        poses = [moved(np.eye(4), each) for each in series[begin:end]]
+        poses = [pose_at(np.eye(4), each) for each in series[begin:end]]
         mean = robust_mean(poses, covariances[begin:end])
         expected[begin:end] = local_coordinates([mean.T_camera_lidar], np.eye(4))
         known[begin:end] = mean.covariance
@@ -336,7 +335,7 @@ def _parts(
                 used[begin].drive,
                 used[end - 1].drive,
                 end - begin,
-                moved(T_middle, course.expected[end - 1]),
+                pose_at(T_middle, course.expected[end - 1]),
                 _half_widths(course.covariances[end - 1], factors),
                 change_from(begin - 1) if begin > 0 else None,
                 change_from(0) if len(parts) > 1 else None,

@@ -1,9 +1,7 @@
 """What calibrations of one rig agree on: a robust mean of transforms, weighted by how sure each is.
 
-Transforms are compared in local coordinates about a reference, (rho, phi): a twist on the left to first order, metres
-and radians along the camera's axes, in which their covariances are stated. rho moves the centre c, phi turns:
-
-    phi = log(R R_ref^T),   rho = -R_ref (c - c_ref)
+Transforms are compared in local coordinates about a reference (`geometry.twists.local_coordinates`), in which
+their covariances are stated.
 
 The mean is that of a multivariate Student distribution (Lange, Little and Taylor, 1989), whose weights fall for what
 lies far off. Calibrations of one rig scatter by more than each says of itself, since labels of one drive err alike. How
@@ -17,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 from scipy.stats import t as student_t
 
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 Vectors = npt.NDArray[np.float64]
 """(N, 6) local coordinates."""
@@ -51,22 +49,6 @@ class Mean:
     T_camera_lidar: Pose
     covariance: npt.NDArray[np.float64]
     """(6, 6) of (rho, phi) about it."""
-
-
-def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
-    """Give (rho, phi) of transforms about a reference."""
-    T, R_reference = np.asarray(poses), T_reference[:3, :3]
-    centers = -np.einsum("nji,nj->ni", T[:, :3, :3], T[:, :3, 3])
-    turns = Rotation.from_matrix(T[:, :3, :3] @ R_reference.T).as_rotvec()
-    return np.hstack([(camera_center(T_reference) - centers) @ R_reference.T, turns])
-
-
-def moved(T_reference: Pose, coordinates: npt.NDArray[np.float64]) -> Pose:
-    """Give the transform that has these local coordinates about a reference."""
-    T = np.eye(4)
-    T[:3, :3] = Rotation.from_rotvec(coordinates[3:]).as_matrix() @ T_reference[:3, :3]
-    T[:3, 3] = -T[:3, :3] @ (camera_center(T_reference) - T_reference[:3, :3].T @ coordinates[:3])
-    return T
 
 
 @dataclass(frozen=True)
@@ -139,7 +121,7 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
         weights = (STUDENT_DOF + 6.0) / (STUDENT_DOF + squared)
         normal = np.einsum("n,nij->ij", weights, information)
         step = np.linalg.solve(normal, np.einsum("n,nij,nj->i", weights, information, coordinates))
-        T = moved(T, step)
+        T = pose_at(T, step)
         if np.abs(step).max() < SETTLED:
             break
     return Mean(T, WIDENING * np.linalg.inv(normal))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.errors import InputError
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.baseline import check_baseline
+from semcal_cli.geometry.poses import Pose
 
 
 @dataclass(frozen=True)
@@ -27,9 +26,4 @@ class InitialPose:
         Raises:
             InputError: it is farther away.
         """
-        distance_m = math.hypot(*camera_center(self.T_camera_lidar))
-        if distance_m > max_baseline_m:
-            raise InputError(
-                f"{self.name}: found the camera {distance_m:g} m from the LiDAR, needed at most {max_baseline_m:g} m; "
-                f"--max-baseline-m sets the limit"
-            )
+        check_baseline(self.name, self.T_camera_lidar, max_baseline_m)

@@ -15,6 +15,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import apply_motion
 
 MIN_DEPTH = 0.2
 """Rays farther than 78 degrees from the optical axis are left out: in a pinhole picture they run away."""
@@ -170,7 +171,7 @@ def _refine_angles(
         slopes = _direction_slopes(directions[kept], ranges[kept]).reshape(-1, 6)
         # Of the normal equations: pairs that leave a direction open move the pose along the others only.
         twist, *_ = np.linalg.lstsq(slopes.T @ slopes, slopes.T @ chords[kept].ravel(), rcond=None)
-        T_camera_lidar = _moved(T_camera_lidar, twist)
+        T_camera_lidar = apply_motion(T_camera_lidar, cv2.Rodrigues(twist[3:])[0], twist[:3])
         if np.abs(twist).max() < SETTLED:
             break
     return T_camera_lidar, int(kept.sum())
@@ -181,11 +182,3 @@ def _direction_slopes(directions: Rays, ranges: npt.NDArray[np.float64]) -> npt.
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     by_rotation = -np.cross(directions[:, None, :], np.eye(3)).transpose(0, 2, 1)
     return np.concatenate([across / ranges[:, :, None], by_rotation], 2)
-
-
-def _moved(T: Pose, twist: npt.NDArray[np.float64]) -> Pose:
-    moved = np.eye(4)
-    turn = cv2.Rodrigues(twist[3:])[0]
-    moved[:3, :3] = turn @ T[:3, :3]
-    moved[:3, 3] = turn @ T[:3, 3] + twist[:3]
-    return moved

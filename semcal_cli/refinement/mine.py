@@ -20,6 +20,7 @@ from semcal_cli.config import MineConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.geometry.baseline import within_baseline
 from semcal_cli.geometry.poses import Pose, nearest_rigid
 from semcal_cli.refinement.projection import Projection
 from semcal_cli.refinement.pyramid import Level
@@ -350,7 +351,7 @@ class MineClimb:
         before, last = torch.stack(path[-2 * quarter :]).view(2, quarter, 6).mean(1)
         return Level(
             factor=factor,
-            T_camera_lidar=self._within_baseline(exp_se3(unit @ path[-1]) @ anchor),
+            T_camera_lidar=within_baseline(_rigid(exp_se3(unit @ path[-1]) @ anchor), config.max_baseline_m),
             information_nats=float(torch.stack(bounds[-quarter:]).mean()),
             drift=float((last - before).norm()),
             num_points=len(points),
@@ -365,9 +366,9 @@ class MineClimb:
             cosine = 0.5 * (1.0 + math.cos(math.pi * step / config.steps_per_level))
             yield config.final_rate + (1.0 - config.final_rate) * cosine
 
-    def _within_baseline(self, T_camera_lidar: Tensor) -> Pose:
-        """The rigid transform next to a product of matrix exponentials, with the camera no farther than it may be."""
-        pose = nearest_rigid(T_camera_lidar.numpy())
-        pose[3] = 0.0, 0.0, 0.0, 1.0
-        pose[:3, 3] *= min(1.0, self.config.max_baseline_m / float((pose[:3, 3] ** 2).sum()) ** 0.5)
-        return pose
+
+def _rigid(T_camera_lidar: Tensor) -> Pose:
+    """Give the rigid transform next to a product of matrix exponentials."""
+    pose = nearest_rigid(T_camera_lidar.numpy())
+    pose[3] = 0.0, 0.0, 0.0, 1.0
+    return pose

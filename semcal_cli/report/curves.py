@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.result.uncertainty import Uncertainty
 
 SPAN_M, SPAN_DEG = 0.1, 0.5
@@ -88,10 +88,7 @@ def information_curves(
 
 def _moved(T_camera_lidar: Pose, axis: int, offset: float) -> Pose:
     """Move the camera's centre along, or turn the camera about, one of its axes: metres or degrees."""
-    moved = T_camera_lidar.copy()
-    if axis < 3:
-        moved[axis, 3] -= offset
-        return moved
-    turn = np.eye(4)
-    turn[:3, :3] = Rotation.from_rotvec(np.radians(offset) * np.eye(3)[axis - 3]).as_matrix()
-    return turn @ moved
+    twist = np.zeros(6)
+    # The centre moves against the translation of a twist.
+    twist[axis] = -offset if axis < 3 else np.radians(offset)
+    return apply_twist(T_camera_lidar, twist)

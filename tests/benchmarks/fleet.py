@@ -13,9 +13,9 @@ import numpy as np
 
 from semcal_cli.config import Limits
 from semcal_cli.fleet.assessment import assess
-from semcal_cli.fleet.consensus import local_coordinates, moved
 from semcal_cli.fleet.members import Member
 from semcal_cli.geometry.poses import pose_from_mounting
+from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 TRUTH = pose_from_mounting((0.0, 5.0, 30.0), (1.2, -0.3, 0.5))
 SIGMAS = np.array([0.004, 0.003, 0.006, *np.radians([0.02, 0.03, 0.01])])
@@ -28,7 +28,7 @@ def fleet(rng: np.random.Generator, count: int, extra: float) -> list[Member]:
         stated = rng.uniform(0.5, 2.0) * SIGMAS
         off = stated * rng.standard_normal(6) + extra * SIGMAS * rng.standard_normal(6)
         members.append(
-            Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, moved(TRUTH, off), np.diag(stated**2), None)
+            Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, pose_at(TRUTH, off), np.diag(stated**2), None)
         )
     return members
 

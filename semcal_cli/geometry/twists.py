@@ -1,0 +1,68 @@
+"""Twists (rho, phi): small motions on the left of T_camera_lidar, metres and radians along the camera's axes.
+
+Source: Solà, Deray and Atchuthan, *A micro Lie theory for state estimation in robotics* (arXiv 1812.01537).
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from semcal_cli.geometry.poses import Pose, Vector, camera_center, cross_matrix
+
+Twist = NDArray[np.float64]
+"""(6,) translation first, then a rotation vector."""
+
+SMALL_ANGLE = 1e-4
+"""Radians: below, the second-order term of the inverse Jacobian is rounding."""
+
+
+def rotation_matrix(rotation_vector: Vector) -> NDArray[np.float64]:
+    """Give exp(phi) (3, 3) of a rotation vector in radians."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_rotvec(rotation_vector).as_matrix()
+
+
+def apply_twist(T: Pose, twist: Twist) -> Pose:
+    """Turn a pose by exp(phi), then shift it by rho: the twist's motion, to first order in its translation."""
+    return apply_motion(T, rotation_matrix(twist[3:]), twist[:3])
+
+
+def apply_motion(T: Pose, rotation: NDArray[np.float64], translation: Vector) -> Pose:
+    """Apply a rotation (3, 3) and then a translation (3,) on the left of a pose."""
+    moved: Pose = np.eye(4)
+    moved[:3, :3] = rotation @ T[:3, :3]
+    moved[:3, 3] = rotation @ T[:3, 3] + translation
+    return moved
+
+
+def inverse_left_jacobian(rotation_vector: Vector) -> NDArray[np.float64]:
+    """Give J_l^-1 of SO(3), (3, 3): how log(exp(delta) R) changes with delta (Solà et al., eq. 146)."""
+    cross = cross_matrix(rotation_vector)
+    angle = float(np.linalg.norm(rotation_vector))
+    if angle < SMALL_ANGLE:
+        return np.eye(3) - 0.5 * cross
+    factor = 1.0 / angle**2 - (1.0 + np.cos(angle)) / (2.0 * angle * np.sin(angle))
+    return np.asarray(np.eye(3) - 0.5 * cross + factor * cross @ cross)
+
+
+def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.float64]:
+    """Give (N, 6) coordinates (rho, phi) of poses about a reference, as a twist to first order.
+
+    With the camera's centre c, rho = -R_ref (c - c_ref) and phi = log(R R_ref^T).
+    """
+    from scipy.spatial.transform import Rotation
+
+    T, R_reference = np.asarray(poses), T_reference[:3, :3]
+    centers = -np.einsum("nji,nj->ni", T[:, :3, :3], T[:, :3, 3])
+    turns = Rotation.from_matrix(T[:, :3, :3] @ R_reference.T).as_rotvec()
+    return np.hstack([(camera_center(T_reference) - centers) @ R_reference.T, turns])
+
+
+def pose_at(T_reference: Pose, coordinates: Twist) -> Pose:
+    """Give the pose that has these local coordinates about a reference."""
+    T: Pose = np.eye(4)
+    T[:3, :3] = rotation_matrix(coordinates[3:]) @ T_reference[:3, :3]
+    T[:3, 3] = -T[:3, :3] @ (camera_center(T_reference) - T_reference[:3, :3].T @ coordinates[:3])
+    return T
