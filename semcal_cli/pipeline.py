@@ -17,9 +17,10 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.assessment.assess import Assessment
 from semcal_cli.assessment.assess import assess as assess_pose
+from semcal_cli.assessment.fusion import Fused
+from semcal_cli.assessment.fusion import fuse as fuse_pose
 from semcal_cli.assessment.pose_checks import check_motion, check_pose
-from semcal_cli.assessment.priors import Fused, Prior, clamp
-from semcal_cli.assessment.priors import fuse as fuse_pose
+from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from semcal_cli.assessment.consistency import check_consistency
-from semcal_cli.assessment.priors import Fused
+from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import Observations
