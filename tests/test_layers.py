@@ -12,7 +12,6 @@ MAY_IMPORT = {
     "errors": "",
     "config": "",
     "_core": "",
-    "threads": "",
     "geometry": "",
     "events": "geometry",
     "files": "geometry",
@@ -34,7 +33,7 @@ MAY_IMPORT = {
     "fleet": "batch report",
     "experiments": "batch baselines datasets report",
     "schemas": "batch rig fleet",
-    "cli": "library datasets experiments schemas threads",
+    "cli": "library datasets experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
 import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""

@@ -28,6 +28,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.cli.terminal import Terminal, make_console
+    from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.observations import load_observations
@@ -37,7 +38,6 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.report.overlay import Overlays
     from semcal_cli.synthetic.config import SynthConfig
     from semcal_cli.synthetic.synthesis import synthesize
-    from semcal_cli.threads import set_num_threads
 
     console = make_console(quiet)
     set_num_threads(threads)

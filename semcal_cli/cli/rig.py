@@ -16,6 +16,7 @@ from semcal_cli.cli.options import ResultOptions, given_parameters
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs
 from semcal_cli.cli.tables import labelled, matrix_lines, row
 from semcal_cli.cli.terminal import Terminal
+from semcal_cli.cli.threads import set_num_threads
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.point_clouds import Sweeps
@@ -25,7 +26,6 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
-from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
