@@ -13,7 +13,7 @@ from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.formats.format import Asked
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import Pose, check_rigid
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.verification import Verification
@@ -67,8 +67,8 @@ def convert(
     output: Path | str | None = None,
     *,
     from_format: str | None = None,
-    read_options: Asked | None = None,
-    write_options: Asked | None = None,
+    read_options: FormatOptions | None = None,
+    write_options: FormatOptions | None = None,
 ) -> bytes:
     """Convert the transform of a file into another format.
 

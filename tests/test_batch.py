@@ -19,13 +19,14 @@ from click.testing import CliRunner, Result
 from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
 
-from semcal_cli.batch import worker
 from semcal_cli.batch.drives import find_drives, folder_of
 from semcal_cli.batch.summary import worst
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.jobs import processes
+from semcal_cli.jobs.resume import locked
 from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -162,7 +163,8 @@ worker.main()
 def test_who_crashes_or_hangs_does_not_stop_the_others(
     copies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(worker, "COMMAND", (sys.executable, "-c", HOSTILE, *sys.path))
+    hostile = (sys.executable, "-c", HOSTILE, *sys.path)
+    monkeypatch.setattr(processes, "command", lambda module: hostile)
     (copies / "004/drive.yaml").write_text("semcal_drive: 1\n")
     found = run([*command(copies, tmp_path / "out", "--timeout", "30", "--jobs", "2")])
     assert found.exit_code == 1
@@ -258,9 +260,7 @@ def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
 
 
 def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None:
-    from semcal_cli.batch.run import _locked
-
-    with _locked(tmp_path):
+    with locked(tmp_path / ".lock", "batch"):
         found = run(command(drives, tmp_path))
     assert found.exit_code == 1
     assert "found another batch at work there" in str(found.exception)

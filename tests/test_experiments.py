@@ -1,6 +1,9 @@
 import json
 import math
+import os
 import resource
+import signal
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -10,10 +13,13 @@ from click.testing import CliRunner
 from conftest import STREET, make_pose
 
 from semcal_cli.cli import semcal
-from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments import accuracy, runner, speed, trust
-from semcal_cli.experiments.runner import Result, run_cases, summarise, write_accuracy
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.experiments import accuracy, pool, speed, trust
+from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.runner import run_cases
 from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.jobs.resume import locked
 from semcal_cli.synthetic.synthesis import synthesize
 
 
@@ -90,11 +96,11 @@ def test_a_start_is_as_far_off_as_it_says() -> None:
 
 
 def test_one_case_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(runner, "POOL_FRAMES", STREET.num_frames)
+    monkeypatch.setattr(pool, "NUM_FRAMES", STREET.num_frames)
     small = {"width": STREET.width, "height": STREET.height}
     monkeypatch.setitem(accuracy.RIGS, "default", small)
     row = "20 % wrong labels on both sides"
-    run = accuracy.Experiment(runner.Pool(tmp_path), ("exact", "mine"))
+    run = accuracy.Experiment(Pool(tmp_path), ("exact", "mine"))
     found = run(accuracy.Case(row, STREET.seed))
     assert [r.estimator for r in found] == ["exact", "mine"]
     for measured in found:
@@ -144,23 +150,23 @@ def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     assert "cannot be made" in str(found.exception)
 
 
-def finding(kind: str, status: str, error: float, seed: int = 0) -> trust.Finding:
+def outcome(kind: str, status: str, error: float, seed: int = 0) -> trust.Outcome:
     """All axes alike: a standard error of 1 cm and 0.1 degrees, and twice that for half the interval."""
     scale = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)
     errors, sigmas, halves = (tuple(x * each for each in scale) for x in (error, 1.0, 2.0))
-    return trust.Finding(kind, seed, "default", 10, 0.1, status, "", errors, sigmas, halves)
+    return trust.Outcome(kind, seed, "default", 10, 0.1, status, "", errors, sigmas, halves)
 
 
 def test_rates_of_trust() -> None:
-    findings = [
-        *(finding("good", "trusted", error) for error in (0.0, 1.0, -1.9, 2.1)),
-        finding("good", "not_trusted", 100.0),
-        finding("labels shuffled", "not_trusted", 100.0),
-        finding("labels shuffled", "trusted", 6.0),
-        finding("labels shuffled", "trusted", 3.9),
-        trust.Finding("as it is", 0, "default", 20, 0.0, "fail", ""),
+    outcomes = [
+        *(outcome("good", "trusted", error) for error in (0.0, 1.0, -1.9, 2.1)),
+        outcome("good", "not_trusted", 100.0),
+        outcome("labels shuffled", "not_trusted", 100.0),
+        outcome("labels shuffled", "trusted", 6.0),
+        outcome("labels shuffled", "trusted", 3.9),
+        trust.Outcome("as it is", 0, "default", 20, 0.0, "fail", ""),
     ]
-    rates = {rate.name: (rate.count, rate.n) for rate in trust.rates(findings)}
+    rates = {rate.name: (rate.count, rate.n) for rate in trust.rates(outcomes)}
     assert rates["trusted: axes in the 95 % interval"] == (18, 24)
     assert rates["trusted, 10 pairs"] == (18, 24)
     assert rates["trusted, 5 pairs"] == (0, 0)
@@ -170,7 +176,7 @@ def test_rates_of_trust() -> None:
     assert rates["good drives are trusted, 10 pairs or more"] == (4, 5)
     assert rates["not trusted or failed, labels shuffled"] == (1, 3)
     assert rates["verify fails, as it is"] == (1, 1)
-    assert trust.sharpness(findings) == pytest.approx(1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0))
+    assert trust.sharpness(outcomes) == pytest.approx(1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0))
     low, high = trust.Rate("", 3, 10).interval  # Wilson's, as in Brown, Cai and DasGupta (2001)
     assert (low, high) == pytest.approx((0.1078, 0.6032), abs=1e-4)
 
@@ -179,7 +185,7 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     rigs = list(accuracy.RIGS)
     seed = 6 * 7 + rigs.index("default")
     make_small(tmp_path / "pool" / f"default_{seed:06d}", seed)
-    experiment = trust.Experiment(runner.Pool(tmp_path / "pool"))
+    experiment = trust.Experiment(Pool(tmp_path / "pool"))
     kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
     found = {kind: experiment(trust.Case(kind, seed, 2, 0.0)) for kind in kinds}
     verified = {each.kind: each.status for each in found["verify"]}
@@ -197,3 +203,41 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
 def make_small(path: Path, seed: int) -> None:
     path.parent.mkdir(parents=True)
     synthesize(replace(STREET, seed=seed), path)
+
+
+def run_until_killed(case: Case) -> list[Result]:
+    if case.seed == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return run(case)
+
+
+def run_slowly_at_first(case: Case) -> list[Result]:
+    time.sleep(1.0 if case.seed == 0 else 0.0)
+    return run(case)
+
+
+def test_a_process_that_is_killed_is_named_with_its_case(tmp_path: Path) -> None:
+    cases = [Case(seed) for seed in range(4)]
+    with pytest.raises(CalibrationError, match=r"Case\(seed=2\): the process was ended by SIGKILL"):
+        run_cases(cases, run_until_killed, Result, tmp_path, 1, lambda done, total: None)
+    found = run_cases(cases, run, Result, tmp_path, 1, lambda done, total: None)
+    assert found == [result(seed) for seed in range(4)]
+
+
+def test_several_jobs_write_what_one_writes(tmp_path: Path) -> None:
+    cases = [Case(seed) for seed in range(6)]
+    for num_jobs in (1, 2):
+        (tmp_path / f"{num_jobs}").mkdir()
+        run_cases(
+            cases, run_slowly_at_first, Result, tmp_path / f"{num_jobs}", num_jobs, lambda done, total: None
+        )
+    one, two = ((tmp_path / f"{num_jobs}/results.jsonl").read_bytes() for num_jobs in (1, 2))
+    assert one == two
+
+
+def test_results_are_one_run_s_at_a_time(tmp_path: Path) -> None:
+    with (
+        locked(tmp_path / "results.jsonl", "run"),
+        pytest.raises(InputError, match="found another run at work there"),
+    ):
+        run_cases([Case(0)], run, Result, tmp_path, 1, lambda done, total: None)

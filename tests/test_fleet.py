@@ -17,8 +17,8 @@ from semcal_cli.cli import semcal
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.documents import read_document
-from semcal_cli.fleet.assessment import assess
 from semcal_cli.fleet.changes import ALPHA, change_points, drift
+from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
 from semcal_cli.fleet.members import Member, _Line
 from semcal_cli.fleet.record import describe_fleet
@@ -116,9 +116,9 @@ def test_one_that_lies_alone_is_neither_a_change_nor_a_drift(place: int) -> None
         drives = series_of("nothing", 30, seed)
         off = np.array([0.2, 0.0, 0.0, 0.0, np.radians(0.8), 0.0])
         drives[place] = replace(drives[place], T_camera_lidar=pose_at(drives[place].T_camera_lidar, off))
-        found = assess(drives, Limits())
+        found = combine_drives(drives, Limits())
         assert (found.verdict, len(found.parts), found.drift) == ("fail", 1, None)
-        (far,) = [standing.member.drive for standing in found.standings if standing.is_far]
+        (far,) = [drive.member.drive for drive in found.drives if drive.is_far]
         assert far == drives[place].drive
         (now,) = local_coordinates([found.T_camera_lidar], TRUTH)
         assert np.abs(now / SIGMAS).max() < 1.5
@@ -131,8 +131,8 @@ def test_many_that_lie_alone_do_not_hide_one_another(share: float) -> None:
         wrong = np.arange(1, 40, round(1.0 / share))
         for place in wrong:
             drives[place] = replace(drives[place], T_camera_lidar=make_pose((0.3, 0, 0), (1, 0, 0)) @ TRUTH)
-        found = assess(drives, Limits())
-        far = [index for index, standing in enumerate(found.standings) if standing.verdict == "fail"]
+        found = combine_drives(drives, Limits())
+        far = [index for index, drive in enumerate(found.drives) if drive.verdict == "fail"]
         assert far == wrong.tolist()
         assert found.scatter[3:].max() < np.degrees(4.0 * SIGMAS[3:].max())
 
@@ -148,7 +148,7 @@ def test_few_drives_of_which_one_is_off_do_not_pass(count: int) -> None:
                 drives[place] = replace(
                     drives[place], T_camera_lidar=pose_at(T, np.array([0, 0, 0, 0, np.radians(0.8), 0]))
                 )
-            found = assess(drives, Limits())
+            found = combine_drives(drives, Limits())
             assert found.verdict != "pass"
             assert found.reasons
 
@@ -159,16 +159,16 @@ def test_small_changes_add_up() -> None:
         turn = np.radians(0.25) * (index // 10)
         T = pose_at(drive.T_camera_lidar, np.array([0, 0, 0, 0, 0, turn]))
         drives[index] = replace(drive, T_camera_lidar=T)
-    assert assess(drives, Limits()).verdict == "fail"
+    assert combine_drives(drives, Limits()).verdict == "fail"
 
 
 def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> None:
     drives = series_of("change")
     by_name = [replace(drive, stamp=12.3, drive=f"drive_{i}") for i, drive in enumerate(drives)]
-    found = assess(by_name[::-1], Limits())
+    found = combine_drives(by_name[::-1], Limits())
     assert (found.order, found.parts[1].first, found.verdict) == ("name", "drive_15", "fail")
     assert found.notes == ("drives have no stamps in seconds since 1970 that differ: ordered by name",)
-    assert assess(drives, Limits()).notes == ()
+    assert combine_drives(drives, Limits()).notes == ()
 
 
 def test_a_drift_is_measured() -> None:
@@ -199,12 +199,12 @@ def test_intervals_hold_the_truth_and_nothing_is_seen_where_nothing_is(count: in
     held, widths, errors, alarms = [], [], [], 0
     for seed in range(60):
         poses, covariances, _ = fleet(np.random.default_rng((count, seed)), count, extra)
-        found = assess(members(poses, covariances), Limits())
+        found = combine_drives(members(poses, covariances), Limits())
         (off,) = local_coordinates([found.T_camera_lidar], TRUTH)
         off_m_deg = np.concatenate([off[:3], np.degrees(off[3:])])
         held.append(np.abs(off_m_deg) <= found.parts[-1].half_widths)
         alarms += len(found.parts) > 1 or found.drift is not None
-        alarms += any(standing.disagrees for standing in found.standings)
+        alarms += any(drive.disagrees for drive in found.drives)
         widths.append(found.parts[-1].half_widths)
         errors.append(off_m_deg)
     assert np.mean(held) >= 0.90
@@ -240,9 +240,9 @@ def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
     ],
 )
 def test_what_happened_is_told(kind: str, verdict: str, num_parts: int, has_drift: bool) -> None:
-    found = assess(series_of(kind), Limits())
+    found = combine_drives(series_of(kind), Limits())
     assert (found.verdict, len(found.parts), found.drift is not None) == (verdict, num_parts, has_drift)
-    disagreeing = [standing.member.drive for standing in found.standings if standing.disagrees]
+    disagreeing = [drive.member.drive for drive in found.drives if drive.disagrees]
     assert disagreeing == (["009"] if kind == "outlier" else [])
     if kind == "change":
         assert found.parts[1].first == "015"
@@ -258,14 +258,14 @@ def test_what_happened_is_told(kind: str, verdict: str, num_parts: int, has_drif
 
 
 def test_the_order_is_that_of_time_and_else_nothing_depends_on_order() -> None:
-    one = assess(series_of("change"), Limits())
+    one = combine_drives(series_of("change"), Limits())
     shuffled = [series_of("change")[i] for i in np.random.default_rng(1).permutation(24)]
-    other = assess(shuffled, Limits())
+    other = combine_drives(shuffled, Limits())
     assert describe_fleet(one, {}) == describe_fleet(other, {})
 
 
 def test_a_reference_is_judged() -> None:
-    found = assess(series_of("nothing"), Limits(), pose_at(TRUTH, np.array([0.1, 0, 0, 0, 0, 0])))
+    found = combine_drives(series_of("nothing"), Limits(), pose_at(TRUTH, np.array([0.1, 0, 0, 0, 0, 0])))
     assert found.verdict == "fail"
     assert [c.name for c in found.checks if c.verdict == "fail"] == [
         "from the reference: camera centre x",
@@ -276,15 +276,15 @@ def test_a_reference_is_judged() -> None:
 
 
 def test_too_few_drives_decide_nothing() -> None:
-    found = assess(series_of("nothing")[:2], Limits())
+    found = combine_drives(series_of("nothing")[:2], Limits())
     assert found.verdict == "inconclusive"
     mostly_out = [replace(m, left_out="not trusted") for m in series_of("nothing")[:14]]
-    found = assess([*mostly_out, *series_of("nothing")[14:]], Limits())
+    found = combine_drives([*mostly_out, *series_of("nothing")[14:]], Limits())
     assert (found.verdict, found.reasons) == ("inconclusive", ("10 of 24 drives can be used, needed 50%",))
     with pytest.raises(
         CalibrationError, match="found no drive of 14 that can be used, needed 3; the first, 000"
     ):
-        assess(mostly_out, Limits())
+        combine_drives(mostly_out, Limits())
 
 
 def line(member: Member, **changes: object) -> dict:
@@ -403,7 +403,7 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
 def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
     drives = series_of("nothing")
     drives[5] = replace(drives[5], stamp=None)
-    found = assess(drives, Limits())
+    found = combine_drives(drives, Limits())
     assert found.verdict == "inconclusive"
     assert found.reasons == (
         "1 of 24 drives have no stamp in seconds since 1970, needed one of each: the order of time is not known",
@@ -476,7 +476,7 @@ def test_names_that_differ_in_zeros_keep_their_order() -> None:
     drives = [
         replace(drive, stamp=None, drive="0" * i + "1") for i, drive in enumerate(series_of("nothing")[:6])
     ]
-    one, other = assess(drives, Limits()), assess(drives[::-1], Limits())
+    one, other = combine_drives(drives, Limits()), combine_drives(drives[::-1], Limits())
     assert one.T_camera_lidar.tolist() == other.T_camera_lidar.tolist()
 
 

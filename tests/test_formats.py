@@ -21,7 +21,7 @@ from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS, find_format, put_transform, read_transform, write_transform
-from semcal_cli.formats.format import Asked, CameraFrame, Source
+from semcal_cli.formats.format import CameraFrame, FormatOptions, Source
 from semcal_cli.geometry.poses import check_rigid, inverse
 from semcal_cli.result.calibration import read_calibration
 
@@ -211,7 +211,7 @@ T_R0[:3, :3] = R0
 OPENCV = (
     "%YAML:1.0\n---\nCameraExtrinsicMat: !!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [{}]\n"
 )
-L2C, C2L = Asked(direction="lidar-to-camera"), Asked(direction="camera-to-lidar")
+L2C, C2L = FormatOptions(direction="lidar-to-camera"), FormatOptions(direction="camera-to-lidar")
 
 # A robot whose camera and LiDAR stand on its base, and a part that hangs in the air.
 ROBOT = (
@@ -223,43 +223,43 @@ ROBOT = (
     "<child link='nose'/></joint></robot>"
 )
 
-FILES: dict[str, tuple[str, str, Asked]] = {
+FILES: dict[str, tuple[str, str, FormatOptions]] = {
     "ros2-static-transform": (
         "a.sh",
         f"ros2 run tf2_ros static_transform_publisher {ARGUMENTS} --frame-id os_sensor --child-frame-id cam_optical",
-        Asked(),
+        FormatOptions(),
     ),
     "ros2-static-transform, parent is the camera, body": (
         "a.sh",
         f"static_transform_publisher {words(np.linalg.inv(T_LIDAR_BODY)[:3, 3])} "
         f"{words(rpy(np.linalg.inv(T_LIDAR_BODY))[::-1])} camera_link lidar 100",
-        Asked(frame="body"),
+        FormatOptions(frame="body"),
     ),
     "ros2-launch": (
         "a.launch.xml",
         "<launch><node pkg='tf2_ros' exec='static_transform_publisher' args='0 0 0 0 0 0 base imu'/>"
         f"<node pkg='tf2_ros' exec='static_transform_publisher' args='{ARGUMENTS} --frame-id l --child-frame-id "
         "cam0_optical'/></launch>",
-        Asked(lidar="l"),
+        FormatOptions(lidar="l"),
     ),
-    "tf2": ("a.yaml", yaml.dump(STAMPED), Asked()),
-    "apollo": ("a.yaml", yaml.dump(STAMPED | {"child_frame_id": "front_6mm"}), Asked()),
-    "autoware": ("a.yaml", yaml.dump(KIT), Asked(camera="camera0/camera_link")),
-    "autoware, optical": ("a.yaml", yaml.dump(KIT), Asked(camera="camera1/camera_optical_link")),
+    "tf2": ("a.yaml", yaml.dump(STAMPED), FormatOptions()),
+    "apollo": ("a.yaml", yaml.dump(STAMPED | {"child_frame_id": "front_6mm"}), FormatOptions()),
+    "autoware": ("a.yaml", yaml.dump(KIT), FormatOptions(camera="camera0/camera_link")),
+    "autoware, optical": ("a.yaml", yaml.dump(KIT), FormatOptions(camera="camera1/camera_optical_link")),
     "urdf": (
         "a.urdf",
         "<robot><joint name='i' type='fixed'><parent link='base'/><child link='imu'/></joint>"
         f"<joint name='j' type='fixed'><origin xyz='{words(T_LIDAR_BODY[:3, 3])}' rpy='{words(rpy(T_LIDAR_BODY))}'/>"
         "<parent link='os_sensor'/><child link='camera_link'/></joint></robot>",
-        Asked(frame="body"),
+        FormatOptions(frame="body"),
     ),
-    "kitti-odometry": ("calib.txt", f"P0: {words(np.eye(3, 4))}\nTr: {words(T_ANY[:3])}\n", Asked()),
+    "kitti-odometry": ("calib.txt", f"P0: {words(np.eye(3, 4))}\nTr: {words(T_ANY[:3])}\n", FormatOptions()),
     "kitti-object": (
         "000000.txt",
         f"R0_rect: {words(R0)}\nTr_velo_to_cam: {words((np.linalg.inv(T_R0) @ T_ANY)[:3])}\nTr_imu_to_velo: 1\n",
-        Asked(),
+        FormatOptions(),
     ),
-    "kitti-360": ("calib_cam_to_velo.txt", words(T_LIDAR_CAMERA[:3]), Asked()),
+    "kitti-360": ("calib_cam_to_velo.txt", words(T_LIDAR_CAMERA[:3]), FormatOptions()),
     "rellis-3d": (
         "transforms.yaml",
         yaml.dump(
@@ -270,24 +270,28 @@ FILES: dict[str, tuple[str, str, Asked]] = {
                 }
             }
         ),
-        Asked(),
+        FormatOptions(),
     ),
-    "nuscenes": ("calibrated_sensor.json", json.dumps(SENSORS), Asked(camera="a", lidar="b")),
-    "kalibr": ("chain.yaml", yaml.dump({"cam0": {"T_cam_lidar": T_ANY.tolist(), "rostopic": "/a"}}), Asked()),
+    "nuscenes": ("calibrated_sensor.json", json.dumps(SENSORS), FormatOptions(camera="a", lidar="b")),
+    "kalibr": (
+        "chain.yaml",
+        yaml.dump({"cam0": {"T_cam_lidar": T_ANY.tolist(), "rostopic": "/a"}}),
+        FormatOptions(),
+    ),
     "lidar2cam": (
         "calib.json",
         json.dumps(
             {"CAM_FRONT": {"lidar2cam": T_ANY.tolist()}, "CAM_BACK": {"lidar2cam": np.eye(4).tolist()}}
         ),
-        Asked(camera="CAM_FRONT"),
+        FormatOptions(camera="CAM_FRONT"),
     ),
     "opencv": ("e.yml", OPENCV.format(", ".join(words(T_LIDAR_CAMERA).split())), C2L),
     "direct-visual-lidar": (
         "calib.json",
         json.dumps({"results": {"T_lidar_camera": [*T_LIDAR_CAMERA[:3, 3].tolist(), *xyzw(T_LIDAR_CAMERA)]}}),
-        Asked(),
+        FormatOptions(),
     ),
-    "opencalib": ("calib.txt", f"K: 1 0 0 0 1 0 0 0 1\nD: 0 0 0 0\nT: {words(T_ANY[:3])}\n", Asked()),
+    "opencalib": ("calib.txt", f"K: 1 0 0 0 1 0 0 0 1\nD: 0 0 0 0\nT: {words(T_ANY[:3])}\n", FormatOptions()),
     "fast-livo2": (
         "avia.yaml",
         yaml.dump(
@@ -299,7 +303,7 @@ FILES: dict[str, tuple[str, str, Asked]] = {
                 }
             }
         ),
-        Asked(),
+        FormatOptions(),
     ),
     "colmap": (
         "rig_config.json",
@@ -317,7 +321,7 @@ FILES: dict[str, tuple[str, str, Asked]] = {
                 }
             ]
         ),
-        Asked(),
+        FormatOptions(),
     ),
     "tum": ("pose.txt", f"# stamp x y z qx qy qz qw\n1.5 {words(T_ANY[:3, 3])} {words(xyzw(T_ANY))}\n", L2C),
     "text": ("T.txt", "\n".join(words(row) for row in T_LIDAR_CAMERA[:3]), C2L),
@@ -327,13 +331,13 @@ FILES: dict[str, tuple[str, str, Asked]] = {
 
 @pytest.mark.parametrize("kind", FILES)
 def test_each_format_is_read_the_right_way_round(kind: str, tmp_path: Path) -> None:
-    name, text, asked = FILES[kind]
+    name, text, options = FILES[kind]
     format = kind.split(",")[0]
     file = tmp_path / name
     file.write_text(text)
-    np.testing.assert_allclose(read_transform(file, format, asked), T_ANY, atol=1e-12)
+    np.testing.assert_allclose(read_transform(file, format, options), T_ANY, atol=1e-12)
     if format != "apollo":  # of tf2's layout: only its name tells
-        np.testing.assert_allclose(read_transform(file, None, asked), T_ANY, atol=1e-12)
+        np.testing.assert_allclose(read_transform(file, None, options), T_ANY, atol=1e-12)
 
 
 def test_joints_of_a_robot_are_chained(tmp_path: Path) -> None:
@@ -345,8 +349,8 @@ def test_joints_of_a_robot_are_chained(tmp_path: Path) -> None:
     T_optical_base = np.linalg.inv(
         T_base_body @ np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
     )
-    for asked in (Asked(), Asked(camera="camera_link", frame="body")):
-        T = read_transform(tmp_path / "robot.urdf", None, asked)
+    for options in (FormatOptions(), FormatOptions(camera="camera_link", frame="body")):
+        T = read_transform(tmp_path / "robot.urdf", None, options)
         np.testing.assert_allclose(T, T_optical_base @ T_base_lidar, atol=1e-12)
 
 
@@ -363,9 +367,12 @@ def test_sensors_are_named_by_channel_in_a_table_of_the_users(tmp_path: Path) ->
     table.write_text(json.dumps([dict(row, sensor_token=row["token"] * 2) for row in SENSORS]))
     channels = [{"token": "aa", "channel": "CAM_FRONT"}, {"token": "bb", "channel": "LIDAR_TOP"}]
     (tmp_path / "sensor.json").write_text(json.dumps(channels))
-    asked, T = Asked(camera="CAM_FRONT", lidar="LIDAR_TOP"), make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
-    put_transform(T, table, asked)
-    np.testing.assert_allclose(read_transform(table, None, asked), T, atol=1e-9)
+    options, T = (
+        FormatOptions(camera="CAM_FRONT", lidar="LIDAR_TOP"),
+        make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7)),
+    )
+    put_transform(T, table, options)
+    np.testing.assert_allclose(read_transform(table, None, options), T, atol=1e-9)
 
 
 def test_lines_that_say_nothing_of_it_stay_as_they_are(tmp_path: Path) -> None:
@@ -398,8 +405,8 @@ RELATIVE = {"autoware": "sensor kit", "nuscenes": "vehicle"}
 @given(T=poses)
 @settings(max_examples=8)
 def test_there_and_back_is_the_same(name: str, frame: CameraFrame, T: np.ndarray) -> None:
-    asked = Asked(direction="camera-to-lidar", frame=frame)
-    content = find_format(name).write(T, asked)
+    options = FormatOptions(direction="camera-to-lidar", frame=frame)
+    content = find_format(name).write(T, options)
     suffix = (
         "calib_cam_to_velo.txt"
         if name == "kitti-360"
@@ -409,7 +416,7 @@ def test_there_and_back_is_the_same(name: str, frame: CameraFrame, T: np.ndarray
     )
     source = Source(Path(suffix), content)
     assert find_format(name).recognises(source) or name == "apollo"
-    again = find_format(name).read(source, asked)
+    again = find_format(name).read(source, options)
     np.testing.assert_allclose(again, T, atol=1e-9)
 
 
@@ -418,11 +425,11 @@ def test_what_is_relative_to_something_else_needs_a_file(name: str, relative_to:
     with pytest.raises(
         InputError, match=f"--to {name}: poses are relative to the {relative_to}, needed --into a "
     ):
-        find_format(name).write(T_ANY, Asked())
+        find_format(name).write(T_ANY, FormatOptions())
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "asked", "kept"),
+    ("name", "text", "options", "kept"),
     [
         (
             "kit.yaml",
@@ -430,32 +437,32 @@ def test_what_is_relative_to_something_else_needs_a_file(name: str, relative_to:
             + yaml.dump(KIT, default_flow_style=None).replace(
                 "velodyne_top", "# the top one\n  velodyne_top"
             ),
-            Asked(camera="camera0/camera_link"),
+            FormatOptions(camera="camera0/camera_link"),
             ["# our kit", "# the top one", "camera1/camera_optical_link"],
         ),
         (
             "avia.yaml",
             "/**:\n  ros__parameters:\n    common: {img_en: 1}  # keep\n    extrin_calib:\n"
             "      extrinsic_T: [0.1, 0.2, 0.3]\n      Rcl: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n      Pcl: [0, 0, 0]\n",
-            Asked(),
+            FormatOptions(),
             ["common: {img_en: 1}  # keep", "extrinsic_T: [0.1, 0.2, 0.3]"],
         ),
         (
             "calibrated_sensor.json",
             json.dumps(SENSORS, indent=1),
-            Asked(camera="a", lidar="b"),
+            FormatOptions(camera="a", lidar="b"),
             ['\n  "token": "b"'],
         ),
-        ("drive.yaml", DRIVE + "# the end\n", Asked(), ["# the end", "K: [[640, 0, 639.5]"]),
+        ("drive.yaml", DRIVE + "# the end\n", FormatOptions(), ["# the end", "K: [[640, 0, 639.5]"]),
     ],
 )
 def test_a_file_of_the_users_keeps_all_else(
-    name: str, text: str, asked: Asked, kept: list[str], tmp_path: Path
+    name: str, text: str, options: FormatOptions, kept: list[str], tmp_path: Path
 ) -> None:
     file, T = tmp_path / name, make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
     file.write_text(text)
-    put_transform(T, file, asked)
-    np.testing.assert_allclose(read_transform(file, None, asked), T, atol=1e-9)
+    put_transform(T, file, options)
+    np.testing.assert_allclose(read_transform(file, None, options), T, atol=1e-9)
     for piece in kept:
         assert piece in file.read_text()
 
@@ -574,25 +581,27 @@ def test_what_a_file_leaves_open_or_has_wrong_is_said(
 
 
 @pytest.mark.parametrize(
-    ("parent", "child", "asked"),
+    ("parent", "child", "options"),
     [
-        ("velodyne", "camera_optical_frame", Asked()),
-        ("camera_optical_frame", "velodyne", Asked()),
-        ("velodyne", "camera_link", Asked(frame="body")),
-        ("base", "nose", Asked(frame="optical", camera="nose", lidar="base")),
+        ("velodyne", "camera_optical_frame", FormatOptions()),
+        ("camera_optical_frame", "velodyne", FormatOptions()),
+        ("velodyne", "camera_link", FormatOptions(frame="body")),
+        ("base", "nose", FormatOptions(frame="optical", camera="nose", lidar="base")),
     ],
 )
-def test_a_file_in_place_keeps_its_frames(parent: str, child: str, asked: Asked, tmp_path: Path) -> None:
+def test_a_file_in_place_keeps_its_frames(
+    parent: str, child: str, options: FormatOptions, tmp_path: Path
+) -> None:
     document = {"header": {"frame_id": parent}, "child_frame_id": child, "transform": STAMPED["transform"]}
     file, T = tmp_path / "a.yaml", make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
     file.write_text(yaml.dump(document))
-    put_transform(T, file, asked)
-    np.testing.assert_allclose(read_transform(file, None, asked), T, atol=1e-9)
+    put_transform(T, file, options)
+    np.testing.assert_allclose(read_transform(file, None, options), T, atol=1e-9)
     after = yaml.safe_load(file.read_text())
     assert (after["header"]["frame_id"], after["child_frame_id"]) == (parent, child)
-    if asked != Asked():
+    if options != FormatOptions():
         with pytest.raises(InputError, match=r"needed --to-(camera|frame|lidar) "):
-            put_transform(T, file, Asked())
+            put_transform(T, file, FormatOptions())
 
 
 @pytest.mark.parametrize(

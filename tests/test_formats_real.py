@@ -21,7 +21,7 @@ from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.drive.observations import load_observations
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
-from semcal_cli.formats.format import Asked
+from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import Pose, inverse
 
 TURN_DEG = 4.0
@@ -120,7 +120,7 @@ def nuscenes() -> list[tuple[Path, Path, Camera, Pose]]:
     found = []
     for channel, entry in json.loads(calibration.read_text()).items():
         camera = Camera.model_validate({"model": "plumb_bob", "width": 1600, "height": 900, "K": entry["K"]})
-        T = read_transform(calibration, None, Asked(camera=channel))
+        T = read_transform(calibration, None, FormatOptions(camera=channel))
         found.append((sweep, folder / entry["img"], camera, T))
     return found
 

@@ -28,10 +28,11 @@ MAY_IMPORT = {
     "synthetic": "drive",
     "datasets": "synthetic formats",
     "report": "verification",
-    "batch": "verification",
+    "jobs": "",
+    "batch": "verification jobs",
     "rig": "verification",
     "fleet": "batch report",
-    "experiments": "batch baselines datasets report",
+    "experiments": "jobs threads baselines datasets report",
     "schemas": "batch rig fleet",
     "cli": "library datasets experiments schemas",
 }

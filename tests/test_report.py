@@ -24,9 +24,9 @@ from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import find_format, read_transform
-from semcal_cli.formats.format import Asked, Source
+from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.geometry.poses import Pose, camera_center, inverse, pose_from_mounting
-from semcal_cli.report import Subject, read_subject, write_report
+from semcal_cli.report import ReportInput, read_report_input, write_report
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
@@ -53,8 +53,8 @@ def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def subject(made: Path, street: Path) -> Subject:
-    return read_subject(read_drive(street), made / "c.yaml")
+def report(made: Path, street: Path) -> ReportInput:
+    return read_report_input(read_drive(street), made / "c.yaml")
 
 
 # What it says.
@@ -81,7 +81,7 @@ def test_the_verdict_and_its_reasons_come_first(made: Path, street: Path, tmp_pa
     record = read_calibration(made / "c.yaml")
     damned = record.model_copy(update={"status": "not_trusted", "reasons": ("1 < 2 <script>",)})
     write_calibration(damned, tmp_path / "c.yaml")
-    write_report(read_subject(read_drive(street), tmp_path / "c.yaml"), tmp_path / "r.html")
+    write_report(read_report_input(read_drive(street), tmp_path / "c.yaml"), tmp_path / "r.html")
     header = (tmp_path / "r.html").read_text().split("</header>")[0]
     assert "<h1>Not trusted</h1>" in header
     assert "<li>1 &lt; 2 &lt;script&gt;</li>" in header
@@ -89,7 +89,7 @@ def test_the_verdict_and_its_reasons_come_first(made: Path, street: Path, tmp_pa
 
 
 def test_a_bare_transform_is_shown_without_a_verdict(street: Path, tmp_path: Path) -> None:
-    write_report(read_subject(read_drive(street), street), tmp_path / "r.html")
+    write_report(read_report_input(read_drive(street), street), tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text()
     assert "<h1>Not assessed</h1>" in page
     assert "semcal verify tells whether it holds" in page
@@ -104,12 +104,12 @@ def test_the_page_says_where_its_figures_are_not_those_of_the_calibration(
     label = next((copy / "image_labels").iterdir())
     label.write_bytes(label.read_bytes() + b"\0")
     drive = read_drive(copy)
-    assert read_subject(drive, made / "c.yaml").notices == (
+    assert read_report_input(drive, made / "c.yaml").notices == (
         f"Since it was computed, files were changed: image_labels/{label.name}.",
     )
     fewer = drive.model_copy(update={"frames": drive.frames[:3]})
     assert (
-        read_subject(fewer, made / "c.yaml")
+        read_report_input(fewer, made / "c.yaml")
         .notices[0]
         .startswith("Of the 4 frames it was computed from, 3 are in ")
     )
@@ -117,9 +117,11 @@ def test_the_page_says_where_its_figures_are_not_those_of_the_calibration(
     other = drive.model_copy(update={"frames": tuple(points)})
     for path in (copy / "image_labels").iterdir():
         path.write_bytes(path.read_bytes() + b"\0")
-    assert read_subject(drive, made / "c.yaml").notices == read_subject(other, made / "c.yaml").notices
     assert (
-        read_subject(other, made / "c.yaml")
+        read_report_input(drive, made / "c.yaml").notices == read_report_input(other, made / "c.yaml").notices
+    )
+    assert (
+        read_report_input(other, made / "c.yaml")
         .notices[0]
         .startswith("The calibration was computed from other frames, of ")
     )
@@ -132,9 +134,9 @@ def test_a_verdict_is_not_carried_to_other_data(made: Path, street: Path) -> Non
     camera = drive.camera.model_copy(
         update={"K": ((300.0, 0.0, 319.5), (0.0, 300.0, 179.5), (0.0, 0.0, 1.0))}
     )
-    subject = read_subject(drive.model_copy(update={"camera": camera}), made / "c.yaml")
-    assert verdict(subject).title == "Not assessed here"
-    assert subject.notices == ("The camera is not the one that the calibration was computed with.",)
+    report = read_report_input(drive.model_copy(update={"camera": camera}), made / "c.yaml")
+    assert verdict(report).title == "Not assessed here"
+    assert report.notices == ("The camera is not the one that the calibration was computed with.",)
 
 
 def test_a_rival_s_answer_is_called_one(made: Path, street: Path, tmp_path: Path) -> None:
@@ -149,9 +151,9 @@ def test_a_rival_s_answer_is_called_one(made: Path, street: Path, tmp_path: Path
         str(tmp_path / "s.yaml"),
     ]
     CliRunner().invoke(semcal, arguments)
-    sentence = verdict(read_subject(read_drive(street), tmp_path / "s.yaml")).sentence
+    sentence = verdict(read_report_input(read_drive(street), tmp_path / "s.yaml")).sentence
     assert sentence.startswith("This is SOIC's answer")
-    assert "SOIC" not in verdict(read_subject(read_drive(street), made / "c.yaml")).sentence
+    assert "SOIC" not in verdict(read_report_input(read_drive(street), made / "c.yaml")).sentence
 
 
 def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
@@ -164,9 +166,9 @@ def test_a_page_replaces_nothing_that_is_read(made: Path, street: Path) -> None:
 # Its figures.
 
 
-def test_classes_add_up_to_all(subject: Subject) -> None:
-    agreement = _core.agreement(subject.observations.core, subject.T_camera_lidar)
-    found = class_agreements(subject.observations, agreement, agreement)
+def test_classes_add_up_to_all(report: ReportInput) -> None:
+    agreement = _core.agreement(report.observations.core, report.T_camera_lidar)
+    found = class_agreements(report.observations, agreement, agreement)
     assert sum(each.share for each in found) == pytest.approx(1.0)
     assert sum(each.nats for each in found) == pytest.approx(agreement.mutual_information)
     assert sum(each.share * each.agreeing for each in found) == pytest.approx(agreement.label_agreement)
@@ -176,10 +178,10 @@ def test_classes_add_up_to_all(subject: Subject) -> None:
     }
 
 
-def test_curves_are_those_of_the_camera_moved_along_its_axes(subject: Subject) -> None:
-    T, record = subject.T_camera_lidar, subject.record
+def test_curves_are_those_of_the_camera_moved_along_its_axes(report: ReportInput) -> None:
+    T, record = report.T_camera_lidar, report.record
     assert record is not None
-    curves = information_curves(subject.observations, T, record.uncertainty)
+    curves = information_curves(report.observations, T, record.uncertainty)
     for axis, curve in enumerate(curves):
         offset = curve.offsets[-3]
         R, center = T[:3, :3], camera_center(T)
@@ -189,7 +191,7 @@ def test_curves_are_those_of_the_camera_moved_along_its_axes(subject: Subject) -
             R = Rotation.from_rotvec(np.radians(offset) * np.eye(3)[axis - 3]).as_matrix() @ R
         moved = np.eye(4)
         moved[:3, :3], moved[:3, 3] = R, -R @ center
-        at = _core.agreement(subject.observations.core, moved).mutual_information
+        at = _core.agreement(report.observations.core, moved).mutual_information
         assert curve.nats[-3] == pytest.approx(at, abs=1e-9)
         assert curve.sigma is not None
         # Within what is known: the curve is of all points, the pose of those in the bands of borders.
@@ -221,12 +223,12 @@ def test_files_on_the_page_are_read_back(notation: object, tmp_path: Path) -> No
     name, text = notation.name, notation.text  # type: ignore[attr-defined]
     path = tmp_path / "calib_cam_to_velo.txt"
     path.write_text(text)
-    asked = Asked(direction="lidar-to-camera", frame="optical")
-    np.testing.assert_allclose(find_format(name).read(Source.read(path), asked), T_ANY, atol=1e-9)
+    options = FormatOptions(direction="lidar-to-camera", frame="optical")
+    np.testing.assert_allclose(find_format(name).read(Source.read(path), options), T_ANY, atol=1e-9)
 
 
-def test_points_have_the_colour_of_the_pixel_they_land_on(subject: Subject) -> None:
-    cloud, observations = frame_cloud(subject), subject.observations
+def test_points_have_the_colour_of_the_pixel_they_land_on(report: ReportInput) -> None:
+    cloud, observations = frame_cloud(report), report.observations
     positions = np.frombuffer(base64.b64decode(cloud.positions_cm), "<i2").reshape(-1, 3) / 100.0
     by = {
         name: np.frombuffer(base64.b64decode(text), np.uint8).reshape(-1, 3)
@@ -234,7 +236,7 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(subject: Subject) -> N
     }
     assert set(by) == {"label of the pixel", "label of the point", "picture"}
     assert all(len(colors) == len(positions) for colors in by.values())
-    T = subject.T_camera_lidar
+    T = report.T_camera_lidar
     points = np.asarray(positions, np.float32)
     pixels, ranges, _ = _core.land(core_camera(observations.camera), points, T)
     is_grey = (by["label of the pixel"] == by["label of the pixel"][-1]).all(axis=1)
@@ -251,15 +253,17 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(subject: Subject) -> N
     np.testing.assert_allclose(cloud.camera_center, camera_center(T))
 
 
-def test_a_page_of_twenty_frames_of_any_content_is_below_its_limit(subject: Subject, tmp_path: Path) -> None:
-    height, width = subject.observations.image_classes[0].shape
+def test_a_page_of_twenty_frames_of_any_content_is_below_its_limit(
+    report: ReportInput, tmp_path: Path
+) -> None:
+    height, width = report.observations.image_classes[0].shape
     noise = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
     cv2.imwrite(str(tmp_path / "noise.png"), noise)
-    frames = [f.model_copy(update={"image": str(tmp_path / "noise.png")}) for f in subject.drive.frames]
+    frames = [f.model_copy(update={"image": str(tmp_path / "noise.png")}) for f in report.drive.frames]
     many = replace(
-        subject,
-        drive=subject.drive.model_copy(update={"frames": tuple(5 * frames)}),
-        observations=subject.observations.of_frames(5 * list(range(4))),
+        report,
+        drive=report.drive.model_copy(update={"frames": tuple(5 * frames)}),
+        observations=report.observations.of_frames(5 * list(range(4))),
     )
     write_report(many, tmp_path / "r.html")
     assert 2_000_000 < (tmp_path / "r.html").stat().st_size < MAX_BYTES
@@ -268,7 +272,7 @@ def test_a_page_of_twenty_frames_of_any_content_is_below_its_limit(subject: Subj
 @pytest.mark.parametrize("lens", ["fisheye", "equirectangular"])
 def test_a_page_of_any_lens(lens: Lens, tmp_path: Path) -> None:
     synthesize(SynthConfig(num_frames=1, seed=3, width=320, height=200, lens=lens), tmp_path / "drive")
-    write_report(read_subject(read_drive(tmp_path / "drive"), tmp_path / "drive"), tmp_path / "r.html")
+    write_report(read_report_input(read_drive(tmp_path / "drive"), tmp_path / "drive"), tmp_path / "r.html")
     assert "NaN" not in (tmp_path / "r.html").read_text().split("cloud-data")[1]
 
 
@@ -278,14 +282,14 @@ def test_a_rejected_polish_is_said_to_be(made: Path, street: Path, tmp_path: Pat
     worse = {"accepted": False, "held_out_gain_nats": -0.3, "held_out_sigma_nats": 0.05}
     rejected = {"polish": record.polish.model_copy(update=worse), "uncertainty": None}
     write_calibration(record.model_copy(update=rejected), tmp_path / "c.yaml")
-    write_report(read_subject(read_drive(street), tmp_path / "c.yaml"), tmp_path / "r.html")
+    write_report(read_report_input(read_drive(street), tmp_path / "c.yaml"), tmp_path / "r.html")
     page = (tmp_path / "r.html").read_text()
     assert "held-out data agree less after the polish, by 0.3000 +- 0.0500 nats" in page
     assert "polished <small>rejected</small>" in page
 
 
-def test_words_state_the_uncertainty(subject: Subject) -> None:
-    record = subject.record
+def test_words_state_the_uncertainty(report: ReportInput) -> None:
+    record = report.record
     assert record is not None
     assert record.uncertainty is not None
     covariance = np.diag([0.01, 0.02, 0.03, 0.001, 0.002, 0.003]) ** 2
@@ -298,7 +302,7 @@ def test_words_state_the_uncertainty(subject: Subject) -> None:
             "label_bleed": None,
         }
     )
-    camera = subject.observations.camera
+    camera = report.observations.camera
     first, second, weak = uncertainty_sentences(
         record.model_copy(update={"uncertainty": uncertainty}), camera
     )
@@ -436,7 +440,7 @@ def test_a_page_without_pictures_and_before_has_no_complaint(
 ) -> None:
     drive = read_drive(street)
     frames = tuple(frame.model_copy(update={"image": None}) for frame in drive.frames)
-    bare = read_subject(drive.model_copy(update={"frames": frames}), street)
+    bare = read_report_input(drive.model_copy(update={"frames": frames}), street)
     hostile = '</script><script>throw Error("run")</script>'
     write_report(replace(bare, name=hostile), tmp_path / "r.html")
     browser.get((tmp_path / "r.html").as_uri())

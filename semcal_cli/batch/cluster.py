@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from semcal_cli.batch.run import Execute
+from semcal_cli.batch.execution import MODULE, Execute, execute_task
 from semcal_cli.batch.tasks import FAILED, Outcome, Task, write_record
-from semcal_cli.batch.worker import Workers
 from semcal_cli.errors import InputError
+from semcal_cli.jobs.processes import Processes
 
 if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT_S = 30
-_workers: dict[str, Workers] = {}
-"""Of this process, by the folder of the results."""
+_processes = Processes(MODULE)
+"""Of a worker of the cluster, one for each of its threads; they stay for the next batch."""
 
 
 def connect(address: str) -> Client:
@@ -41,7 +41,7 @@ def connect(address: str) -> Client:
 def execute_on(client: Client, folder: Path) -> Execute:
     """Do tasks on a cluster, a drive a thread of its workers; those of a worker that is lost are done by others."""
 
-    def execute(tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def execute(tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
         from distributed import KilledWorker, as_completed
 
         of_task = {client.submit(_execute, str(folder), task, pure=False): task for task in tasks}
@@ -62,4 +62,4 @@ def execute_on(client: Client, folder: Path) -> Execute:
 
 def _execute(folder: str, task: Task) -> Outcome:
     """Do a drive, on a worker of the cluster."""
-    return _workers.setdefault(folder, Workers(Path(folder))).execute(task)
+    return execute_task(Path(folder), _processes, task)

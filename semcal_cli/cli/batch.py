@@ -6,6 +6,7 @@ import os
 import sys
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
@@ -19,6 +20,9 @@ from semcal_cli.cli.options import (
     quiet_option,
 )
 from semcal_cli.cli.verify import verify
+
+if TYPE_CHECKING:
+    from semcal_cli.batch.tasks import Task
 
 EXIT_STOPPED = 130
 COMMANDS: dict[str, click.Command] = {"calibrate": calibrate, "verify": verify}
@@ -104,11 +108,10 @@ def batch(
 ) -> None:
     """Do many drives."""
     from semcal_cli.batch.cluster import connect, execute_on
-    from semcal_cli.batch.drives import check_folders, find_drives, folder_of
-    from semcal_cli.batch.run import execute_here, run_batch
+    from semcal_cli.batch.execution import execute_here
+    from semcal_cli.batch.run import run_batch
     from semcal_cli.batch.summary import worst
-    from semcal_cli.batch.tasks import Task
-    from semcal_cli.cli.board import Board
+    from semcal_cli.cli.batch_progress import BatchProgress
 
     if (calibration is not None) != (command == "verify"):
         raise click.UsageError("--calibration: goes with --command verify, which needs it")
@@ -116,31 +119,16 @@ def batch(
         raise click.UsageError(
             "--jobs: is of this machine; with --dask, the cluster has as many as its workers' threads"
         )
-    rest, also = _take_rest(command, calibration)
     num_jobs = jobs or 1
     num_threads = threads or (1 if address is not None else max(len(os.sched_getaffinity(0)) // num_jobs, 1))
     folder = output.absolute()
-    given = find_drives(drives, sys.stdin)
-    check_folders(given)
-    tasks = [
-        Task(
-            drive,
-            str(Path(drive).absolute()),
-            str(folder / folder_of(drive)),
-            command,
-            tuple(rest),
-            tuple(also),
-            num_threads,
-            timeout_s,
-        )
-        for drive in given
-    ]
+    tasks = _make_tasks(drives, folder, command, calibration, num_threads, timeout_s)
     with ExitStack() as stack:
         if address is None:
             execute = execute_here(folder, num_jobs)
         else:
             execute = execute_on(stack.enter_context(connect(address)), folder)
-        show = stack.enter_context(Board(len(tasks), quiet))
+        show = stack.enter_context(BatchProgress(len(tasks), quiet))
         try:
             outcomes = run_batch(tasks, folder, execute, force=force, on_done=show.tell)
         except KeyboardInterrupt:
@@ -148,6 +136,41 @@ def batch(
             click.echo(f"semcal: stopped: {show.num_done:,} of {len(tasks):,} drives are done", err=True)
             sys.exit(EXIT_STOPPED)
     sys.exit(worst(outcome.exit_code for outcome in outcomes))
+
+
+def _make_tasks(
+    drives: tuple[str, ...],
+    folder: Path,
+    command: str,
+    calibration: Path | None,
+    num_threads: int,
+    timeout_s: float | None,
+) -> list[Task]:
+    """List what is to be done: the command on each drive, its results below the folder.
+
+    Raises:
+        click.UsageError: the command has no such options, or the batch gives them.
+        InputError: there are no drives, results of two would go to one folder, or a transform is none.
+    """
+    from semcal_cli.batch.drives import check_folders, find_drives, folder_of
+    from semcal_cli.batch.tasks import Task
+
+    rest, also = _take_rest(command, calibration)
+    given = find_drives(drives, sys.stdin)
+    check_folders(given)
+    return [
+        Task(
+            drive,
+            path=str(Path(drive).absolute()),
+            folder=str(folder / folder_of(drive)),
+            command=command,
+            arguments=tuple(rest),
+            also=tuple(also),
+            num_threads=num_threads,
+            timeout_s=timeout_s,
+        )
+        for drive in given
+    ]
 
 
 def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[str]]:

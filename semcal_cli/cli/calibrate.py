@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.convert import FormatName, make_asked, open_options
+from semcal_cli.cli.convert import FormatName, open_options, take_format_options
 from semcal_cli.cli.options import PATH, ResultOptions, drive_argument, given_parameters, result_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
@@ -86,8 +86,8 @@ def calibrate(
     if method == "soic":
         _check_soic()
     search_config, initial_pose = make_search(options)
-    asked = make_asked(options, "to_")
-    if to is None and any(vars(asked).values()):
+    format_options = take_format_options(options, "to_")
+    if to is None and any(vars(format_options).values()):
         raise click.UsageError(
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
@@ -102,7 +102,7 @@ def calibrate(
         from semcal_cli.cli.rig import calibrate_rig
 
         sys.exit(calibrate_rig(rig, run, common))
-    outputs = Outputs(common.output, common.log, None if to is None else (to, asked), page, images)
+    outputs = Outputs(common.output, common.log, None if to is None else (to, format_options), page, images)
     sys.exit(_calibrate_drive(drive, run, outputs, common, initial_pose))
 
 

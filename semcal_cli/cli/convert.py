@@ -12,7 +12,7 @@ import click
 from semcal_cli.cli.options import PATH, Command
 
 if TYPE_CHECKING:
-    from semcal_cli.formats.format import Asked
+    from semcal_cli.formats.format import FormatOptions
 
 DIRECTIONS = ("lidar-to-camera", "camera-to-lidar")
 FRAMES = ("optical", "body")
@@ -60,11 +60,11 @@ def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
     return add
 
 
-def make_asked(options: dict[str, Any], prefix: str = "") -> Asked:
+def take_format_options(options: dict[str, Any], prefix: str = "") -> FormatOptions:
     """Take these options out of a command's."""
-    from semcal_cli.formats.format import Asked
+    from semcal_cli.formats.format import FormatOptions
 
-    return Asked(*(options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")))
+    return FormatOptions(*(options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")))
 
 
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
@@ -123,7 +123,7 @@ def convert(
         raise click.UsageError("give --to FORMAT, or --into FILE")
     if into is not None and output is not None:
         raise click.UsageError("-o: --into changes its own file: leave -o out")
-    written, read = make_asked(options, "to_"), make_asked(options)
+    written, read = take_format_options(options, "to_"), take_format_options(options)
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
     T_camera_lidar = read_transform(source, from_, replace(read, on_repair=on_repair))
     if into is not None:

@@ -18,7 +18,6 @@ from semcal_cli.cli.options import (
     max_frames_option,
 )
 
-FIRST_SEED = 10_000
 ESTIMATORS = ("exact", "mine")
 
 
@@ -38,9 +37,46 @@ out_option = click.option(
 )
 
 
-jobs_option = click.option(
-    "--jobs", type=click.IntRange(1), default=1, show_default=True, metavar="N", help="Runs at a time."
-)
+def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Command], Command]:
+    """Say of which drives an experiment is, and how many runs go at a time.
+
+    Args:
+        num_seeds: How many drives if nobody says.
+        help: What is done with them.
+        first_seed: That of the first drive if nobody says.
+    """
+
+    def add(command: Command) -> Command:
+        for option in (
+            click.option(
+                "--jobs",
+                type=click.IntRange(1),
+                default=1,
+                show_default=True,
+                metavar="N",
+                help="Runs at a time.",
+            ),
+            click.option(
+                "--first-seed",
+                type=click.IntRange(0, MAX_SEED),
+                default=first_seed,
+                show_default=True,
+                metavar="N",
+                help="The first of them.",
+            ),
+            click.option(
+                "--seeds",
+                type=click.IntRange(1),
+                default=num_seeds,
+                show_default=True,
+                metavar="N",
+                help=help,
+            ),
+        ):
+            command = option(command)
+        return command
+
+    return add
 
 
 def _progress(what: str) -> Callable[[int, int], None]:
@@ -53,24 +89,8 @@ def _progress(what: str) -> Callable[[int, int], None]:
     )
 
 
-def first_seed_option(default: int) -> Callable[[Command], Command]:
-    """Say which seeds are used."""
-    return click.option(
-        "--first-seed",
-        type=click.IntRange(0, MAX_SEED),
-        default=default,
-        show_default=True,
-        metavar="N",
-        help="The first of them.",
-    )
-
-
 @experiment.command()
-@click.option(
-    "--seeds", type=click.IntRange(1), default=20, show_default=True, metavar="N", help="Drives for each row."
-)
-@first_seed_option(FIRST_SEED)
-@jobs_option
+@seeds_options(20, "Drives for each row.", first_seed=10_000)
 @click.option(
     "--estimator",
     "estimators",
@@ -105,6 +125,7 @@ def accuracy(
     """
     from semcal_cli.config import EDGE_BAND_PX, Estimator
     from semcal_cli.experiments import accuracy, runner
+    from semcal_cli.experiments.pool import Pool
 
     for row in rows:
         if row not in accuracy.ROWS:
@@ -119,23 +140,17 @@ def accuracy(
     )
     folder = runner.make_folder(out, name)
     cases = accuracy.cases(range(first_seed, first_seed + seeds), rows or tuple(accuracy.ROWS))
-    run = accuracy.Experiment(runner.Pool(out / "pool"), chosen, band)
-    results = runner.run_cases(cases, run, runner.Result, folder, jobs, _progress("cases"))
-    summaries = runner.write_accuracy(results, jobs, folder)
-    click.echo(runner.markdown(summaries), nl=False)
+    run = accuracy.Experiment(Pool(out / "pool"), chosen, band)
+    results = runner.run_cases(cases, run, accuracy.Result, folder, jobs, _progress("cases"))
+    click.echo(accuracy.write_accuracy(results, jobs, folder), nl=False)
 
 
 @experiment.command()
-@click.option(
-    "--seeds",
-    type=click.IntRange(1),
-    default=60,
-    show_default=True,
-    metavar="N",
-    help="Drives: six calibrations of each as it is, five made impossible, 15 verifications.",
+@seeds_options(
+    60,
+    "Drives: six calibrations of each as it is, five made impossible, 15 verifications.",
+    first_seed=20_000,
 )
-@first_seed_option(20_000)
-@jobs_option
 @out_option
 def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     """Count how often intervals hold the truth, verdicts are right, and `verify` sees what is off.
@@ -143,11 +158,12 @@ def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     Takes about two minutes for each drive. Writes what `accuracy` writes, and goes on where it was when it was stopped.
     """
     from semcal_cli.experiments import runner, trust
+    from semcal_cli.experiments.pool import Pool
 
     folder = runner.make_folder(out, "trust")
     findings = runner.run_cases(
         trust.cases(range(first_seed, first_seed + seeds)),
-        trust.Experiment(runner.Pool(out / "pool")),
+        trust.Experiment(Pool(out / "pool")),
         trust.Outcome,
         folder,
         jobs,
@@ -160,16 +176,7 @@ def _rivals_command(name: str, help: str) -> None:
     """Add a command that compares methods."""
 
     @experiment.command(name, help=help)
-    @click.option(
-        "--seeds",
-        type=click.IntRange(1),
-        default=20,
-        show_default=True,
-        metavar="N",
-        help="Drives, a run in every box each.",
-    )
-    @first_seed_option(50_000)
-    @jobs_option
+    @seeds_options(20, "Drives, a run in every box each.", first_seed=50_000)
     @out_option
     def compare(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
         from semcal_cli.experiments import rivals, runner

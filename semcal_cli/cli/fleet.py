@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,8 @@ from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options, output
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from semcal_cli.fleet.assessment import Fleet
+    from semcal_cli.files.dialect import Format
+    from semcal_cli.fleet.fleet import Fleet
 
 MAX_LINES = 20
 """So many drives that disagree or are left out are named on the terminal; files name all."""
@@ -57,52 +59,31 @@ def fleet(
 ) -> None:
     """Put the drives of a rig together."""
     from semcal_cli.batch.summary import JSONL
-    from semcal_cli.cli.outputs import check_outputs, check_page
+    from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
-    from semcal_cli.errors import InputError
-    from semcal_cli.files.dialect import document_text
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.reading import is_folder
     from semcal_cli.files.writing import write_bytes, write_text
-    from semcal_cli.fleet.assessment import assess
+    from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members
-    from semcal_cli.fleet.page import page_html
-    from semcal_cli.fleet.plot import plot_fleet
-    from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats import read_transform
-    from semcal_cli.formats.format import MAX_YAML_BYTES
     from semcal_cli.result.provenance import hash_files
 
     read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []
     check_outputs(read, [path for path in (output, page, plot, junit) if path is not None])
     form = "yaml" if output is None else output_format(output)
-    if page is not None:
-        check_page(page)
-    if plot is not None and plot.suffix.lower() not in PLOTS:
-        raise InputError(f"{plot}: found suffix {plot.suffix!r}, needed {' or '.join(PLOTS)}")
+    _check_suffixes(page, plot)
     T_reference = None if reference is None else read_transform(reference)
-    given = [str(path) for path in results]
 
-    found = assess(read_members(results), Limits(max_rotation_deg, max_translation_m), T_reference)
+    found = combine_drives(read_members(results), Limits(max_rotation_deg, max_translation_m), T_reference)
     place = Path() if output is None else output.parent
     reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
-    text = document_text(describe_fleet(found, hash_files(read, place), reference_name), form)
-    if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
-        raise InputError(
-            f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"
-        )
-    contents: list[tuple[Path, bytes]] = []
-    if page is not None:
-        contents.append((page, page_html(found, given).encode()))
-    if plot is not None:
-        contents.append((plot, plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")))
-    if junit is not None:
-        contents.append((junit, junit_xml("fleet", _cases(found)).encode()))
+    text = _result_text(found, hash_files(read, place), reference_name, form, output)
     # All is made before anything is written, and the result comes last.
-    for path, content in contents:
+    for path, content in _other_files(found, [str(path) for path in results], page, plot, junit):
         write_bytes(content, path)
     if output is None:
         click.echo(text, nl=False)
@@ -113,13 +94,66 @@ def fleet(
     sys.exit(EXIT_CODES[found.verdict])
 
 
+def _check_suffixes(page: Path | None, plot: Path | None) -> None:
+    """Check the names of the page and of the plot.
+
+    Raises:
+        InputError: a name ends otherwise than what is written there.
+    """
+    from semcal_cli.cli.outputs import check_page
+    from semcal_cli.errors import InputError
+
+    if page is not None:
+        check_page(page)
+    if plot is not None and plot.suffix.lower() not in PLOTS:
+        raise InputError(f"{plot}: found suffix {plot.suffix!r}, needed {' or '.join(PLOTS)}")
+
+
+def _result_text(
+    found: Fleet, hashes: Mapping[str, str], reference: str | None, form: Format, output: Path | None
+) -> str:
+    """Give the result as YAML or JSON.
+
+    Raises:
+        InputError: it is more YAML than other commands read.
+    """
+    from semcal_cli.errors import InputError
+    from semcal_cli.files.dialect import document_text
+    from semcal_cli.fleet.record import describe_fleet
+    from semcal_cli.formats.format import MAX_YAML_BYTES
+
+    text = document_text(describe_fleet(found, hashes, reference), form)
+    if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
+        raise InputError(
+            f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"
+        )
+    return text
+
+
+def _other_files(
+    found: Fleet, given: Sequence[str], page: Path | None, plot: Path | None, junit: Path | None
+) -> list[tuple[Path, bytes]]:
+    """Make the files beside the result that were asked for."""
+    from semcal_cli.fleet.page import page_html
+    from semcal_cli.fleet.plot import plot_fleet
+
+    contents: list[tuple[Path, bytes]] = []
+    if page is not None:
+        contents.append((page, page_html(found, given).encode()))
+    if plot is not None:
+        contents.append((plot, plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")))
+    if junit is not None:
+        contents.append((junit, junit_xml("fleet", _cases(found)).encode()))
+    return contents
+
+
 def _cases(found: Fleet) -> list[Case]:
     """Each check, each drive, and the verdict on all."""
     cases = [Case.of_check(check) for check in found.checks]
-    for standing in found.standings:
+    for drive in found.drives:
         # A drive that is not known well enough is no reason to doubt the rig, one that seems far off is.
-        verdict = standing.verdict if standing.is_far else "pass"
-        cases.append(Case(f"drive {standing.member.drive}", verdict, f"{standing.offset.words} off"))
+        verdict = drive.verdict if drive.is_far else "pass"
+        cases.append(Case(f"drive {drive.member.drive}", verdict, f"{drive.offset.words} off"))
     # Whatever decides, the file says what the exit code does.
     return [*cases, Case("all together", found.verdict, "; ".join(found.reasons))]
 
@@ -130,17 +164,17 @@ def _summarise(found: Fleet, console: Console) -> None:
     lines: list[str] = []
     checks = [check_line(check, width) for check in shown]
     off = [
-        f"{standing.member.drive}: {standing.offset.words} off"
-        for standing in found.standings
-        if standing.disagrees or standing.is_far
+        f"{drive.member.drive}: {drive.offset.words} off"
+        for drive in found.drives
+        if drive.disagrees or drive.is_far
     ]
     out = [f"{member.drive}: left out: {member.left_out}" for member in found.left_out]
     for each in (checks, off, out):
         lines += each[:MAX_LINES]
         lines += [f"and {len(each) - MAX_LINES:,} more"] if len(each) > MAX_LINES else []
-    num_all = len(found.standings) + len(found.left_out)
+    num_all = len(found.drives) + len(found.left_out)
     lines += [
-        f"{len(found.standings):,} of {num_all:,} drives used",
+        f"{len(found.drives):,} of {num_all:,} drives used",
         *found.notes,
         *found.reasons,
         found.verdict,

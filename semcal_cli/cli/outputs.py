@@ -24,7 +24,7 @@ from semcal_cli.result.calibration import calibration_text, write_calibration
 
 if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
-    from semcal_cli.formats.format import Asked
+    from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
 
@@ -41,7 +41,7 @@ class Outputs:
     """The result; standard output if None."""
     log: Path | None = None
     """Times, host and threads."""
-    to: tuple[str, Asked] | None = None
+    to: tuple[str, FormatOptions] | None = None
     """A format to write the transform in, instead of all that is known."""
     page: Path | None = None
     """A report."""
@@ -93,17 +93,19 @@ class Outputs:
         """Write the report and the overlays of a calibration, where asked, of the frames that it used."""
         if self.page is None and self.images is None:
             return
-        from semcal_cli.report import make_subject, write_report
+        from semcal_cli.report import make_report_input, write_report
 
         with progress_line(terminal.console) as progress:
             progress("reading frames")
-            subject = make_subject(drive, str(self.output or "calibration"), calibration.pose, calibration)
+            report = make_report_input(
+                drive, str(self.output or "calibration"), calibration.pose, calibration
+            )
             if self.page is not None:
-                write_report(subject, self.page, progress)
+                write_report(report, self.page, progress)
                 terminal.print(labelled("report", str(self.page)))
             if self.images is not None:
                 progress("drawing points on pictures")
-                for path in subject.overlays(MAX_IMAGES).write_all(self.images):
+                for path in report.overlays(MAX_IMAGES).write_all(self.images):
                     terminal.print(labelled("picture", str(path)))
 
 

@@ -32,7 +32,7 @@ def report(
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.drive.document import drive_file, read_drive
-    from semcal_cli.report import read_subject, write_report
+    from semcal_cli.report import read_report_input, write_report
 
     spec = read_drive(drive)
     given = [drive_file(path) for path in (calibration, against) if path is not None]
@@ -42,5 +42,5 @@ def report(
     console = make_console(quiet)
     with progress_line(console) as progress:
         progress("reading frames")
-        write_report(read_subject(spec, calibration, against), output, progress)
+        write_report(read_report_input(spec, calibration, against), output, progress)
     console.print(str(output), markup=False)

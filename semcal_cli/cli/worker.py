@@ -1,48 +1,30 @@
-"""The process that does the drives of a batch: see `semcal_cli.batch.worker`."""
+"""The process that does the drives of a batch: see `semcal_cli.batch.execution`."""
 
 from __future__ import annotations
 
-import json
 import os
 import sys
-import threading
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from queue import SimpleQueue
-from typing import Any, TextIO
+from typing import Any
 
 from semcal_cli.batch.tasks import LOG, TIMES, Task, read_inputs
 from semcal_cli.cli import run
+from semcal_cli.jobs.serving import serve
 
 
 def main() -> None:
-    """Answer questions until there are no more."""
-    # The commands' own output goes to files.
-    answers = os.fdopen(os.dup(1), "w")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-    questions: SimpleQueue[str] = SimpleQueue()
-    threading.Thread(target=_listen, args=(questions,), daemon=True).start()
-    while True:
-        question = json.loads(questions.get())
-        task = Task(**question | {"arguments": tuple(question["arguments"]), "also": tuple(question["also"])})
-        _answer(
-            answers, {"files": {path: state and vars(state) for path, state in read_inputs(task).items()}}
-        )
-        _answer(answers, _execute(task))
+    """Do tasks until there are no more."""
+    serve(_do)
 
 
-def _listen(questions: SimpleQueue[str]) -> None:
-    """Hear the end of the input at once: whoever asks has gone, and wants no answer any more."""
-    for line in sys.stdin:
-        questions.put(line)
-    os._exit(1)
-
-
-def _answer(answers: TextIO, answer: dict[str, Any]) -> None:
-    answers.write(json.dumps(answer) + "\n")
-    answers.flush()
+def _do(question: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Tell the state of a task's files, then how its command ended."""
+    task = Task(**question | {"arguments": tuple(question["arguments"]), "also": tuple(question["also"])})
+    yield {"files": {path: state and vars(state) for path, state in read_inputs(task).items()}}
+    yield _execute(task)
 
 
 def _execute(task: Task) -> dict[str, Any]:

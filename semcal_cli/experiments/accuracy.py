@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from time import perf_counter
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -21,7 +23,16 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations, mend, read_observations
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.runner import Pool, Result
+from semcal_cli.experiments.distribution import (
+    ERROR_COLUMNS,
+    MEASURES,
+    draw_groups,
+    error_cells,
+    error_distributions,
+    grouped,
+)
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
@@ -34,6 +45,9 @@ from semcal_cli.synthetic.label_noise import (
     with_ragged_things,
     with_wrong_labels,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Degrade = Callable[[Observations, np.random.Generator], Observations]
 
@@ -108,6 +122,30 @@ def cases(seeds: range, rows: Sequence[str] = tuple(ROWS)) -> list[Case]:
 
 
 @dataclass(frozen=True)
+class Result:
+    """One calibration against the truth."""
+
+    row: str
+    seed: int
+    estimator: str
+    rotation_deg: float
+    """Infinite, as the other errors are, where the calibration failed."""
+    camera_center_cm: float
+    is_right: bool
+    """The errors are no larger than the row allows."""
+    status: str
+    """The calibration's, or why it failed."""
+    initial_deg: float
+    initial_cm: float
+    refine_s: float
+
+    @property
+    def is_missed(self) -> bool:
+        """The calibration is wrong and does not say so."""
+        return not self.is_right and math.isfinite(self.rotation_deg) and self.status != "not_trusted"
+
+
+@dataclass(frozen=True)
 class Experiment:
     """What all cases have in common; calling it runs one, and it can be sent to other processes."""
 
@@ -172,3 +210,87 @@ def off(truth: Pose, angle_deg: float, distance_m: float, rng: np.random.Generat
     T[:3, :3] = turn @ truth[:3, :3]
     T[:3, 3] = -T[:3, :3] @ (camera_center(truth) + direction / np.linalg.norm(direction) * distance_m)
     return T
+
+
+@dataclass(frozen=True)
+class Summary:
+    """The distribution of errors over the seeds of a row."""
+
+    row: str
+    estimator: str
+    n: int
+    rotation_deg: tuple[float, float, float]
+    """Median, 95 % quantile, worst."""
+    camera_center_cm: tuple[float, float, float]
+    num_right: int
+    """Within the row's errors."""
+    num_not_trusted: int
+    num_missed: int
+    """Wrong, and not said to be."""
+    num_failed: int
+    refine_s: float
+    """Median seconds from the initial pose to the end."""
+
+
+def summarise(results: Iterable[Result]) -> list[Summary]:
+    """Sum the results up, row by row and estimator by estimator, in the order in which they come."""
+    return [
+        Summary(
+            row,
+            estimator,
+            len(found),
+            *error_distributions(found),
+            sum(r.is_right for r in found),
+            sum(r.status == "not_trusted" for r in found),
+            sum(r.is_missed for r in found),
+            sum(not math.isfinite(r.rotation_deg) for r in found),
+            float(np.median([r.refine_s for r in found])),
+        )
+        for (row, estimator), found in grouped(results, lambda r: (r.row, r.estimator)).items()
+    ]
+
+
+def markdown(summaries: Sequence[Summary]) -> str:
+    """Give the table."""
+    header = f"| | estimator | n | {ERROR_COLUMNS} | right | not trusted | wrong, not said | failed | refinement, s |"
+    rows = [
+        (
+            *(s.row, s.estimator, s.n, *error_cells(s)),
+            *(s.num_right, s.num_not_trusted, s.num_missed, s.num_failed, f"{s.refine_s:.1f}"),
+        )
+        for s in summaries
+    ]
+    return markdown_table(header, rows)
+
+
+def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> str:
+    """Write CSV, JSON, table and plot into a folder; give the table."""
+    summaries = summarise(results)
+    table = markdown(summaries)
+    document = {"experiment": "accuracy", "machine": machine(), "jobs": num_jobs}
+    write_results(document, results, summaries, table, _plot(results), folder)
+    return table
+
+
+def _plot(results: Sequence[Result]) -> Figure:
+    """Box plots, a box an estimator in each row."""
+    from matplotlib.figure import Figure
+
+    rows = list(dict.fromkeys(result.row for result in results))
+    estimators = list(dict.fromkeys(result.estimator for result in results))
+    groups = grouped(results, lambda r: (r.estimator, r.row))
+    figure = Figure(figsize=(12.0, 1.5 + 0.45 * len(rows)), layout="constrained")
+    axes = figure.subplots(1, 2, sharey=True)
+    for ax, (key, label) in zip(axes, MEASURES, strict=True):
+        errors = [
+            [[getattr(r, key) for r in groups.get((estimator, row), ())] for row in rows]
+            for estimator in estimators
+        ]
+        draw_groups(ax, errors, estimators, "horizontal")
+        ax.set_xscale("log")
+        ax.set_xlabel(label)
+        ax.grid(axis="x", alpha=0.3)
+    axes[0].set_yticks(range(len(rows)), rows)
+    axes[0].invert_yaxis()
+    axes[1].legend(loc="lower right")
+    return figure

@@ -20,8 +20,16 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import off
+from semcal_cli.experiments.distribution import (
+    ERROR_COLUMNS,
+    MEASURES,
+    draw_groups,
+    error_cells,
+    error_distributions,
+    grouped,
+)
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, WITH_MINE, Scene
-from semcal_cli.experiments.runner import distribution, draw_boxes, machine, write_results
+from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -30,6 +38,7 @@ from semcal_cli.synthetic.label_noise import with_wrong_labels
 from semcal_cli.synthetic.synthesis import synthesize
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 START_DEG, START_M = 2.0, 0.2
@@ -148,9 +157,7 @@ class Summary:
 
 def summarise(findings: Sequence[Finding]) -> list[Summary]:
     """Sum findings up, setting by setting and method by method, in the order in which they come."""
-    groups: dict[tuple[str, str], list[Finding]] = {}
-    for finding in findings:
-        groups.setdefault((finding.setting, finding.method), []).append(finding)
+    groups = grouped(findings, lambda f: (f.setting, f.method))
     names = list(dict.fromkeys(finding.setting for finding in findings))
     ordered = [(name, method) for name in names for method in METHODS if (name, method) in groups]
     return [_summary(setting, method, groups[setting, method]) for setting, method in ordered]
@@ -162,8 +169,7 @@ def _summary(setting: str, method: str, found: Sequence[Finding]) -> Summary:
         setting,
         method,
         len(found),
-        distribution([f.rotation_deg for f in found]),
-        distribution([f.camera_center_cm for f in found]),
+        *error_distributions(found),
         len(lost),
         float(np.median([f.seconds for f in found])),
     )
@@ -171,18 +177,8 @@ def _summary(setting: str, method: str, found: Sequence[Finding]) -> Summary:
 
 def markdown(axis: str, summaries: Sequence[Summary]) -> str:
     """Give the table of settings that differ in `axis`."""
-    lines = [
-        f"| {axis} | method | n | rotation, deg: median, 95 %, worst "
-        "| camera centre, cm: median, 95 %, worst | lost | s |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for s in summaries:
-        rotation = ", ".join(f"{x:.4f}" for x in s.rotation_deg)
-        center = ", ".join(f"{x:.2f}" for x in s.camera_center_cm)
-        lines.append(
-            f"| {s.setting} | {s.method} | {s.n} | {rotation} | {center} | {s.num_lost} | {s.seconds:.1f} |"
-        )
-    return "\n".join(lines) + "\n"
+    rows = [(s.setting, s.method, s.n, *error_cells(s), s.num_lost, f"{s.seconds:.1f}") for s in summaries]
+    return markdown_table(f"| {axis} | method | n | {ERROR_COLUMNS} | lost | s |", rows)
 
 
 def write_rivals(name: str, findings: Sequence[Finding], num_jobs: int, folder: Path) -> str:
@@ -206,27 +202,15 @@ def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
     settings = list(dict.fromkeys(finding.setting for finding in findings))
     # On a few seeds only: points in the table, no boxes.
     methods = [name for name in METHODS if name not in WITH_MINE]
+    groups = grouped(findings, lambda f: (f.method, f.setting))
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
-    width = 0.8 / len(methods)
-    measures = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
-    for axes, (key, label) in zip(figure.subplots(1, 2), measures, strict=True):
-        for number, method in enumerate(methods):
-            groups = [
-                [getattr(f, key) for f in findings if (f.setting, f.method) == (setting, method)]
-                for setting in settings
-            ]
-            found = [[value for value in group if math.isfinite(value)] for group in groups]
-            places = [place + (number - 0.5 * (len(methods) - 1)) * width for place in range(len(settings))]
-            draw_boxes(axes, found, places, 0.8 * width, number, method, "vertical")
-            for place, group, finite in zip(places, groups, found, strict=True):
-                if num_failed := len(group) - len(finite):
-                    where = {
-                        "transform": axes.get_xaxis_transform(),
-                        "rotation": 90.0,
-                        "va": "top",
-                        "ha": "center",
-                    }
-                    axes.text(place, 1.0, f"{num_failed} failed", **where)
+    for axes, (key, label) in zip(figure.subplots(1, 2), MEASURES, strict=True):
+        errors = [
+            [[getattr(f, key) for f in groups.get((method, setting), ())] for setting in settings]
+            for method in methods
+        ]
+        places = draw_groups(axes, errors, methods, "vertical")
+        _count_failures(axes, places, errors)
         axes.set_yscale("log")
         axes.set_xlabel(axis)
         axes.set_ylabel(label)
@@ -234,3 +218,21 @@ def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
         axes.grid(axis="y", alpha=0.3)
     axes.legend()
     return figure
+
+
+def _count_failures(
+    axes: Axes, places: Sequence[Sequence[float]], errors: Sequence[Sequence[Sequence[float]]]
+) -> None:
+    """Say above each box how many calibrations failed."""
+    for of_method, errors_of_method in zip(places, errors, strict=True):
+        for place, values in zip(of_method, errors_of_method, strict=True):
+            if num_failed := sum(not math.isfinite(value) for value in values):
+                axes.text(
+                    place,
+                    1.0,
+                    f"{num_failed} failed",
+                    transform=axes.get_xaxis_transform(),
+                    rotation=90.0,
+                    va="top",
+                    ha="center",
+                )

@@ -16,7 +16,8 @@ import numpy as np
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.accuracy import off
-from semcal_cli.experiments.runner import machine, write_results
+from semcal_cli.experiments.distribution import grouped
+from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
@@ -130,9 +131,7 @@ class Experiment:
 
 def summarise(timings: Sequence[Timing]) -> list[Summary]:
     """Sum the runs of each process up."""
-    groups: dict[tuple[str, int], list[Timing]] = {}
-    for timing in timings:
-        groups.setdefault((timing.name, timing.num_pairs), []).append(timing)
+    groups = grouped(timings, lambda t: (t.name, t.num_pairs))
     medians = {key: float(np.median([t.seconds for t in found])) for key, found in groups.items()}
     summaries = []
     for (name, num_pairs), found in groups.items():
@@ -200,18 +199,17 @@ def run_process(command: list[str]) -> tuple[float, float]:
 
 def markdown(summaries: Sequence[Summary]) -> str:
     """Give the table."""
-    lines = [
-        "| process | pairs | n | seconds: median, worst | peak memory, GiB | error | times faster than plain torch |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    header = (
+        "| process | pairs | n | seconds: median, worst | peak memory, GiB | error "
+        "| times faster than plain torch |"
+    )
+    rows = []
     for s in summaries:
         ratio = "" if s.against_plain_torch is None else f"{s.against_plain_torch:.1f}"
         seconds = ", ".join(f"{x:.2f}" for x in s.seconds)
         error = f"{s.rotation_deg:.4f} deg, {s.camera_center_cm:.2f} cm"
-        lines.append(
-            f"| {s.name} | {s.num_pairs:,} | {s.n} | {seconds} | {s.peak_gib:.2f} | {error} | {ratio} |"
-        )
-    return "\n".join(lines) + "\n"
+        rows.append((s.name, f"{s.num_pairs:,}", s.n, seconds, f"{s.peak_gib:.2f}", error, ratio))
+    return markdown_table(header, rows)
 
 
 def make_drive(folder: Path, count: int) -> Path:

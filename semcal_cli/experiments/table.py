@@ -24,7 +24,7 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
-from semcal_cli.experiments.runner import machine, write_results
+from semcal_cli.experiments.result_files import machine, write_results
 from semcal_cli.files.images import write_image
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, mounting_rpy_deg, rotation_vector_deg

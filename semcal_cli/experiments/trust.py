@@ -19,7 +19,8 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations, mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import RIGS
-from semcal_cli.experiments.runner import Pool, machine, write_results
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -350,13 +351,13 @@ def sharpness(findings: Sequence[Outcome]) -> float:
 
 def markdown(findings: Sequence[Outcome]) -> str:
     """Give the table."""
-    lines = ["| | count | of | rate | 95 % interval |", "|---|---|---|---|---|"]
+    rows = []
     for rate in rates(findings):
         low, high = rate.interval
         share = f"{rate.count / rate.n:.1%}" if rate.n else "-"
-        lines.append(f"| {rate.name} | {rate.count} | {rate.n} | {share} | {low:.1%} to {high:.1%} |")
-    lines.append(f"| median stated sigma over true RMSE, worst axis | | | {sharpness(findings):.2f} | |")
-    return "\n".join(lines) + "\n"
+        rows.append((rate.name, rate.count, rate.n, share, f"{low:.1%} to {high:.1%}"))
+    table = markdown_table("| | count | of | rate | 95 % interval |", rows)
+    return f"{table}| median stated sigma over true RMSE, worst axis | | | {sharpness(findings):.2f} | |\n"
 
 
 def write_trust(findings: Sequence[Outcome], num_jobs: int, folder: Path) -> str:

@@ -27,6 +27,8 @@ SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
 """Standard errors that a calibration can have, of the camera's place and of its rotation."""
 LEAST_EIGENVALUE = 1e-9
 """Of correlations: a direction that is known so much better than any axis is none that data determine."""
+EPOCH_S = 1e9
+"""Stamps of drives compare if they are seconds since 1970, which now are more than this; others begin anywhere."""
 SAME = 1e-6
 """Relative difference between two statements of one figure."""
 
@@ -60,6 +62,11 @@ class Member:
     """Why it cannot be used; None if it can."""
     camera: str | None = None
     """Tells lens and picture size from others: see `provenance.camera_hash`."""
+
+    @property
+    def has_stamp(self) -> bool:
+        """Whether its stamp compares with those of other drives."""
+        return self.stamp is not None and self.stamp >= EPOCH_S
 
 
 def read_members(paths: Sequence[Path]) -> list[Member]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from semcal_cli.config import Limits
-from semcal_cli.fleet.assessment import Fleet, Standing
+from semcal_cli.fleet.fleet import ComparedDrive, Fleet
 from semcal_cli.fleet.plot import plot_fleet
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import notations
@@ -62,22 +62,22 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         scatter_deg=scatter[3:].tolist(),
         plot=base64.b64encode(plot_fleet(fleet, "svg")).decode(),
         notations=notations(fleet.T_camera_lidar),
-        rows=[_row(standing, fleet.limits) for standing in fleet.standings],
+        rows=[_row(drive, fleet.limits) for drive in fleet.drives],
     )
 
 
-def _row(standing: Standing, limits: Limits) -> DriveRow:
-    center, rotation = (check for check in standing.offset.judge(limits) if check.name.endswith("in all"))
+def _row(compared: ComparedDrive, limits: Limits) -> DriveRow:
+    center, rotation = (check for check in compared.offset.judge(limits) if check.name.endswith("in all"))
     assert center.half_width is not None
     assert rotation.half_width is not None
-    beyond = "farther off than is allowed" if standing.is_far else ""
-    surely = "surely " if standing.verdict == "fail" else ""
+    beyond = "farther off than is allowed" if compared.is_far else ""
+    surely = "surely " if compared.verdict == "fail" else ""
     return DriveRow(
-        drive=standing.member.drive,
-        time=f"{standing.time:g}",
+        drive=compared.member.drive,
+        time=f"{compared.time:g}",
         center=f"{center.offset:.3f}",
         center_half=f"{center.half_width:.3f}",
         rotation=f"{rotation.offset:.4f}",
         rotation_half=f"{rotation.half_width:.4f}",
-        verdict=surely + beyond or ("disagrees, within what is allowed" if standing.disagrees else "agrees"),
+        verdict=surely + beyond or ("disagrees, within what is allowed" if compared.disagrees else "agrees"),
     )

@@ -6,16 +6,20 @@ import io
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+import numpy.typing as npt
 
-from semcal_cli.fleet.assessment import Fleet
+from semcal_cli.fleet.fleet import Fleet
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 TITLES = (
     *("camera centre x, cm", "camera centre y, cm", "camera centre z, cm"),
     *("rotation about x, deg", "rotation about y, deg", "rotation about z, deg"),
 )
+UNITS = np.array([100.0] * 3 + [1.0] * 3)
+"""Of what is drawn, centimetres and degrees, in metres and degrees."""
 AGREES, DISAGREES, EXPECTED = "#0072b2", "#d55e00", "#444444"
 
 
@@ -39,44 +43,10 @@ def _draw(fleet: Fleet) -> Figure:
 
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     all_axes = figure.subplots(3, 2, sharex=True)
-    times = np.array([standing.time for standing in fleet.standings])
-    disagrees = np.array([standing.disagrees for standing in fleet.standings])
-    units = np.array([100.0] * 3 + [1.0] * 3)
-    expected = units * np.array([standing.course for standing in fleet.standings])
-    offsets = np.array([np.concatenate([s.offset.center_m, s.offset.rotation_deg]) for s in fleet.standings])
-    found = expected + units * offsets
-    halves = units * np.array([standing.offset.half_widths for standing in fleet.standings])
-    allowed = [100.0 * fleet.limits.translation_m] * 3 + [fleet.limits.rotation_deg] * 3
     for index, title in enumerate(TITLES):
         axes = all_axes[index % 3][index // 3]
-        for part in range(len(fleet.parts)):
-            mine = np.array([standing.part == part for standing in fleet.standings])
-            axes.plot(times[mine], expected[mine, index], color=EXPECTED, label="holds then")
-            reach = allowed[index]
-            axes.fill_between(
-                times[mine],
-                expected[mine, index] - reach,
-                expected[mine, index] + reach,
-                color=EXPECTED,
-                alpha=0.08,
-                linewidth=0.0,
-                label="allowed",
-            )
-        for chosen, color, label in (
-            (~disagrees, AGREES, "drives, 95 %"),
-            (disagrees, DISAGREES, "drives that disagree"),
-        ):
-            if chosen.any():
-                axes.errorbar(
-                    times[chosen],
-                    found[chosen, index],
-                    halves[chosen, index],
-                    fmt="o",
-                    markersize=4,
-                    linewidth=1.0,
-                    color=color,
-                    label=label,
-                )
+        _draw_expected(axes, fleet, index)
+        _draw_drives(axes, fleet, index)
         axes.set_title(title, fontsize=10, loc="left")
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
@@ -86,3 +56,55 @@ def _draw(fleet: Fleet) -> Figure:
     once = dict(zip(labels, handles, strict=True))
     figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=4, frameon=False)
     return figure
+
+
+def _draw_expected(axes: Axes, fleet: Fleet, index: int) -> None:
+    """Draw what holds at each time, part by part, with what is allowed about it."""
+    times, expected = _times(fleet), _expected(fleet)[:, index]
+    reach = 100.0 * fleet.limits.translation_m if index < 3 else fleet.limits.rotation_deg
+    for part in range(len(fleet.parts)):
+        mine = np.array([drive.part == part for drive in fleet.drives])
+        axes.plot(times[mine], expected[mine], color=EXPECTED, label="holds then")
+        axes.fill_between(
+            times[mine],
+            expected[mine] - reach,
+            expected[mine] + reach,
+            color=EXPECTED,
+            alpha=0.08,
+            linewidth=0.0,
+            label="allowed",
+        )
+
+
+def _draw_drives(axes: Axes, fleet: Fleet, index: int) -> None:
+    """Draw what the drives say, with its 95 % interval."""
+    times, disagrees = _times(fleet), np.array([drive.disagrees for drive in fleet.drives])
+    offsets = np.array([np.concatenate([d.offset.center_m, d.offset.rotation_deg]) for d in fleet.drives])
+    found = (_expected(fleet) + UNITS * offsets)[:, index]
+    halves = (UNITS * np.array([drive.offset.half_widths for drive in fleet.drives]))[:, index]
+    for chosen, color, label in (
+        (~disagrees, AGREES, "drives, 95 %"),
+        (disagrees, DISAGREES, "drives that disagree"),
+    ):
+        if chosen.any():
+            axes.errorbar(
+                times[chosen],
+                found[chosen],
+                halves[chosen],
+                fmt="o",
+                markersize=4,
+                linewidth=1.0,
+                color=color,
+                label=label,
+            )
+
+
+def _times(fleet: Fleet) -> npt.NDArray[np.float64]:
+    """Give (N,) when each drive was."""
+    return np.array([drive.time for drive in fleet.drives])
+
+
+def _expected(fleet: Fleet) -> npt.NDArray[np.float64]:
+    """Give (N, 6) what holds at the time of each drive, centimetres and degrees."""
+    expected: npt.NDArray[np.float64] = UNITS * np.array([drive.expected for drive in fleet.drives])
+    return expected

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.fleet.assessment import Fleet, Offset, Part, Standing
+from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset, Part
 from semcal_cli.geometry.poses import inverse, quaternion_xyzw
 from semcal_cli.result.provenance import versions
 
@@ -42,7 +42,7 @@ def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None 
         "drift": None if fleet.drift is None else _describe_offset(fleet.drift),
         "order": fleet.order,
         "drives": [
-            *map(_drive, fleet.standings),
+            *map(_drive, fleet.drives),
             *({"drive": m.drive, "status": "left_out", "reason": m.left_out} for m in fleet.left_out),
         ],
         "limits": asdict(fleet.limits),
@@ -63,15 +63,15 @@ def _part(part: Part) -> dict[str, Any]:
     }
 
 
-def _drive(standing: Standing) -> dict[str, Any]:
+def _drive(compared: ComparedDrive) -> dict[str, Any]:
     return {
-        "drive": standing.member.drive,
-        "status": "disagrees" if standing.disagrees else "agrees",
-        "verdict": standing.verdict,
-        "stamp": standing.member.stamp,
-        "time": standing.time,
-        "part": standing.part,
-        **_describe_offset(standing.offset),
+        "drive": compared.member.drive,
+        "status": "disagrees" if compared.disagrees else "agrees",
+        "verdict": compared.verdict,
+        "stamp": compared.member.stamp,
+        "time": compared.time,
+        "part": compared.part,
+        **_describe_offset(compared.offset),
     }
 
 

@@ -29,7 +29,7 @@ from semcal_cli.formats import (
     urdf,
 )
 from semcal_cli.formats.editing import edited
-from semcal_cli.formats.format import Asked, Format, Source
+from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.geometry.poses import Pose
 
 FORMATS: tuple[Format, ...] = (
@@ -62,13 +62,13 @@ DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 
 
-def read_transform(path: Path | str, name: str | None = None, asked: Asked | None = None) -> Pose:
+def read_transform(path: Path | str, name: str | None = None, options: FormatOptions | None = None) -> Pose:
     """Read the transform of a file of any known format, or of a drive's folder.
 
     Args:
         path: The file.
         name: Its format; None: as its content tells.
-        asked: What the file leaves open.
+        options: What the file leaves open.
 
     Returns:
         T_camera_lidar (4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres.
@@ -82,12 +82,12 @@ def read_transform(path: Path | str, name: str | None = None, asked: Asked | Non
         format = _recognised(source) if name is None else find_format(name)
         if not format.recognises(source):
             _check_form(source)
-        _check_asked(format, asked or Asked(), "--")
-        return format.read(source, asked or Asked())
+        _check_options(format, options or FormatOptions(), "--")
+        return format.read(source, options or FormatOptions())
     except RecursionError:
         raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
     except InputError as error:
-        if asked is None and OPTION.search(str(error)):
+        if options is None and OPTION.search(str(error)):
             # Commands that read transforms by the way have no such options.
             raise InputError(f"{error}; `semcal convert` takes it") from None
         raise
@@ -137,21 +137,23 @@ def _content(source: Source) -> str:
     return f"{describe(first)} and no known key"
 
 
-def write_transform(T_camera_lidar: Pose, path: Path | None, name: str, asked: Asked | None = None) -> bytes:
+def write_transform(
+    T_camera_lidar: Pose, path: Path | None, name: str, options: FormatOptions | None = None
+) -> bytes:
     """Make the file of a transform, and write it if there is a path.
 
     Raises:
         InputError: the format needs something that is not asked, or the file cannot be written.
     """
-    format, asked = find_format(name), asked or Asked()
-    _check_asked(format, asked, "--to-")
-    content = format.write(T_camera_lidar, replace(asked, file=path))
+    format, options = find_format(name), options or FormatOptions()
+    _check_options(format, options, "--to-")
+    content = format.write(T_camera_lidar, replace(options, file=path))
     if path is not None:
         write_bytes(content, path)
     return content
 
 
-def put_transform(T_camera_lidar: Pose, path: Path, asked: Asked | None = None) -> None:
+def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> None:
     """Set the transform in a file of the user's, and leave all else, comments too, as it is.
 
     Raises:
@@ -163,9 +165,9 @@ def put_transform(T_camera_lidar: Pose, path: Path, asked: Asked | None = None) 
     if put is None:
         able = ", ".join(each.name for each in FORMATS if each.put is not None)
         raise InputError(f"{path}: found {format.name}, which is not edited in place, needed one of: {able}")
-    asked = asked or Asked()
-    _check_asked(format, asked, "--to-")
-    of_file = replace(asked, file=path)
+    options = options or FormatOptions()
+    _check_options(format, options, "--to-")
+    of_file = replace(options, file=path)
     try:
         text = edited(source, lambda document: put(document, T_camera_lidar, of_file))
     except (AttributeError, KeyError, TypeError, ValueError):
@@ -176,14 +178,16 @@ def put_transform(T_camera_lidar: Pose, path: Path, asked: Asked | None = None) 
     write_text(text, path)
 
 
-def _check_asked(format: Format, asked: Asked, prefix: str) -> None:
+def _check_options(format: Format, options: FormatOptions, prefix: str) -> None:
     """Refuse what would be said in vain."""
-    said = vars(asked)
+    said = vars(options)
     for name in ("camera", "lidar"):
         if said[name] == "":
             raise InputError(f"{prefix}{name}: found nothing, needed a name")
-    if asked.camera is not None and asked.camera == asked.lidar:
-        raise InputError(f"{prefix}camera, {prefix}lidar: found {asked.camera!r} for both, needed two names")
+    if options.camera is not None and options.camera == options.lidar:
+        raise InputError(
+            f"{prefix}camera, {prefix}lidar: found {options.camera!r} for both, needed two names"
+        )
     for name in ("direction", "frame", "camera", "lidar"):
         if said[name] is not None and name not in format.asks:
             raise InputError(

@@ -18,8 +18,8 @@ from semcal_cli.formats.format import (
     FRAMES,
     LIDAR_NAME,
     T_BODY_OPTICAL,
-    Asked,
     Format,
+    FormatOptions,
     Source,
     from_rpy,
     optical_axes,
@@ -62,10 +62,10 @@ def _name(
     return found[0]
 
 
-def _names(where: str, entries: dict[str, Any], asked: Asked, prefix: str) -> tuple[str, str]:
+def _names(where: str, entries: dict[str, Any], options: FormatOptions, prefix: str) -> tuple[str, str]:
     return (
-        _name(where, entries, asked.camera, CAMERA_NAME, f"{prefix}camera"),
-        _name(where, entries, asked.lidar, LIDAR_NAME, f"{prefix}lidar"),
+        _name(where, entries, options.camera, CAMERA_NAME, f"{prefix}camera"),
+        _name(where, entries, options.lidar, LIDAR_NAME, f"{prefix}lidar"),
     )
 
 
@@ -74,31 +74,31 @@ def _pose(where: str, entries: dict[str, Any], name: str) -> Pose:
     return from_rpy(f"{where}: {name}", values[3:], values[:3])
 
 
-def _axes(where: str, camera: str, asked: Asked, prefix: str) -> Pose:
+def _axes(where: str, camera: str, options: FormatOptions, prefix: str) -> Pose:
     """T_frame_optical of the camera's frame; `camera_link` is a body frame here."""
-    if asked.frame is None and camera.endswith("camera_link"):
+    if options.frame is None and camera.endswith("camera_link"):
         return T_BODY_OPTICAL
-    return optical_axes(where, camera, asked, prefix)
+    return optical_axes(where, camera, options, prefix)
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     where = str(source.path)
     entries = _entries(where, source.document)
-    camera, lidar = _names(where, entries, asked, "--")
-    T_base_optical = _pose(where, entries, camera) @ _axes(where, camera, asked, "--")
+    camera, lidar = _names(where, entries, options, "--")
+    T_base_optical = _pose(where, entries, camera) @ _axes(where, camera, options, "--")
     return inverse(T_base_optical) @ _pose(where, entries, lidar)
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    where = str(asked.file)
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
+    where = str(options.file)
     entries = _entries(where, document)
-    camera, lidar = _names(where, entries, asked, "--to-")
+    camera, lidar = _names(where, entries, options, "--to-")
     T_base_optical = _pose(where, entries, lidar) @ inverse(T_camera_lidar)
-    T = T_base_optical @ inverse(_axes(where, camera, asked, "--to-"))
+    T = T_base_optical @ inverse(_axes(where, camera, options, "--to-"))
     entries[camera].update(zip(KEYS, [*xyz(T), *rpy(T)], strict=True))
 
 
-def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     raise InputError(
         "--to autoware: poses are relative to the sensor kit, needed --into a sensor_kit_calibration.yaml with the "
         "LiDAR's own entry"

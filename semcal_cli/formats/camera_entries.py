@@ -10,7 +10,7 @@ from typing import Any
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_rows
+from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer, from_rows
 from semcal_cli.formats.values import matrix_at
 from semcal_cli.geometry.poses import Pose
 
@@ -19,22 +19,22 @@ def _format(name: str, equation: str, key: str, first_camera: str, *, as_json: b
     def cameras(document: Any) -> list[Any]:
         return [camera for camera, entry in document.items() if isinstance(entry, dict) and key in entry]
 
-    def read(source: Source, asked: Asked) -> Pose:
+    def read(source: Source, options: FormatOptions) -> Pose:
         where, found = str(source.path), cameras(source.mapping)
-        camera = asked.camera or (found[0] if len(found) == 1 else None)
+        camera = options.camera or (found[0] if len(found) == 1 else None)
         if camera not in found:
             raise InputError(f"{where}: found {key} of {listed(found)}, needed --camera to name one of them")
         rows = matrix_at(f"{where}: {camera}", source.mapping[camera], key)
-        return from_rows(f"{where}: {camera}.{key}", rows, asked)
+        return from_rows(f"{where}: {camera}.{key}", rows, options)
 
-    def put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+    def put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         # A chain has its cameras before their poses.
         found = cameras(document) or [camera for camera in document if str(camera).startswith("cam")]
-        if len(found) > 1 if asked.camera is None else bool(found) and asked.camera not in found:
+        if len(found) > 1 if options.camera is None else bool(found) and options.camera not in found:
             raise InputError(
-                f"{asked.file}: found cameras {listed(found)}, needed --to-camera to name one of them"
+                f"{options.file}: found cameras {listed(found)}, needed --to-camera to name one of them"
             )
-        camera = asked.camera or (found[0] if found else first_camera)
+        camera = options.camera or (found[0] if found else first_camera)
         document.setdefault(camera, {})[key] = T_camera_lidar.tolist()
 
     return Format(

@@ -7,7 +7,7 @@ from typing import Any
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.format import CAMERA, Asked, Format, Source, from_quaternion, wxyz, xyz
+from semcal_cli.formats.format import CAMERA, Format, FormatOptions, Source, from_quaternion, wxyz, xyz
 from semcal_cli.formats.values import numbers_in
 from semcal_cli.geometry.poses import Pose
 
@@ -24,9 +24,9 @@ def _cameras(document: Any) -> list[dict[Any, Any]]:
     return [camera for camera in listed_ if ROTATION in camera]
 
 
-def _camera(where: str, document: Any, asked: Asked, prefix: str) -> dict[Any, Any]:
+def _camera(where: str, document: Any, options: FormatOptions, prefix: str) -> dict[Any, Any]:
     cameras = _cameras(document)
-    found = [camera for camera in cameras if asked.camera in (None, camera.get(NAME))]
+    found = [camera for camera in cameras if options.camera in (None, camera.get(NAME))]
     if len(found) != 1:
         known = listed(camera.get(NAME) for camera in cameras)
         raise InputError(
@@ -35,22 +35,26 @@ def _camera(where: str, document: Any, asked: Asked, prefix: str) -> dict[Any, A
     return found[0]
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     where = str(source.path)
-    camera = _camera(where, source.document, asked, "--")
+    camera = _camera(where, source.document, options, "--")
     w, x, y, z = numbers_in(where, camera, ROTATION, 4)
     return from_quaternion(
-        f"{where}: {ROTATION}", [x, y, z, w], numbers_in(where, camera, TRANSLATION, 3), asked
+        f"{where}: {ROTATION}", [x, y, z, w], numbers_in(where, camera, TRANSLATION, 3), options
     )
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    camera = _camera(str(asked.file), document, asked, "--to-")
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
+    camera = _camera(str(options.file), document, options, "--to-")
     camera[ROTATION], camera[TRANSLATION] = wxyz(T_camera_lidar), xyz(T_camera_lidar)
 
 
-def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
-    camera = {NAME: asked.camera or CAMERA, ROTATION: wxyz(T_camera_lidar), TRANSLATION: xyz(T_camera_lidar)}
+def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    camera = {
+        NAME: options.camera or CAMERA,
+        ROTATION: wxyz(T_camera_lidar),
+        TRANSLATION: xyz(T_camera_lidar),
+    }
     return (json.dumps([{"cameras": [camera]}], indent=2) + "\n").encode()
 
 

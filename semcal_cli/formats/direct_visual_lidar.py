@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_quaternion, xyz
+from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer, from_quaternion, xyz
 from semcal_cli.formats.values import at, numbers_in
 from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
 
 KEY = "T_lidar_camera"
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     where = f"{source.path}: results"
     x, y, z, *quaternion = numbers_in(where, at(str(source.path), source.document, "results"), KEY, 7)
-    return inverse(from_quaternion(f"{where}.{KEY}", quaternion, [x, y, z], asked))
+    return inverse(from_quaternion(f"{where}.{KEY}", quaternion, [x, y, z], options))
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     T = inverse(T_camera_lidar)
     document.setdefault("results", {})[KEY] = [*xyz(T), *quaternion_xyzw(T).tolist()]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Asked, Format, Source, checked, document_writer
+from semcal_cli.formats.format import Format, FormatOptions, Source, checked, document_writer
 from semcal_cli.formats.values import numbers_in
 from semcal_cli.geometry.poses import Pose
 
@@ -29,16 +29,16 @@ def _one(where: str, document: Any) -> dict[Any, Any]:
     return blocks[0]
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     block = _one(str(source.path), source.document)
     where, T = f"{source.path}: {BLOCK}", np.eye(4)
     T[:3, :3] = np.array(numbers_in(where, block, "Rcl", 9)).reshape(3, 3)
     T[:3, 3] = numbers_in(where, block, "Pcl", 3)
-    return checked(f"{where}.Rcl", T, asked)
+    return checked(f"{where}.Rcl", T, options)
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    block = _one(str(asked.file), document) if document else document.setdefault(BLOCK, {})
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
+    block = _one(str(options.file), document) if document else document.setdefault(BLOCK, {})
     block["Rcl"], block["Pcl"] = T_camera_lidar[:3, :3].ravel().tolist(), T_camera_lidar[:3, 3].tolist()
 
 

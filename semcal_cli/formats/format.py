@@ -38,7 +38,7 @@ T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
 
 
 @dataclass(frozen=True)
-class Asked:
+class FormatOptions:
     """What the user says beside the file."""
 
     direction: Direction | None = None
@@ -123,7 +123,7 @@ MAX_BYTES, MAX_YAML_BYTES = 50_000_000, 1_000_000
 
 FRAMES = ("frame", "camera", "lidar")
 """What files with named frames leave open."""
-Put: TypeAlias = Callable[[Any, Pose, Asked], None]
+Put: TypeAlias = Callable[[Any, Pose, FormatOptions], None]
 
 
 @dataclass(frozen=True)
@@ -134,9 +134,9 @@ class Format:
     equation: str
     """Which points its numbers map, and where they stand."""
     recognises: Callable[[Source], bool]
-    read: Callable[[Source, Asked], Pose]
+    read: Callable[[Source, FormatOptions], Pose]
     """Gives T_camera_lidar; raises `InputError` where the file is wrong or leaves something open."""
-    write: Callable[[Pose, Asked], bytes]
+    write: Callable[[Pose, FormatOptions], bytes]
     """Makes a new file of T_camera_lidar; raises `InputError` where something is left open."""
     put: Put | None = None
     """Sets the transform in a document of this format and leaves the rest, if it is one."""
@@ -144,25 +144,25 @@ class Format:
     """What of `direction`, `frame`, `camera` and `lidar` its files leave open."""
 
 
-def document_writer(put: Put, *, as_json: bool = False) -> Callable[[Pose, Asked], bytes]:
+def document_writer(put: Put, *, as_json: bool = False) -> Callable[[Pose, FormatOptions], bytes]:
     """Write a new file by putting a transform into an empty document, as JSON also where the file's suffix says so."""
 
-    def write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+    def write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         document: dict[str, Any] = {}
-        put(document, T_camera_lidar, asked)
-        is_json = as_json or (asked.file is not None and asked.file.suffix.lower() == ".json")
+        put(document, T_camera_lidar, options)
+        is_json = as_json or (options.file is not None and options.file.suffix.lower() == ".json")
         return document_text(document, "json" if is_json else "yaml").encode()
 
     return write
 
 
-def checked(where: str, T: Pose, asked: Asked) -> Pose:
+def checked(where: str, T: Pose, options: FormatOptions) -> Pose:
     """Give the transform that a file states but for rounding, or if repairs are asked for the nearest one.
 
     Raises:
         InputError: it is not rigid, or farther than any rig.
     """
-    if asked.on_repair is None or not np.isfinite(T).all():
+    if options.on_repair is None or not np.isfinite(T).all():
         try:
             return rigid(where, T)
         except InputError as error:
@@ -173,7 +173,7 @@ def checked(where: str, T: Pose, asked: Asked) -> Pose:
     nearest[:3, :3] = U @ Vt
     is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
     if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
-        asked.on_repair(
+        options.on_repair(
             f"{where}: found no rotation (determinant {np.prod(scales):.4g}, rows stretched by {scales[-1]:.4g} to "
             f"{scales[0]:.4g}), took the nearest"
         )
@@ -186,7 +186,7 @@ LEAST_SCALE = 1e-3
 """Rows that are stretched so differently come from no rotation, and none is near."""
 
 
-def from_rows(where: str, values: npt.ArrayLike, asked: Asked) -> Pose:
+def from_rows(where: str, values: npt.ArrayLike, options: FormatOptions) -> Pose:
     """Make a transform of the 12 or 16 numbers of its rows.
 
     Raises:
@@ -194,19 +194,19 @@ def from_rows(where: str, values: npt.ArrayLike, asked: Asked) -> Pose:
     """
     rows = np.array(values, np.float64).reshape(-1, 4)
     return checked(
-        where, np.vstack([rows[:3], rows[3:] if len(rows) == 4 else [[0.0, 0.0, 0.0, 1.0]]]), asked
+        where, np.vstack([rows[:3], rows[3:] if len(rows) == 4 else [[0.0, 0.0, 0.0, 1.0]]]), options
     )
 
 
-def from_quaternion(where: str, xyzw: list[float], xyz: list[float], asked: Asked) -> Pose:
+def from_quaternion(where: str, xyzw: list[float], xyz: list[float], options: FormatOptions) -> Pose:
     """Make a transform of a unit quaternion and a translation, metres.
 
     Raises:
         InputError: the quaternion is not of unit norm, or the translation farther than any rig.
     """
     norm = float(np.linalg.norm(xyzw))
-    if asked.on_repair is not None and norm > 0.0 and abs(norm - 1.0) > ROUNDING:
-        asked.on_repair(f"{where}: found a quaternion of norm {norm:.6g}, scaled it to 1")
+    if options.on_repair is not None and norm > 0.0 and abs(norm - 1.0) > ROUNDING:
+        options.on_repair(f"{where}: found a quaternion of norm {norm:.6g}, scaled it to 1")
         xyzw = [value / norm for value in xyzw]
     try:
         return rigid(where, pose_from_quaternion(xyzw, xyz))
@@ -236,32 +236,32 @@ def wxyz(T: Pose) -> list[float]:
     return [w, x, y, z]
 
 
-def turned(where: str, T: Pose, asked: Asked) -> Pose:
+def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
     """Give T_camera_lidar of a transform whose direction the file does not say, or the other way round.
 
     Raises:
         InputError: the user does not say it, either.
     """
-    if asked.direction is None:
+    if options.direction is None:
         option = "--to-direction" if where.startswith("--to") else "--direction"
         needed = f"needed {option} lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
         raise InputError(f"{where}: found a transform of no stated direction, {needed}")
-    return T if asked.direction == "lidar-to-camera" else inverse(T)
+    return T if options.direction == "lidar-to-camera" else inverse(T)
 
 
-def between(where: str, T_parent_child: Pose, parent: str, child: str, asked: Asked) -> Pose:
+def between(where: str, T_parent_child: Pose, parent: str, child: str, options: FormatOptions) -> Pose:
     """Give T_camera_lidar of a transform between two named frames, p_parent = T p_child.
 
     Raises:
         InputError: names do not tell which frame is the camera's, or whether it is an optical one, and the user does
             not say it.
     """
-    camera = camera_frame(where, parent, child, asked)
+    camera = camera_frame(where, parent, child, options)
     T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
-    return inverse(T_lidar_camera @ optical_axes(where, camera, asked))
+    return inverse(T_lidar_camera @ optical_axes(where, camera, options))
 
 
-def camera_frame(where: str, parent: str, child: str, asked: Asked, prefix: str = "--") -> str:
+def camera_frame(where: str, parent: str, child: str, options: FormatOptions, prefix: str = "--") -> str:
     """Tell which of two frames is the camera's, the other being the LiDAR's; options begin with `prefix`.
 
     Raises:
@@ -269,26 +269,26 @@ def camera_frame(where: str, parent: str, child: str, asked: Asked, prefix: str 
     """
     found = f"{where}: found frames {parent!r} and {child!r}"
     cameras = [name for name in (parent, child) if CAMERA_NAME.search(name)]
-    camera = asked.camera or (cameras[0] if len(cameras) == 1 else None)
+    camera = options.camera or (cameras[0] if len(cameras) == 1 else None)
     if camera not in (parent, child) or parent == child:
         raise InputError(f"{found}, needed {prefix}camera to name the camera's")
     lidar = parent if camera == child else child
-    if asked.lidar not in (None, lidar):
-        raise InputError(f"{found}, needed {asked.lidar!r} as {prefix}lidar says")
-    if asked.lidar is None and not LIDAR_NAME.search(lidar):
+    if options.lidar not in (None, lidar):
+        raise InputError(f"{found}, needed {options.lidar!r} as {prefix}lidar says")
+    if options.lidar is None and not LIDAR_NAME.search(lidar):
         raise InputError(
             f"{where}: found frame {lidar!r}, needed {prefix}lidar {lidar} if it is the LiDAR's own"
         )
     return camera
 
 
-def optical_axes(where: str, camera: str, asked: Asked, prefix: str = "--") -> Pose:
+def optical_axes(where: str, camera: str, options: FormatOptions, prefix: str = "--") -> Pose:
     """T_frame_optical of a camera's frame, by its name or by what the user says.
 
     Raises:
         InputError: neither tells.
     """
-    frame = asked.frame or ("optical" if OPTICAL_NAME.search(camera) else None)
+    frame = options.frame or ("optical" if OPTICAL_NAME.search(camera) else None)
     if frame is None:
         needed = (
             f"needed {prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
@@ -297,11 +297,11 @@ def optical_axes(where: str, camera: str, asked: Asked, prefix: str = "--") -> P
     return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
 
 
-def named(T_camera_lidar: Pose, asked: Asked) -> tuple[Pose, str, str]:
+def named(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
     """T_lidar_frame of the camera's frame that is to be written, and the names of both."""
-    for name in filter(None, (asked.lidar, asked.camera)):
+    for name in filter(None, (options.lidar, options.camera)):
         if not name.isprintable():
             raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a name that can be printed")
-    is_body = asked.frame == "body"
+    is_body = options.frame == "body"
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
-    return T, asked.lidar or LIDAR, asked.camera or (CAMERA_BODY if is_body else CAMERA)
+    return T, options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)

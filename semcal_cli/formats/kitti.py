@@ -11,7 +11,7 @@ from contextlib import suppress
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Asked, Format, Source, checked, from_rows
+from semcal_cli.formats.format import Format, FormatOptions, Source, checked, from_rows
 from semcal_cli.formats.values import keyed_lines, numbers, rigid
 from semcal_cli.geometry.poses import Pose
 
@@ -19,32 +19,32 @@ CAMERAS = ("P0", "P1", "P2", "P3")
 OBJECT_KEY, ODOMETRY_KEY = "Tr_velo_to_cam", "Tr"
 
 
-def _shift(source: Source, keyed: dict[str, str], asked: Asked) -> Pose:
+def _shift(source: Source, keyed: dict[str, str], options: FormatOptions) -> Pose:
     """T_camera_camera0 of the camera `P0` to `P3` that is asked for; the identity if none is."""
     T = np.eye(4)
-    if asked.camera is not None:
-        if asked.camera not in CAMERAS:
-            raise InputError(f"--camera: found {asked.camera!r}, needed one of: {', '.join(CAMERAS)}")
-        P = numbers(source.path, keyed, asked.camera, 12).reshape(3, 4)
+    if options.camera is not None:
+        if options.camera not in CAMERAS:
+            raise InputError(f"--camera: found {options.camera!r}, needed one of: {', '.join(CAMERAS)}")
+        P = numbers(source.path, keyed, options.camera, 12).reshape(3, 4)
         try:
             T[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
         except np.linalg.LinAlgError:
-            raise InputError(f"{source.path}: {asked.camera}: found no K to invert, needed one") from None
-    return rigid(f"{source.path}: {asked.camera}", T)
+            raise InputError(f"{source.path}: {options.camera}: found no K to invert, needed one") from None
+    return rigid(f"{source.path}: {options.camera}", T)
 
 
-def _read_odometry(source: Source, asked: Asked) -> Pose:
+def _read_odometry(source: Source, options: FormatOptions) -> Pose:
     keyed = keyed_lines(source.text)
-    T = from_rows(f"{source.path}: {ODOMETRY_KEY}", numbers(source.path, keyed, ODOMETRY_KEY, 12), asked)
-    return _shift(source, keyed, asked) @ T
+    T = from_rows(f"{source.path}: {ODOMETRY_KEY}", numbers(source.path, keyed, ODOMETRY_KEY, 12), options)
+    return _shift(source, keyed, options) @ T
 
 
-def _read_object(source: Source, asked: Asked) -> Pose:
+def _read_object(source: Source, options: FormatOptions) -> Pose:
     keyed = keyed_lines(source.text)
-    T = from_rows(f"{source.path}: {OBJECT_KEY}", numbers(source.path, keyed, OBJECT_KEY, 12), asked)
+    T = from_rows(f"{source.path}: {OBJECT_KEY}", numbers(source.path, keyed, OBJECT_KEY, 12), options)
     R0 = np.eye(4)
     R0[:3, :3] = numbers(source.path, keyed, "R0_rect", 9).reshape(3, 3)
-    return _shift(source, keyed, asked) @ checked(f"{source.path}: R0_rect", R0, asked) @ T
+    return _shift(source, keyed, options) @ checked(f"{source.path}: R0_rect", R0, options) @ T
 
 
 def row(T: Pose) -> str:
@@ -52,20 +52,20 @@ def row(T: Pose) -> str:
     return " ".join(map(repr, T[:3].ravel().tolist()))
 
 
-def _check_camera(asked: Asked) -> None:
-    if asked.camera is not None:
+def _check_camera(options: FormatOptions) -> None:
+    if options.camera is not None:
         raise InputError(
-            f"--to-camera: found {asked.camera!r}, needed nothing: a new file has camera 0 alone"
+            f"--to-camera: found {options.camera!r}, needed nothing: a new file has camera 0 alone"
         )
 
 
-def _write_odometry(T_camera_lidar: Pose, asked: Asked) -> bytes:
-    _check_camera(asked)
+def _write_odometry(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    _check_camera(options)
     return f"{ODOMETRY_KEY}: {row(T_camera_lidar)}\n".encode()
 
 
-def _write_object(T_camera_lidar: Pose, asked: Asked) -> bytes:
-    _check_camera(asked)
+def _write_object(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    _check_camera(options)
     identity = " ".join(map(repr, np.eye(3).ravel().tolist()))
     return f"R0_rect: {identity}\n{OBJECT_KEY}: {row(T_camera_lidar)}\n".encode()
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from semcal_cli.formats.format import Asked, Format, Source, from_rows
+from semcal_cli.formats.format import Format, FormatOptions, Source, from_rows
 from semcal_cli.formats.kitti import row
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.geometry.poses import Pose, inverse
@@ -10,12 +10,12 @@ from semcal_cli.geometry.poses import Pose, inverse
 FILE = "calib_cam_to_velo.txt"
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     values = parse_numbers(source.path, "camera 0 to LiDAR", source.text, 12)
-    return inverse(from_rows(str(source.path), values, asked))
+    return inverse(from_rows(str(source.path), values, options))
 
 
-def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return f"{row(inverse(T_camera_lidar))}\n".encode()
 
 

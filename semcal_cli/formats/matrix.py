@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Asked, Format, Source, from_quaternion, from_rows, turned, xyz
+from semcal_cli.formats.format import Format, FormatOptions, Source, from_quaternion, from_rows, turned, xyz
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 
@@ -19,7 +19,7 @@ NPY = b"\x93NUMPY"
 SEPARATORS = re.compile(r"[,;\[\]()]")
 
 
-def _read_array(source: Source, asked: Asked) -> Pose:
+def _read_array(source: Source, options: FormatOptions) -> Pose:
     if not source.content.startswith(NPY):
         raise InputError(f"{source.path}: found no NumPy array, needed one")
     try:
@@ -35,12 +35,12 @@ def _read_array(source: Source, asked: Asked) -> Pose:
         raise InputError(f"{source.path}: found {found}, needed numbers of shape (4, 4) or (3, 4)")
     if not np.isfinite(array).all():
         raise InputError(f"{source.path}: found a number that is not finite, needed a transform")
-    return turned(str(source.path), from_rows(str(source.path), array.astype(np.float64), asked), asked)
+    return turned(str(source.path), from_rows(str(source.path), array.astype(np.float64), options), options)
 
 
-def _write_array(T_camera_lidar: Pose, asked: Asked) -> bytes:
+def _write_array(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     buffer = io.BytesIO()
-    np.save(buffer, turned("--to npy", T_camera_lidar, asked))
+    np.save(buffer, turned("--to npy", T_camera_lidar, options))
     return buffer.getvalue()
 
 
@@ -50,27 +50,27 @@ def _lines(source: Source) -> list[str]:
     return [line for line in lines if line.strip()]
 
 
-def _read_text(source: Source, asked: Asked) -> Pose:
+def _read_text(source: Source, options: FormatOptions) -> Pose:
     values = parse_numbers(source.path, "matrix", " ".join(_lines(source)), 12, 16)
-    return turned(str(source.path), from_rows(str(source.path), values, asked), asked)
+    return turned(str(source.path), from_rows(str(source.path), values, options), options)
 
 
-def _write_text(T_camera_lidar: Pose, asked: Asked) -> bytes:
-    rows = turned("--to text", T_camera_lidar, asked).tolist()
+def _write_text(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    rows = turned("--to text", T_camera_lidar, options).tolist()
     return "".join(" ".join(map(repr, row)) + "\n" for row in rows).encode()
 
 
-def _read_tum(source: Source, asked: Asked) -> Pose:
+def _read_tum(source: Source, options: FormatOptions) -> Pose:
     lines = _lines(source)
     if len(lines) != 1:
         raise InputError(f"{source.path}: found {len(lines)} lines, needed one: stamp x y z qx qy qz qw")
     _, x, y, z, *quaternion = parse_numbers(source.path, "line 1", lines[0], 8).tolist()
     where = str(source.path)
-    return turned(where, from_quaternion(where, quaternion, [x, y, z], asked), asked)
+    return turned(where, from_quaternion(where, quaternion, [x, y, z], options), options)
 
 
-def _write_tum(T_camera_lidar: Pose, asked: Asked) -> bytes:
-    T = turned("--to tum", T_camera_lidar, asked)
+def _write_tum(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    T = turned("--to tum", T_camera_lidar, options)
     return (" ".join(map(repr, [0.0, *xyz(T), *quaternion_xyzw(T).tolist()])) + "\n").encode()
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.format import Asked, Format, Source, from_quaternion, wxyz, xyz
+from semcal_cli.formats.format import Format, FormatOptions, Source, from_quaternion, wxyz, xyz
 from semcal_cli.formats.values import numbers_in
 from semcal_cli.geometry.poses import Pose, inverse
 
@@ -43,27 +43,29 @@ def _record(
     return found[0]
 
 
-def _pose(where: str, record: dict[Any, Any], asked: Asked) -> Pose:
+def _pose(where: str, record: dict[Any, Any], options: FormatOptions) -> Pose:
     w, x, y, z = numbers_in(where, record, "rotation", 4)
-    return from_quaternion(where, [x, y, z, w], numbers_in(where, record, "translation", 3), asked)
+    return from_quaternion(where, [x, y, z, w], numbers_in(where, record, "translation", 3), options)
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     where = str(source.path)
     records, channels = source.records, _channels(source.path)
-    camera = _pose(where, _record(where, records, channels, asked.camera, "--camera"), asked)
-    return inverse(camera) @ _pose(where, _record(where, records, channels, asked.lidar, "--lidar"), asked)
+    camera = _pose(where, _record(where, records, channels, options.camera, "--camera"), options)
+    return inverse(camera) @ _pose(
+        where, _record(where, records, channels, options.lidar, "--lidar"), options
+    )
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
-    where, channels = str(asked.file), _channels(asked.file)
-    camera = _record(where, document, channels, asked.camera, "--to-camera")
-    lidar = _record(where, document, channels, asked.lidar, "--to-lidar")
-    T = _pose(where, lidar, asked) @ inverse(T_camera_lidar)
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
+    where, channels = str(options.file), _channels(options.file)
+    camera = _record(where, document, channels, options.camera, "--to-camera")
+    lidar = _record(where, document, channels, options.lidar, "--to-lidar")
+    T = _pose(where, lidar, options) @ inverse(T_camera_lidar)
     camera["translation"], camera["rotation"] = xyz(T), wxyz(T)
 
 
-def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     raise InputError(
         "--to nuscenes: poses are relative to the vehicle, needed --into a calibrated_sensor.json with the LiDAR's own "
         "entry"

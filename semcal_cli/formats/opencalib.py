@@ -5,18 +5,18 @@ from __future__ import annotations
 from contextlib import suppress
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Asked, Format, Source, from_rows
+from semcal_cli.formats.format import Format, FormatOptions, Source, from_rows
 from semcal_cli.formats.kitti import row
 from semcal_cli.formats.values import keyed_lines, numbers
 from semcal_cli.geometry.poses import Pose
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     values = numbers(source.path, keyed_lines(source.text), "T", 12)
-    return from_rows(f"{source.path}: T", values, asked)
+    return from_rows(f"{source.path}: T", values, options)
 
 
-def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
+def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return f"T: {row(T_camera_lidar)}\n".encode()
 
 

@@ -10,7 +10,15 @@ from typing import Any
 from pydantic import Field
 
 from semcal_cli.files.validation import StrictModel, validate
-from semcal_cli.formats.format import Asked, Format, Source, document_writer, from_quaternion, wxyz, xyz
+from semcal_cli.formats.format import (
+    Format,
+    FormatOptions,
+    Source,
+    document_writer,
+    from_quaternion,
+    wxyz,
+    xyz,
+)
 from semcal_cli.geometry.poses import Pose, inverse
 
 KEY = "os1_cloud_node-pylon_camera_node"
@@ -39,14 +47,14 @@ class _File(StrictModel):
     transform: _Transform = Field(validation_alias=KEY)
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     transform = validate(_File, source.document, source.path).transform
     q, t = transform.q, transform.t
     where = f"{source.path}: ['{KEY}']"
-    return inverse(from_quaternion(where, [q.x, q.y, q.z, q.w], [t.x, t.y, t.z], asked))
+    return inverse(from_quaternion(where, [q.x, q.y, q.z, q.w], [t.x, t.y, t.z], options))
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     T = inverse(T_camera_lidar)
     transform = document.setdefault(KEY, {})
     for name, keys, values in (("q", "wxyz", wxyz(T)), ("t", "xyz", xyz(T))):

@@ -15,8 +15,8 @@ from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import (
     CAMERA_NAME,
     FRAMES,
-    Asked,
     Format,
+    FormatOptions,
     Source,
     between,
     from_quaternion,
@@ -33,24 +33,24 @@ PLACES, QUATERNION, ANGLES = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("roll",
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
-def _read_command(source: Source, asked: Asked) -> Pose:
+def _read_command(source: Source, options: FormatOptions) -> Pose:
     where = str(source.path)
     lines = source.text.replace("\\\n", " ").splitlines()
     commands = [words for words in (_words(where, line) for line in lines) if PUBLISHER in words]
-    return _one_of(where, [words[words.index(PUBLISHER) + 1 :] for words in commands], asked)
+    return _one_of(where, [words[words.index(PUBLISHER) + 1 :] for words in commands], options)
 
 
-def _read_launch(source: Source, asked: Asked) -> Pose:
+def _read_launch(source: Source, options: FormatOptions) -> Pose:
     nodes = [node for node in parse_xml(source.text, source.path).iter("node") if _is_publisher(node.attrib)]
     where = f"{source.path}: {PUBLISHER}"
-    return _one_of(where, [_words(where, node.get("args", "")) for node in nodes], asked)
+    return _one_of(where, [_words(where, node.get("args", "")) for node in nodes], options)
 
 
-def _one_of(where: str, publishers: list[list[str]], asked: Asked) -> Pose:
+def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> Pose:
     """The transform of the only publisher, or of the only one between the frames that are asked for."""
     if not publishers:
         raise InputError(f"{where}: found no {PUBLISHER}, needed one")
-    wanted = {name for name in (asked.camera, asked.lidar) if name is not None}
+    wanted = {name for name in (options.camera, options.lidar) if name is not None}
     candidates = [words for words in publishers if wanted <= set(_frames(words))]
     if not wanted and len(publishers) > 1:
         candidates = [words for words in publishers if any(map(CAMERA_NAME.search, _frames(words)))]
@@ -61,7 +61,7 @@ def _one_of(where: str, publishers: list[list[str]], asked: Asked) -> Pose:
         raise InputError(
             f"{where}: found transforms {found}, needed --camera and --lidar to name the two frames of one of them"
         )
-    return _transform(where, candidates[0], asked)
+    return _transform(where, candidates[0], options)
 
 
 def _is_publisher(attributes: dict[str, str]) -> bool:
@@ -77,56 +77,56 @@ def _words(where: str, text: str) -> list[str]:
 
 def _frames(words: list[str]) -> list[str]:
     """Parent and child, as far as they are there."""
-    options = dict(zip(words[::2], words[1::2], strict=False))
-    if "--frame-id" in options:
-        return [options["--frame-id"], options.get("--child-frame-id", "")]
+    given = dict(zip(words[::2], words[1::2], strict=False))
+    if "--frame-id" in given:
+        return [given["--frame-id"], given.get("--child-frame-id", "")]
     return [word for word in words if not NUMBER.fullmatch(word)][:2]
 
 
-def _transform(where: str, words: list[str], asked: Asked) -> Pose:
+def _transform(where: str, words: list[str], options: FormatOptions) -> Pose:
     if words and NUMBER.fullmatch(words[0]):
         count = next((i for i, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
         names = {6: (*PLACES, *reversed(ANGLES)), 7: (*PLACES, *QUATERNION)}.get(count)
         if names is None or len(words) < count + 2:
             raise InputError(f"{where}: found {count} numbers, needed 6 or 7, then parent and child")
-        options = dict(zip(names, words[:count], strict=True))
+        given = dict(zip(names, words[:count], strict=True))
         parent, child = words[count : count + 2]
     else:
-        options = {}
+        given = {}
         for name, value in zip(words[::2], words[1::2], strict=False):
             if name == "--ros-args":
                 break
-            if name.removeprefix("--") in options:
+            if name.removeprefix("--") in given:
                 raise InputError(f"{where}: {name}: found it twice, needed it once")
-            options[name.removeprefix("--")] = value
+            given[name.removeprefix("--")] = value
         known = {*PLACES, *QUATERNION, *ANGLES, "frame-id", "child-frame-id"}
-        if unknown := [name for name in options if name not in known]:
+        if unknown := [name for name in given if name not in known]:
             raise InputError(
                 f"{where}: found argument {unknown[0]!r}, needed some of: {', '.join(sorted(known))}"
             )
-        missing = [name for name in ("frame-id", "child-frame-id") if name not in options]
+        missing = [name for name in ("frame-id", "child-frame-id") if name not in given]
         if missing:
             raise InputError(f"{where}: found no --{missing[0]}, needed it")
-        parent, child = options.pop("frame-id"), options.pop("child-frame-id")
+        parent, child = given.pop("frame-id"), given.pop("child-frame-id")
 
     def values(names: tuple[str, ...], usual: tuple[float, ...]) -> list[float]:
         return [
-            parse_number(f"{where}: --{name}", options[name]) if name in options else default
+            parse_number(f"{where}: --{name}", given[name]) if name in given else default
             for name, default in zip(names, usual, strict=True)
         ]
 
     place = values(PLACES, (0.0,) * 3)
-    if any(name in options for name in ANGLES):
-        if any(name in options for name in QUATERNION):
+    if any(name in given for name in ANGLES):
+        if any(name in given for name in QUATERNION):
             raise InputError(f"{where}: found a quaternion and angles, needed one of them")
         T = from_rpy(where, values(ANGLES, (0.0,) * 3), place)
     else:
-        T = from_quaternion(where, values(QUATERNION, (0.0, 0.0, 0.0, 1.0)), place, asked)
-    return between(where, T, parent, child, asked)
+        T = from_quaternion(where, values(QUATERNION, (0.0, 0.0, 0.0, 1.0)), place, options)
+    return between(where, T, parent, child, options)
 
 
-def _arguments(T_camera_lidar: Pose, asked: Asked) -> str:
-    T, lidar, camera = named(T_camera_lidar, asked)
+def _arguments(T_camera_lidar: Pose, options: FormatOptions) -> str:
+    T, lidar, camera = named(T_camera_lidar, options)
     pairs = [
         *zip(PLACES, xyz(T), strict=True),
         *zip(QUATERNION, quaternion_xyzw(T).tolist(), strict=True),
@@ -136,14 +136,14 @@ def _arguments(T_camera_lidar: Pose, asked: Asked) -> str:
     return " ".join(f"--{name} {value}" for name, value in pairs)
 
 
-def _write_command(T_camera_lidar: Pose, asked: Asked) -> bytes:
-    return f"ros2 run tf2_ros {PUBLISHER} {_arguments(T_camera_lidar, asked)}\n".encode()
+def _write_command(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    return f"ros2 run tf2_ros {PUBLISHER} {_arguments(T_camera_lidar, options)}\n".encode()
 
 
-def _write_launch(T_camera_lidar: Pose, asked: Asked) -> bytes:
+def _write_launch(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     from xml.sax.saxutils import quoteattr
 
-    arguments = quoteattr(_arguments(T_camera_lidar, asked))
+    arguments = quoteattr(_arguments(T_camera_lidar, options))
     node = f'<node pkg="tf2_ros" exec="{PUBLISHER}" args={arguments}/>'
     return f"<launch>\n  {node}\n</launch>\n".encode()
 

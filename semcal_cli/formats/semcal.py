@@ -14,7 +14,7 @@ from pydantic import model_validator
 from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.validation import StrictModel, Transform, Vector3, Vector4, Version, Widths, validate
-from semcal_cli.formats.format import Asked, Format, Source, document_writer
+from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -88,7 +88,7 @@ def read_half_widths(path: Path) -> tuple[float, ...] | None:
     return (*known.half_width_95_camera_center_m, *known.half_width_95_rotation_deg)
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     if CALIBRATION in source.mapping:
         return validate(Calibration, source.document, source.path).pose
     if DRIVE in source.mapping:
@@ -102,7 +102,7 @@ def _read(source: Source, asked: Asked) -> Pose:
     return np.array(validate(_Transform, source.document, source.path).T_camera_lidar)
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     if CALIBRATION in document or FLEET in document:
         raise InputError(
             "--into: found a result, which says how sure its own transform is, needed another file"

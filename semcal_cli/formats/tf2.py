@@ -10,8 +10,8 @@ from typing import Any
 
 from semcal_cli.formats.format import (
     FRAMES,
-    Asked,
     Format,
+    FormatOptions,
     Source,
     between,
     camera_frame,
@@ -25,33 +25,33 @@ from semcal_cli.formats.values import at, mapping_at, numbers_at, text_at
 from semcal_cli.geometry.poses import Pose, inverse, quaternion_xyzw
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     document, where = mapping_at(str(source.path), source.document), str(source.path)
     transform = at(where, document, "transform")
     place = numbers_at(where, transform, "translation", ("x", "y", "z"))
     quaternion = numbers_at(where, transform, "rotation", ("x", "y", "z", "w"))
     parent = text_at(where, at(where, document, "header"), "frame_id")
     child = text_at(where, document, "child_frame_id")
-    return between(where, from_quaternion(where, quaternion, place, asked), parent, child, asked)
+    return between(where, from_quaternion(where, quaternion, place, options), parent, child, options)
 
 
-def _read_apollo(source: Source, asked: Asked) -> Pose:
+def _read_apollo(source: Source, options: FormatOptions) -> Pose:
     document, where = mapping_at(str(source.path), source.document), str(source.path)
-    camera = asked.camera or text_at(where, document, "child_frame_id")
-    return _read(source, replace(asked, camera=camera, frame=asked.frame or "optical"))
+    camera = options.camera or text_at(where, document, "child_frame_id")
+    return _read(source, replace(options, camera=camera, frame=options.frame or "optical"))
 
 
-def _put(document: Any, T_camera_lidar: Pose, asked: Asked) -> None:
+def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     if "child_frame_id" in document:
         # A file that names its frames keeps them, and which of them is the camera's.
-        where = str(asked.file)
+        where = str(options.file)
         parent = text_at(where, at(where, document, "header"), "frame_id")
         child = text_at(where, document, "child_frame_id")
-        camera = camera_frame(where, parent, child, asked, "--to-")
-        T_lidar_frame = inverse(T_camera_lidar) @ inverse(optical_axes(where, camera, asked, "--to-"))
+        camera = camera_frame(where, parent, child, options, "--to-")
+        T_lidar_frame = inverse(T_camera_lidar) @ inverse(optical_axes(where, camera, options, "--to-"))
         T = T_lidar_frame if camera == child else inverse(T_lidar_frame)
     else:
-        T, lidar, camera = named(T_camera_lidar, asked)
+        T, lidar, camera = named(T_camera_lidar, options)
         document["header"], document["child_frame_id"] = {"frame_id": lidar}, camera
     x, y, z, w = quaternion_xyzw(T).tolist()
     transform = document.setdefault("transform", {})

@@ -14,8 +14,8 @@ from semcal_cli.formats.format import (
     FRAMES,
     LIDAR_NAME,
     OPTICAL_NAME,
-    Asked,
     Format,
+    FormatOptions,
     Source,
     from_rpy,
     named,
@@ -33,20 +33,20 @@ def _links(joint: ET.Element) -> tuple[str, str]:
     return parent, child
 
 
-def _read(source: Source, asked: Asked) -> Pose:
+def _read(source: Source, options: FormatOptions) -> Pose:
     where, root = str(source.path), parse_xml(source.text, source.path)
     joints = [joint for joint in root.iter("joint") if all(_links(joint))]
     links = list(dict.fromkeys(link for joint in joints for link in _links(joint)))
     cameras = [link for link in links if CAMERA_NAME.search(link)]
     optical = [link for link in cameras if OPTICAL_NAME.search(link)]
-    camera = _link(where, links, optical if len(optical) == 1 else cameras, asked.camera, "--camera")
+    camera = _link(where, links, optical if len(optical) == 1 else cameras, options.camera, "--camera")
     lidars = [link for link in links if LIDAR_NAME.search(link)]
-    lidar = _link(where, links, lidars, asked.lidar, "--lidar")
+    lidar = _link(where, links, lidars, options.lidar, "--lidar")
     T_lidar_camera = np.eye(4)
     for joint, link in _path(where, joints, lidar, camera):
         T = _origin(source, joint)
         T_lidar_camera = T_lidar_camera @ (T if link == _links(joint)[1] else inverse(T))
-    return inverse(T_lidar_camera @ optical_axes(where, camera, asked))
+    return inverse(T_lidar_camera @ optical_axes(where, camera, options))
 
 
 def _link(where: str, links: list[str], found: list[str], wanted: str | None, option: str) -> str:
@@ -96,8 +96,8 @@ def _origin(source: Source, joint: ET.Element) -> Pose:
     return from_rpy(f"{source.path}: joint {name!r}", angles.tolist(), place.tolist())
 
 
-def _write(T_camera_lidar: Pose, asked: Asked) -> bytes:
-    T, lidar, camera = named(T_camera_lidar, asked)
+def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    T, lidar, camera = named(T_camera_lidar, options)
     joint = ET.Element("joint", name=f"{camera}_joint", type="fixed")
     ET.SubElement(joint, "parent", link=lidar)
     ET.SubElement(joint, "child", link=camera)

@@ -14,8 +14,8 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import read_frame_image
 from semcal_cli.geometry.poses import camera_center, inverse
+from semcal_cli.report.input import ReportInput
 from semcal_cli.report.overlay import Colors, hex_color, palettes, points_in_image
-from semcal_cli.report.subject import Subject
 
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
 """So many points that the camera sees are kept, and so many others."""
@@ -43,13 +43,13 @@ class Cloud:
     """Ends of the edges of the camera's view; none where the lens does not reach into the picture's corners."""
 
 
-def frame_cloud(subject: Subject) -> Cloud:
+def frame_cloud(report: ReportInput) -> Cloud:
     """Colour a frame's points by the label of the pixel they land on, by their own, and by the picture.
 
     It is the first frame with a picture, or the first of all.
     """
-    observations, T = subject.observations, subject.T_camera_lidar
-    names = [frame.image for frame in subject.drive.frames]
+    observations, T = report.observations, report.T_camera_lidar
+    names = [frame.image for frame in report.drive.frames]
     number = next((i for i, name in enumerate(names) if name is not None), 0)
     points = observations.points[number]
     seen = points_in_image(points, T, observations.camera)
@@ -70,19 +70,19 @@ def frame_cloud(subject: Subject) -> Cloud:
         "label of the pixel": _legend(pixel_classes, observations.image_class_names, of_pixels),
         "label of the point": _legend(point_classes, observations.point_class_names, of_points),
     }
-    image = read_frame_image(subject.drive, subject.drive.frames[number])
+    image = read_frame_image(report.drive, report.drive.frames[number])
     if image is not None:
         by["picture"] = _at(image, pixels)[:, ::-1]
     grey = np.full((len(others), 3), GREY, np.uint8)
     positions = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
     return Cloud(
-        frame=subject.drive.frames[number].points,
+        frame=report.drive.frames[number].points,
         positions_cm=_text(positions),
         colors={name: _text(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
         legends=legends,
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
-        corners=_corners(subject),
+        corners=_corners(report),
     )
 
 
@@ -113,15 +113,15 @@ def _legend(classes: npt.NDArray[np.uint8], names: Sequence[str], palette: Color
     return {names[index]: hex_color(tuple(palette[index].tolist())) for index in present}
 
 
-def _corners(subject: Subject) -> list[list[float]]:
+def _corners(report: ReportInput) -> list[list[float]]:
     """Ends of the edges of the camera's view, LiDAR frame."""
-    camera = subject.observations.camera
+    camera = report.observations.camera
     right, bottom = camera.width - 0.5, camera.height - 0.5
     pixels = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
     rays = core_camera(camera).unproject(pixels)
     if not np.isfinite(rays).all():
         return []
-    T_lidar_camera = inverse(subject.T_camera_lidar)
+    T_lidar_camera = inverse(report.T_camera_lidar)
     corners: list[list[float]] = (
         FRUSTUM_M * rays @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
     ).tolist()

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import cv2
 
+from semcal_cli.report.input import ReportInput
 from semcal_cli.report.overlay import Legend, Picture, hex_color
-from semcal_cli.report.subject import Subject
 
 MAX_FRAMES = 20
 MAX_TOTAL_BYTES = 3_000_000
@@ -36,7 +36,7 @@ class FramePictures:
     after: str
 
 
-def frame_pictures(subject: Subject) -> tuple[list[FramePictures], dict[str, str]]:
+def frame_pictures(report: ReportInput) -> tuple[list[FramePictures], dict[str, str]]:
     """Draw evenly spaced frames before and after, in parallel.
 
     Returns:
@@ -45,7 +45,7 @@ def frame_pictures(subject: Subject) -> tuple[list[FramePictures], dict[str, str
     Raises:
         InputError: a picture is missing or wrong.
     """
-    overlays = subject.overlays(MAX_FRAMES)
+    overlays = report.overlays(MAX_FRAMES)
     numbers = range(overlays.observations.num_frames)
     max_bytes = min(MAX_BYTES, MAX_TOTAL_BYTES // (len(numbers) * len(overlays.poses)))
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
-from semcal_cli.formats.format import Asked, wxyz
+from semcal_cli.formats.format import FormatOptions, wxyz
 from semcal_cli.geometry.poses import (
     Pose,
     Vector,
@@ -61,11 +61,11 @@ def files(T_camera_lidar: Pose) -> list[Notation]:
 
     Matrices of formats that state no direction are T_camera_lidar.
     """
-    asked = Asked(direction="lidar-to-camera")
+    options = FormatOptions(direction="lidar-to-camera")
     found = []
     for format in FORMATS:
         try:
-            text = format.write(T_camera_lidar, asked).decode()
+            text = format.write(T_camera_lidar, options).decode()
         except (InputError, UnicodeDecodeError):
             continue  # Poses beside others of a rig go into a file; NumPy's is no text.
         direction = "; here lidar-to-camera" if "direction" in format.asks else ""

@@ -17,9 +17,9 @@ from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.frames import frame_pictures
+from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.plots import BOX, plots
-from semcal_cli.report.subject import Subject
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import runner_up_sentence, uncertainty_sentences, verdict
 from semcal_cli.result.calibration import Calibration
@@ -51,36 +51,38 @@ class HypothesisRow:
     width: float
 
 
-def write_report(subject: Subject, path: Path, progress: Callable[[str], None] = lambda doing: None) -> None:
+def write_report(
+    report: ReportInput, path: Path, progress: Callable[[str], None] = lambda doing: None
+) -> None:
     """Write the page.
 
     Args:
-        subject: What it is about.
+        report: What it is about.
         path: Where it goes.
         progress: Told what is being done.
 
     Raises:
         InputError: a picture is missing or wrong, or the file cannot be written. An existing one is untouched then.
     """
-    write_text(report_html(subject, progress), path)
+    write_text(report_html(report, progress), path)
 
 
-def report_html(subject: Subject, progress: Callable[[str], None]) -> str:
+def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     """Gather everything and fill the template."""
-    observations, T, record = subject.observations, subject.T_camera_lidar, subject.record
+    observations, T, record = report.observations, report.T_camera_lidar, report.record
     agreement = _core.agreement(observations.core, T)
-    before = None if subject.before is None else _core.agreement(observations.core, subject.before[1])
+    before = None if report.before is None else _core.agreement(observations.core, report.before[1])
     progress("drawing points on pictures")
-    frames, legend = frame_pictures(subject)
+    frames, legend = frame_pictures(report)
     progress("following the mutual information along six axes")
     curves = information_curves(observations, T, record.uncertainty if record else None)
     progress("writing the page")
     return ENVIRONMENT.get_template("report/page.html").render(
         style=source("page.css"),
         script=source("copy.js", "page.js"),
-        subject=subject,
+        report=report,
         record=record,
-        verdict=verdict(subject),
+        verdict=verdict(report),
         agreement=agreement,
         num_visible=agreement.num_inside - agreement.num_hidden,
         camera_center=camera_center(T).tolist(),
@@ -96,10 +98,10 @@ def report_html(subject: Subject, progress: Callable[[str], None]) -> str:
         runner_up=runner_up_sentence(record) if record else None,
         stages=_stage_rows(record) if record else [],
         hypotheses=_hypothesis_rows(record) if record else [],
-        cloud=asdict(frame_cloud(subject)),
+        cloud=asdict(frame_cloud(report)),
         options=document_text(record.settings.options, "yaml") if record else "",
         versions=record.settings.versions if record else versions(),
-        hashes=(record.input if record else describe_input(subject.drive, None, Path())).sha256,
+        hashes=(record.input if record else describe_input(report.drive, None, Path())).sha256,
     )
 
 

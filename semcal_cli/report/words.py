@@ -11,7 +11,7 @@ import numpy.typing as npt
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
-from semcal_cli.report.subject import Subject
+from semcal_cli.report.input import ReportInput
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -37,9 +37,9 @@ class Verdict:
     reasons: tuple[str, ...] = ()
 
 
-def verdict(subject: Subject) -> Verdict:
+def verdict(report: ReportInput) -> Verdict:
     """Say whether the transform may be used."""
-    record = subject.record
+    record = report.record
     if record is None:
         return Verdict(
             "not_assessed",
@@ -47,7 +47,7 @@ def verdict(subject: Subject) -> Verdict:
             "The file holds a transform and nothing of how it was found. What follows was measured with it; "
             "semcal verify tells whether it holds.",
         )
-    if not subject.is_of_record:
+    if not report.is_of_record:
         return Verdict(
             "not_assessed",
             "Not assessed here",

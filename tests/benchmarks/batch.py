@@ -11,7 +11,7 @@ from __future__ import annotations
 import resource
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
@@ -51,7 +51,7 @@ def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
 
     inputs = read_inputs(tasks[0])
 
-    def stub(missing: Sequence[Task]) -> Iterator[Outcome]:
+    def stub(missing: Sequence[Task]) -> Generator[Outcome, None, None]:
         for task in missing:
             Path(task.folder).mkdir(parents=True)
             outcome = Outcome(

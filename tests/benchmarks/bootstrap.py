@@ -20,7 +20,7 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations, load_observations
 from semcal_cli.experiments.accuracy import RIGS
-from semcal_cli.experiments.runner import Pool
+from semcal_cli.experiments.pool import Pool
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose

@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 from semcal_cli.config import Limits
-from semcal_cli.fleet.assessment import assess
+from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.members import Member
 from semcal_cli.geometry.poses import pose_from_mounting
 from semcal_cli.geometry.twists import local_coordinates, pose_at
@@ -46,12 +46,12 @@ def main(num_fleets: int, first_seed: int) -> None:
         for extra in (0.0, 1.0, 3.0):
             held, moves, alarms = [], 0, 0
             for seed in range(first_seed, first_seed + num_fleets):
-                found = assess(fleet(np.random.default_rng(seed), count, extra), Limits())
+                found = combine_drives(fleet(np.random.default_rng(seed), count, extra), Limits())
                 (off,) = local_coordinates([found.T_camera_lidar], TRUTH)
                 off[3:] = np.degrees(off[3:])
                 held.append(np.abs(off) <= found.parts[-1].half_widths)
                 moves += len(found.parts) > 1 or found.drift is not None
-                alarms += any(standing.disagrees for standing in found.standings)
+                alarms += any(drive.disagrees for drive in found.drives)
             shares = f"{np.mean(held):.1%} | {moves / num_fleets:.1%} | {alarms / num_fleets:.1%}"
             print(f"| {count} | {extra:g} | {shares} |", flush=True)
 

@@ -22,7 +22,7 @@ from semcal_cli.result.provenance import describe_input
 
 
 @dataclass(frozen=True)
-class Subject:
+class ReportInput:
     """A transform and the frames that figures and pictures are of."""
 
     name: str
@@ -51,7 +51,7 @@ class Subject:
         )
 
 
-def read_subject(drive: Drive, calibration: Path, against: Path | None = None) -> Subject:
+def read_report_input(drive: Drive, calibration: Path, against: Path | None = None) -> ReportInput:
     """Read a transform of any known format and the frames it was computed from, or else those that differ most.
 
     Args:
@@ -64,18 +64,18 @@ def read_subject(drive: Drive, calibration: Path, against: Path | None = None) -
         CalibrationError: one side's labels carry a single class.
     """
     before = None if against is None else (str(against), read_transform(against))
-    return make_subject(
+    return make_report_input(
         drive, str(calibration), read_transform(calibration), read_record(calibration), before
     )
 
 
-def make_subject(
+def make_report_input(
     drive: Drive,
     name: str,
     T_camera_lidar: Pose,
     record: Calibration | None,
     before: tuple[str, Pose] | None = None,
-) -> Subject:
+) -> ReportInput:
     """Read the frames that a transform was computed from, or else those that differ most.
 
     Args:
@@ -97,7 +97,7 @@ def make_subject(
         notices.append("The camera is not the one that the calibration was computed with.")
     cues = _cues(record)
     used = used or choose_frames(drive, cues, MAX_FRAMES)
-    return Subject(
+    return ReportInput(
         name=name,
         T_camera_lidar=T_camera_lidar,
         record=record,

@@ -15,7 +15,7 @@ RECENT = 12
 """Drives that the table shows."""
 
 
-class Board:
+class BatchProgress:
     """Tells how a batch goes: a table that lives on a terminal, a line a drive on a pipe."""
 
     def __init__(self, num_drives: int, quiet: bool) -> None:
@@ -25,7 +25,7 @@ class Board:
         self._console = make_console(quiet)
         self._live: Live | None = None
 
-    def __enter__(self) -> Board:
+    def __enter__(self) -> BatchProgress:
         if self._console.is_terminal and not self._console.quiet:
             self._live = Live(self._table(), console=self._console, transient=True)
             self._live.start()

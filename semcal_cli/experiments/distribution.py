@@ -1,0 +1,115 @@
+"""How errors are distributed over the runs of a group: in numbers, in a table, and as boxes of a plot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Iterable, Sequence
+from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
+"""Fields of a result, and what an axis says of them."""
+ERROR_COLUMNS = "rotation, deg: median, 95 %, worst | camera centre, cm: median, 95 %, worst"
+"""Of a table, as `error_cells` fills them."""
+GROUP_WIDTH = 0.8
+"""Of the boxes of a group, which are one apart."""
+
+Result = TypeVar("Result")
+Key = TypeVar("Key", bound=Hashable)
+
+
+class Errors(Protocol):
+    """One calibration against the truth."""
+
+    @property
+    def rotation_deg(self) -> float:
+        """Infinite, as the other error is, where the calibration failed."""
+
+    @property
+    def camera_center_cm(self) -> float:
+        """Distance between the camera centres."""
+
+
+class ErrorDistribution(Protocol):
+    """Median, 95 % quantile and worst of both errors."""
+
+    @property
+    def rotation_deg(self) -> tuple[float, float, float]:
+        """Of the rotation."""
+
+    @property
+    def camera_center_cm(self) -> tuple[float, float, float]:
+        """Of the camera's centre."""
+
+
+def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key, list[Result]]:
+    """Put results with the same key together, in the order in which they come."""
+    groups: dict[Key, list[Result]] = {}
+    for result in results:
+        groups.setdefault(key(result), []).append(result)
+    return groups
+
+
+def distribution(values: Sequence[float]) -> tuple[float, float, float]:
+    """Give median, 95 % quantile and worst of errors."""
+    # Not between two values: one may be infinite.
+    quantile = np.quantile(values, 0.95, method="higher")
+    return float(np.median(values)), float(quantile), max(values)
+
+
+def error_distributions(
+    results: Sequence[Errors],
+) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
+    """Give the distributions of the rotation error, degrees, and of the camera centre's, centimetres."""
+    return distribution([r.rotation_deg for r in results]), distribution(
+        [r.camera_center_cm for r in results]
+    )
+
+
+def error_cells(summary: ErrorDistribution) -> tuple[str, str]:
+    """Give the cells of `ERROR_COLUMNS`."""
+    rotation = ", ".join(f"{x:.4f}" for x in summary.rotation_deg)
+    return rotation, ", ".join(f"{x:.2f}" for x in summary.camera_center_cm)
+
+
+def draw_groups(
+    axes: Axes,
+    groups: Sequence[Sequence[Sequence[float]]],
+    labels: Sequence[str],
+    orientation: Literal["horizontal", "vertical"],
+) -> list[list[float]]:
+    """Draw a box for each label in each group, a colour for each label; infinite errors are left out.
+
+    Args:
+        axes: Where to draw; groups are at 0, 1, 2 and so on.
+        groups: Errors by label, then by group.
+        labels: What the legend says.
+        orientation: Of the boxes.
+
+    Returns:
+        The places of the boxes by label, then by group.
+    """
+    width = GROUP_WIDTH / len(labels)
+    places = []
+    for number, (label, of_label) in enumerate(zip(labels, groups, strict=True)):
+        shift = (number - 0.5 * (len(labels) - 1)) * width
+        places.append([group + shift for group in range(len(of_label))])
+        finite = [[value for value in values if math.isfinite(value)] for values in of_label]
+        boxes = axes.boxplot(
+            finite,
+            positions=places[-1],
+            widths=0.8 * width,
+            orientation=orientation,
+            patch_artist=True,
+            medianprops={"color": "black"},
+            flierprops={"markersize": 3},
+            manage_ticks=False,
+        )
+        for box in boxes["boxes"]:
+            box.set_facecolor(f"C{number}")
+        boxes["boxes"][0].set_label(label)
+    return places

@@ -1,0 +1,67 @@
+"""The file that keeps what the cases of an experiment found, a line each as soon as it is done."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.reading import read_text
+from semcal_cli.files.writing import write_text
+
+Found = TypeVar("Found")
+"""What a case finds: a dataclass of numbers and strings."""
+
+
+class Journal(Generic[Found]):
+    """`results.jsonl`: cases are told apart by their `repr`, and those of another version of semcal do not count."""
+
+    def __init__(self, file: Path, kind: type[Found]) -> None:
+        """Read what is there; half a line is what was being written when the run was stopped, and is cut off.
+
+        Raises:
+            InputError: a line is no case of this experiment.
+        """
+        self.file, self.kind = file, kind
+        self._before = self._cut_off_half_a_line()
+        self._new: dict[str, str] = {}
+        self._results: dict[str, list[Found]] = {}
+        for number, text in enumerate(self._before.splitlines(keepends=True), start=1):
+            try:
+                line = json.loads(text)
+                if line["version"] == version("semcal"):
+                    self._results[line["case"]] = [kind(**result) for result in line["results"]]
+            except (ValueError, KeyError, TypeError):
+                needed = "needed a case of this experiment; without the file, all is run anew"
+                raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
+
+    def find(self, case: object) -> list[Found] | None:
+        """Give what a case found, or None if it has not been run."""
+        return self._results.get(repr(case))
+
+    def append(self, case: object, results: list[Found]) -> None:
+        """Keep what a case found."""
+        self._results[repr(case)] = results
+        found: list[dict[str, Any]] = [vars(result) for result in results]
+        line = {"case": repr(case), "version": version("semcal"), "results": found}
+        self._new[repr(case)] = json.dumps(line) + "\n"
+        with self.file.open("a") as file:
+            file.write(self._new[repr(case)])
+
+    def sort(self, cases: Sequence[object]) -> None:
+        """Put what was appended into the order of the cases, in which several jobs do not end."""
+        ordered = [self._new[repr(case)] for case in cases if repr(case) in self._new]
+        if ordered != list(self._new.values()):
+            write_text(self._before + "".join(ordered), self.file)
+
+    def _cut_off_half_a_line(self) -> str:
+        text = read_text(self.file)
+        whole = text[: text.rfind("\n") + 1]
+        if half := text[len(whole) :]:
+            # In place, since the file is locked: a new one of the same name would not be.
+            os.truncate(self.file, self.file.stat().st_size - len(half.encode()))
+        return whole

@@ -1,0 +1,68 @@
+"""The files that every experiment writes: results, summary with the machine, table and plot."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+import platform
+from collections.abc import Iterable, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from semcal_cli.files.writing import write_bytes, write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def write_results(
+    document: dict[str, object],
+    results: Sequence[Any],
+    summaries: Sequence[Any],
+    table: str,
+    figure: Figure | None,
+    folder: Path,
+) -> None:
+    """Write an experiment's files: results.csv, summary.json (`document` and rows), table.md, and plot.png if any."""
+    file = io.StringIO()
+    writer = csv.DictWriter(file, list(vars(results[0])), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(vars(result) for result in results)
+    write_text(file.getvalue(), folder / "results.csv")
+    rows = [vars(summary) for summary in summaries]
+    write_text(json.dumps(document | {"rows": rows}, indent=2) + "\n", folder / "summary.json")
+    write_text(table, folder / "table.md")
+    if figure is not None:
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=120)
+        write_bytes(buffer.getvalue(), folder / "plot.png")
+
+
+def markdown_table(header: str, rows: Iterable[Sequence[object]]) -> str:
+    """Give a Markdown table; the header is its first line."""
+    rule = "|" + (header.count("|") - 1) * "---|"
+    lines = [f"| {' | '.join(map(str, row))} |" for row in rows]
+    return "\n".join([header, rule, *lines]) + "\n"
+
+
+def machine() -> dict[str, object]:
+    """Say what this runs on."""
+    return {
+        "semcal": version("semcal"),
+        "python": platform.python_version(),
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": os.cpu_count(),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

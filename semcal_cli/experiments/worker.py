@@ -1,0 +1,41 @@
+"""The process that runs the cases of an experiment: see `semcal_cli.experiments.runner`."""
+
+from __future__ import annotations
+
+import pickle
+import traceback
+from base64 import b64decode, b64encode
+from collections.abc import Iterator
+from typing import Any
+
+from semcal_cli.cli.threads import set_num_threads
+from semcal_cli.errors import SemcalError
+from semcal_cli.jobs.serving import serve
+
+
+def main() -> None:
+    """Run cases until there are no more."""
+    serve(_run)
+
+
+def pack(value: object) -> str:
+    """Give an object of ours as text for the other process."""
+    return b64encode(pickle.dumps(value)).decode()
+
+
+def unpack(text: str) -> Any:
+    """Give back what the other process packed."""
+    return pickle.loads(b64decode(text))
+
+
+def _run(question: dict[str, Any]) -> Iterator[str]:
+    """Give what a case found, or the exception that it ended with."""
+    run, case = unpack(question["work"])
+    set_num_threads(question["num_threads"])
+    try:
+        answer = run(case)
+    except BaseException as failure:
+        if not isinstance(failure, SemcalError):
+            traceback.print_exc()
+        answer = failure
+    yield pack(answer)

@@ -1,0 +1,223 @@
+"""The drives of one rig put together: what they agree on, who disagrees, whether something moved, and a verdict.
+
+Every drive is compared with what holds at its time, and the last is what holds now.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.assessment.limits import joint_quantile, together
+from semcal_cli.config import Limits
+from semcal_cli.errors import CalibrationError
+from semcal_cli.fleet.consensus import (
+    Matrices,
+    Scatter,
+    Vectors,
+    extra_scatter,
+    robust_mean,
+)
+from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset, Order, Part
+from semcal_cli.fleet.history import RigHistory, find_history
+from semcal_cli.fleet.members import Member
+from semcal_cli.fleet.verdict import MIN_DRIVES, conclude, judge_fleet, notes
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import local_coordinates, pose_at
+
+ALPHA = 0.01
+"""A fleet that agrees has a drive that is said to disagree no more often than this (Bonferroni)."""
+DAY_S = 86_400.0
+
+
+def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose | None = None) -> Fleet:
+    """Put the drives of one rig together.
+
+    Args:
+        members: The drives, in any order: their stamps give it, or without stamps their names.
+        limits: What drives may be off, and the rig may move.
+        T_reference: T_camera_lidar that the rig should have.
+
+    Raises:
+        CalibrationError: no drive can be used.
+    """
+    usable, left_out = _usable(members)
+    used, times, order = _in_order(usable)
+    series = _make_series(used, times)
+    history = find_history(times, series.coordinates, series.covariances, series.degrees_of_freedom)
+    T_now, covariance = pose_at(series.T_middle, history.expected[-1]), history.covariances[-1]
+    drives = _compare_drives(used, series, history, limits)
+    parts = _parts(used, series, history)
+    drifted = _total_drift(series, history)
+    known = Offset(np.zeros(3), np.zeros(3), _half_widths(covariance, series.factors))
+    off_reference = None
+    if T_reference is not None:
+        (off,) = local_coordinates([T_now], T_reference)
+        off_reference = _offset(off, covariance, series.factors)
+    checks = judge_fleet(known, off_reference, parts, drifted, limits)
+    verdict, reasons = conclude(checks, drives, left_out, parts, drifted)
+    return Fleet(
+        verdict,
+        reasons,
+        notes(used, order),
+        checks,
+        T_now,
+        covariance,
+        _half_widths(np.diag(series.extra.variances), np.ones(6)),
+        order,
+        parts,
+        drifted,
+        drives,
+        left_out,
+        limits,
+    )
+
+
+@dataclass(frozen=True)
+class _Series:
+    """Drives in the order of time, in local coordinates about what they agree on."""
+
+    times: npt.NDArray[np.float64]
+    T_middle: Pose
+    """What they agree on."""
+    coordinates: Vectors
+    covariances: Matrices
+    """As stated, with what they scatter beyond that."""
+    extra: Scatter
+    factors: npt.NDArray[np.float64]
+    """(6,) standard errors of half a 95 % interval, by Student's distribution."""
+
+    @property
+    def degrees_of_freedom(self) -> float:
+        """That the scatter is known with, of the axis of which it is known least."""
+        return float(self.extra.degrees_of_freedom.min())
+
+
+def _usable(members: Sequence[Member]) -> tuple[list[Member], tuple[Member, ...]]:
+    """Part the drives that can be used from those that are left out.
+
+    Raises:
+        CalibrationError: none can be used.
+    """
+    usable = [member for member in members if member.left_out is None]
+    left_out = tuple(sorted((m for m in members if m.left_out is not None), key=lambda m: m.drive))
+    if not usable:
+        raise CalibrationError(
+            f"found no drive of {len(members):,} that can be used, needed {MIN_DRIVES}; the first, "
+            f"{left_out[0].drive}: {left_out[0].left_out}"
+            if left_out
+            else f"found no drives, needed {MIN_DRIVES}"
+        )
+    return usable, left_out
+
+
+def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], Order]:
+    """Sort drives by their stamps, days since the first, or if these do not compare by their names."""
+    by_name = sorted(used, key=lambda member: _natural(member.drive))
+    stamps = [member.stamp for member in by_name if member.stamp is not None and member.has_stamp]
+    if len(stamps) < len(used) or len(set(stamps)) == 1:
+        return by_name, np.arange(len(used), dtype=np.float64), "name"
+    order = np.argsort(stamps, kind="stable")
+    return [by_name[i] for i in order], (np.sort(stamps) - min(stamps)) / DAY_S, "stamp"
+
+
+def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Sort key by which 10 comes after 2."""
+    parts = re.split(r"([0-9]+)", name)
+    digits = (part.lstrip("0") if index % 2 else part for index, part in enumerate(parts))
+    return [(len(part) if index % 2 else 0, part) for index, part in enumerate(digits)], name
+
+
+def _make_series(used: Sequence[Member], times: npt.NDArray[np.float64]) -> _Series:
+    """Find what drives agree on, how much they scatter, and where each is beside it."""
+    poses = [member.T_camera_lidar for member in used if member.T_camera_lidar is not None]
+    stated = np.array([member.covariance for member in used])
+    T_middle = robust_mean(poses, stated).T_camera_lidar
+    extra = extra_scatter(local_coordinates(poses, T_middle), stated)
+    covariances = stated + np.diag(extra.variances)
+    T_middle = robust_mean(poses, covariances).T_camera_lidar
+    factors = np.array([_core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
+    return _Series(times, T_middle, local_coordinates(poses, T_middle), covariances, extra, factors)
+
+
+def _compare_drives(
+    used: Sequence[Member], series: _Series, history: RigHistory, limits: Limits
+) -> tuple[ComparedDrive, ...]:
+    """Compare each drive with what holds at its time."""
+    off = series.coordinates - history.expected
+    squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(series.covariances), off)
+    disagrees = squared > joint_quantile(ALPHA / len(used), series.degrees_of_freedom)
+    parts = np.searchsorted(history.starts, np.arange(len(used)), side="right") - 1
+    relative = history.expected - history.expected[-1]
+    expected = np.hstack([-relative[:, :3], np.degrees(relative[:, 3:])])
+    drives = []
+    for index, member in enumerate(used):
+        offset = _offset(off[index], series.covariances[index], series.factors)
+        checks = offset.judge(limits)
+        drives.append(
+            ComparedDrive(
+                member,
+                float(series.times[index]),
+                int(parts[index]),
+                expected[index],
+                offset,
+                bool(disagrees[index]),
+                is_far=any(abs(check.offset) > check.allowed for check in checks),
+                verdict=together(check.verdict for check in checks),
+            )
+        )
+    return tuple(drives)
+
+
+def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tuple[Part, ...]:
+    """Describe each stretch of time in which the rig stayed as it was."""
+    expected, covariances = history.expected, history.covariances
+
+    def change(before: int, after: int) -> Offset:
+        covariance = covariances[after] + covariances[before]
+        return _offset(expected[after] - expected[before], covariance, series.factors)
+
+    parts: list[Part] = []
+    for begin, end in zip(history.starts, (*history.starts[1:], len(used)), strict=True):
+        parts.append(
+            Part(
+                used[begin].drive,
+                used[end - 1].drive,
+                end - begin,
+                pose_at(series.T_middle, expected[end - 1]),
+                _half_widths(covariances[end - 1], series.factors),
+                change=change(begin - 1, begin) if begin > 0 else None,
+                change_in_all=change(0, begin) if len(parts) > 1 else None,
+            )
+        )
+    return tuple(parts)
+
+
+def _total_drift(series: _Series, history: RigHistory) -> Offset | None:
+    """Give the drift from the first drive to the last, if the rig drifts."""
+    if history.drift is None:
+        return None
+    span = float(series.times[-1] - series.times[0])
+    return _offset(span * history.drift.per_unit, span**2 * history.drift.covariance, series.factors)
+
+
+def _offset(
+    coordinates: npt.NDArray[np.float64],
+    covariance: npt.NDArray[np.float64],
+    factors: npt.NDArray[np.float64],
+) -> Offset:
+    """Give what local coordinates say of the camera: rho moves its centre the other way."""
+    return Offset(-coordinates[:3], np.degrees(coordinates[3:]), _half_widths(covariance, factors))
+
+
+def _half_widths(
+    covariance: npt.NDArray[np.float64], factors: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Give (6,) standard errors times factors (6,), metres and degrees."""
+    sigmas = factors * np.sqrt(np.diag(covariance))
+    return np.concatenate([sigmas[:3], np.degrees(sigmas[3:])])

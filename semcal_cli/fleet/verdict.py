@@ -1,0 +1,98 @@
+"""The verdict on a fleet, with sentences on what happened and what is missing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from semcal_cli.assessment.limits import Check, Verdict, together
+from semcal_cli.config import Limits
+from semcal_cli.files.messages import listed
+from semcal_cli.fleet.fleet import ComparedDrive, Offset, Order, Part
+from semcal_cli.fleet.members import Member
+
+MIN_DRIVES = 3
+"""Fewer do not tell how they scatter."""
+MIN_USED = 0.5
+"""Share of the drives; of a fleet that mostly could not be calibrated the rest says little."""
+MAX_NAMED = 8
+"""Of the changes, in one sentence."""
+
+
+def judge_fleet(
+    known: Offset, off_reference: Offset | None, parts: Sequence[Part], drifted: Offset | None, limits: Limits
+) -> tuple[Check, ...]:
+    """Judge what the drives agree on.
+
+    Args:
+        known: Nothing, with the intervals of the transform at the last drive.
+        off_reference: How far that is from the transform that the rig should have, if there is one.
+        parts: Each with its change.
+        drifted: From the first drive to the last, if the rig drifts.
+        limits: What is allowed.
+    """
+    offsets = [("known to", known), ("from the reference", off_reference)]
+    for part in parts:
+        offsets.append((f"change at {part.first}", part.change))
+        offsets.append((f"change from {parts[0].first} to {part.first}", part.change_in_all))
+    offsets.append(("drift", drifted))
+    return tuple(
+        replace(check, name=f"{subject}: {check.name}")
+        for subject, offset in offsets
+        if offset is not None
+        for check in offset.judge(limits)
+    )
+
+
+def conclude(
+    checks: Sequence[Check],
+    drives: Sequence[ComparedDrive],
+    left_out: Sequence[Member],
+    parts: Sequence[Part],
+    drifted: Offset | None,
+) -> tuple[Verdict, tuple[str, ...]]:
+    """Give the verdict on all, and sentences on what happened and what is missing."""
+    num_used, num_all = len(drives), len(drives) + len(left_out)
+    verdicts: list[Verdict] = [check.verdict for check in checks]
+    changed = [f"{part.first} by {part.change.words}" for part in parts if part.change is not None]
+    more = [f"and {len(changed) - MAX_NAMED:,} times more"] if len(changed) > MAX_NAMED else []
+    reasons = [f"changed at {', '.join([*changed[:MAX_NAMED], *more])}"] if changed else []
+    if drifted is not None:
+        reasons.append(f"drifted by {drifted.words} from the first drive to the last")
+    for words, found in (
+        ("surely farther off than is allowed", [d for d in drives if d.verdict == "fail"]),
+        ("farther off than is allowed, not surely", [d for d in drives if d.is_suspect]),
+        ("disagreeing, within what is allowed", [d for d in drives if d.disagrees and not d.is_far]),
+    ):
+        if found:
+            names = listed(drive.member.drive for drive in found)
+            reasons.append(f"{len(found):,} of {num_used:,} drives {words}: {names}")
+    # A drive that is not known well enough is no reason to doubt the others, one that seems far off is.
+    verdicts += [drive.verdict for drive in drives if drive.is_far]
+    num_stamped = sum(drive.member.has_stamp for drive in drives)
+    if 0 < num_stamped < num_used:
+        # By their names, a change or a drift may look like scatter.
+        reasons.append(
+            f"{num_used - num_stamped:,} of {num_used:,} drives have no stamp in seconds since 1970, needed one of "
+            "each: the order of time is not known"
+        )
+        verdicts.append("inconclusive")
+    if num_used < MIN_DRIVES:
+        few = f"{num_used} of {num_all:,} drives can be used, needed {MIN_DRIVES} to tell how they scatter"
+    elif num_used < MIN_USED * num_all:
+        few = f"{num_used:,} of {num_all:,} drives can be used, needed {MIN_USED:.0%}"
+    else:
+        return together(verdicts), tuple(reasons)
+    verdicts.append("inconclusive")
+    return together(verdicts), (*reasons, few)
+
+
+def notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
+    """Say what a reader has to know that is no reason for the verdict."""
+    found = []
+    if order == "name":
+        found.append("drives have no stamps in seconds since 1970 that differ: ordered by name")
+    num_cameras = len({member.camera for member in used if member.camera is not None})
+    if num_cameras > 1:
+        found.append(f"drives have {num_cameras:,} cameras that differ in picture size, intrinsics or lens")
+    return tuple(found)

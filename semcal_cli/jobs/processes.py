@@ -1,0 +1,191 @@
+"""Processes that do one item after another, so that what is loaded once stays; each may crash or hang.
+
+A process is told what to do in lines of JSON on its standard input, and answers in such lines on its standard output.
+When its input ends it goes: see `semcal_cli.jobs.serving` for its side.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from contextlib import suppress
+from dataclasses import dataclass
+from time import monotonic
+from typing import Any, TypeVar
+
+CHUNK = 65_536
+
+Item = TypeVar("Item")
+Outcome = TypeVar("Outcome")
+
+
+class StoppedError(Exception):
+    """The run is over before this item was done."""
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What a process answered."""
+
+    answers: list[Any]
+    failure: str | None = None
+    """What went wrong; the process is gone then, and answers may be missing."""
+    is_timed_out: bool = False
+
+
+def command(module: str) -> tuple[str, ...]:
+    """Give the command that runs `main` of a module.
+
+    It finds packages where this process does: `-m` would look in the working folder first, which may hold anything.
+    """
+    code = f"import sys; sys.path = sys.argv[1:]; from {module} import main; main()"
+    return (sys.executable, "-c", code, *sys.path)
+
+
+class Process:
+    """The end of a process that asks."""
+
+    def __init__(self, module: str) -> None:
+        # Its own group: what it starts ends with it, and Ctrl-C is ours to answer.
+        self._process = subprocess.Popen(
+            command(module), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
+        )
+        self._rest = b""
+
+    def ask(self, question: Any, num_answers: int, deadline: float | None) -> Reply:
+        """Ask a question, and wait for its answers until a deadline of the monotonic clock."""
+        assert self._process.stdin is not None
+        answers: list[Any] = []
+        try:
+            self._process.stdin.write(json.dumps(question).encode() + b"\n")
+            self._process.stdin.flush()
+        except OSError:
+            return Reply(answers, self._end())
+        while len(answers) < num_answers:
+            line = self._read_line(deadline)
+            if line is None:
+                self.kill()
+                return Reply(answers, "timed out", is_timed_out=True)
+            if not line:
+                return Reply(answers, self._end())
+            try:
+                answers.append(json.loads(line))
+            except ValueError:
+                self.kill()
+                return Reply(answers, f"the process answered {line[:40]!r}")
+        return Reply(answers)
+
+    def kill(self) -> None:
+        """End it, and what it started."""
+        with suppress(ProcessLookupError):
+            os.killpg(self._process.pid, signal.SIGKILL)
+
+    def close(self) -> None:
+        """End it, and let go of what it was asked and answered through."""
+        self.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with suppress(OSError):
+                    pipe.close()
+
+    def _end(self) -> str:
+        """Say how the process ended."""
+        code = self._process.wait()
+        if code >= 0:
+            return f"the process ended with exit code {code}"
+        name = signal.Signals(-code).name
+        more = ", as when memory runs out" if name == "SIGKILL" else ""
+        return f"the process was ended by {name}{more}"
+
+    def _read_line(self, deadline: float | None) -> bytes | None:
+        """Read a line; empty at the end, None when time is up."""
+        assert self._process.stdout is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._process.stdout, selectors.EVENT_READ)
+            while b"\n" not in self._rest:
+                if not selector.select(None if deadline is None else max(deadline - monotonic(), 0.0)):
+                    return None
+                chunk = os.read(self._process.stdout.fileno(), CHUNK)
+                if not chunk:
+                    return b""
+                self._rest += chunk
+        line, self._rest = self._rest.split(b"\n", 1)
+        return line
+
+
+class Processes:
+    """One process for each thread that asks; each runs `main` of a module."""
+
+    def __init__(self, module: str) -> None:
+        self._module = module
+        self._of_thread = threading.local()
+        self._lock = threading.Lock()
+        self._all: list[Process] = []
+        self._is_stopped = False
+
+    def ask(self, question: Any, *, num_answers: int = 1, timeout_s: float | None = None) -> Reply:
+        """Ask this thread's process a question; one that fails is replaced before the next question.
+
+        Raises:
+            StoppedError: the run was stopped.
+        """
+        deadline = None if timeout_s is None else monotonic() + timeout_s
+        reply = self._process().ask(question, num_answers, deadline)
+        if self._is_stopped:
+            raise StoppedError
+        if reply.failure is not None:
+            del self._of_thread.process
+        return reply
+
+    def stop(self) -> None:
+        """End all processes."""
+        with self._lock:
+            self._is_stopped = True
+            for process in self._all:
+                process.kill()
+
+    def close(self) -> None:
+        """End all processes, when no thread asks any more."""
+        for process in self._all:
+            process.close()
+
+    def _process(self) -> Process:
+        process: Process | None = getattr(self._of_thread, "process", None)
+        if process is None:
+            with self._lock:
+                if self._is_stopped:
+                    raise StoppedError
+                process = self._of_thread.process = Process(self._module)
+                self._all.append(process)
+        return process
+
+
+def in_processes(
+    items: Sequence[Item], do: Callable[[Processes, Item], Outcome], module: str, num_jobs: int
+) -> Generator[Outcome, None, None]:
+    """Do items on this machine, several at a time, and give what came of each as soon as it is done.
+
+    Args:
+        items: What is to be done.
+        do: Asks a process to do an item; what it raises ends the run.
+        module: Its `main` is what processes run.
+        num_jobs: Processes at a time.
+    """
+    processes = Processes(module)
+    # Not in a `with`: that would wait for all items when this process is told to stop.
+    threads = ThreadPoolExecutor(num_jobs)
+    try:
+        for done in as_completed([threads.submit(do, processes, item) for item in items]):
+            yield done.result()
+    finally:
+        processes.stop()
+        threads.shutdown(cancel_futures=True)
+        processes.close()
