@@ -84,11 +84,6 @@ class DriveReport:
     """Names that both sides have. They need none in common."""
     suspicions: tuple[str, ...]
 
-    @property
-    def is_suspicious(self) -> bool:
-        """Whether anything looks wrong."""
-        return bool(self.suspicions) or any(frame.suspicions for frame in self.frames)
-
 
 def inspect(drive: Drive) -> DriveReport:
     """Look through a drive, frame by frame, with labels or without.
