@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "batch": "verification jobs",
     "rig": "verification",
     "fleet": "batch report",
-    "experiments": "jobs threads baselines datasets report",
+    "experiments": "jobs baselines datasets report",
     "schemas": "batch rig fleet",
     "cli": "library datasets experiments schemas",
 }

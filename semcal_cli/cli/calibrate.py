@@ -126,8 +126,8 @@ def _calibrate_drive(
 ) -> int:
     """Calibrate one camera, write what was found, and tell the exit code."""
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.drive.document import read_drive
+    from semcal_cli.jobs.threads import set_num_threads
 
     spec = read_drive(drive)
     outputs.check(spec, initial_pose)

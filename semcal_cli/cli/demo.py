@@ -28,12 +28,12 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.cli.terminal import Terminal, make_console
-    from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.observations import load_observations
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
+    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import calibrate
     from semcal_cli.report.overlay import Overlays
     from semcal_cli.synthetic.config import SynthConfig

@@ -25,9 +25,9 @@ def initialize(drive: Path, **options: Any) -> None:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import hypothesis_lines
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.loading import load
+    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import Stages, make_calibration
     from semcal_cli.pipeline import initialize as search
 

@@ -37,9 +37,9 @@ def refine(drive: Path, init: Path, max_baseline_m: float, **options: Any) -> No
     """Refine a transform that is known to 20 degrees or so on DRIVE."""
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.loading import load
+    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
 
     initial_pose = read_initial_pose(init)

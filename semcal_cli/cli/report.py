@@ -30,8 +30,8 @@ def report(
     """Write a page about a transform."""
     from semcal_cli.cli.outputs import check_outputs, check_page
     from semcal_cli.cli.terminal import make_console, progress_line
-    from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.drive.document import drive_file, read_drive
+    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.report import read_report_input, write_report
 
     spec = read_drive(drive)

@@ -16,12 +16,12 @@ from semcal_cli.cli.options import ResultOptions, given_parameters
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs
 from semcal_cli.cli.tables import labelled, matrix_lines, row
 from semcal_cli.cli.terminal import Terminal
-from semcal_cli.cli.threads import set_num_threads
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.writing import make_folder, write_text
+from semcal_cli.jobs.threads import set_num_threads
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig

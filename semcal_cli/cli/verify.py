@@ -61,10 +61,10 @@ def verify(
     """Verify a transform on a drive."""
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.cli.threads import set_num_threads
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.loading import load
     from semcal_cli.files.writing import write_text
+    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.verification import verify as check
 
     if "features" in cues:

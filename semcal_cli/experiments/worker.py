@@ -8,9 +8,9 @@ from base64 import b64decode, b64encode
 from collections.abc import Iterator
 from typing import Any
 
-from semcal_cli.cli.threads import set_num_threads
 from semcal_cli.errors import SemcalError
 from semcal_cli.jobs.serving import serve
+from semcal_cli.jobs.threads import set_num_threads
 
 
 def main() -> None:
