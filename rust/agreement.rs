@@ -138,7 +138,7 @@ impl FrameAgreement {
         let (mut num_inside, mut num_hidden) = (0, 0);
         let cover = Blocks::new(camera, COVER_BLOCKS);
         let mut covered = vec![false; cover.count];
-        for ((landing, &class), hidden) in landings.iter().zip(&frame.point_classes).zip(hidden) {
+        for ((landing, &class), hidden) in landings.iter().zip(frame.point_classes.iter()).zip(hidden) {
             let Some(Landing { pixel, .. }) = landing else {
                 continue;
             };

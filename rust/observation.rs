@@ -1,25 +1,28 @@
 //! What the pipeline works on: labelled points and label images with dense class ids.
 
+use std::sync::Arc;
+
 use crate::camera::Camera;
 use crate::class_shares::ClassShares;
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 
-/// A sweep and a picture taken at one moment.
+/// A sweep and a picture taken at one moment. A clone shares everything, and so may frames that differ in something:
+/// in the label image over one cloud, for example.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Metres, LiDAR frame.
-    pub points: Vec<[f32; 3]>,
+    pub points: Arc<Vec<[f32; 3]>>,
     /// One class for each point.
-    pub point_classes: Vec<u8>,
+    pub point_classes: Arc<Vec<u8>>,
     /// One class for each pixel.
-    pub image_classes: LabelImage<u8>,
+    pub image_classes: Arc<LabelImage<u8>>,
     /// Shares of classes of each point, where a network gave them; the classes are then the largest. What is of
     /// [`NO_CLASS`] carries no information, whatever its shares are.
-    pub point_shares: Option<ClassShares>,
+    pub point_shares: Option<Arc<ClassShares>>,
     /// Shares of classes of each pixel; likewise.
-    pub image_shares: Option<ClassShares>,
+    pub image_shares: Option<Arc<ClassShares>>,
 }
 
 /// All frames of a drive, seen by one camera.
@@ -62,9 +65,9 @@ impl Observations {
                 format!("a point's class is not below {num_point_classes}")
             } else if !in_range(&image.ids, num_image_classes) {
                 format!("a pixel's class is not below {num_image_classes}")
-            } else if !fits(frame.point_shares.as_ref(), points, num_point_classes) {
+            } else if !fits(frame.point_shares.as_deref(), points, num_point_classes) {
                 format!("{points} points need as many shares of classes below {num_point_classes}")
-            } else if !fits(frame.image_shares.as_ref(), image.ids.len(), num_image_classes) {
+            } else if !fits(frame.image_shares.as_deref(), image.ids.len(), num_image_classes) {
                 format!("{} pixels need as many shares of classes below {num_image_classes}", image.ids.len())
             } else {
                 continue;
@@ -77,10 +80,16 @@ impl Observations {
 
 fn fits(shares: Option<&ClassShares>, count: usize, num_classes: usize) -> bool {
     shares.is_none_or(|shares| {
-        shares.len() == count && shares.entries().iter().all(|share| usize::from(share.class) < num_classes)
+        let classes = shares.entries().iter().map(|share| share.class);
+        let needed = classes.fold(0, |needed: u16, class| needed.max(u16::from(class) + 1));
+        shares.len() == count && usize::from(needed) <= num_classes
     })
 }
 
+/// Whether all ids but [`NO_CLASS`] are below a number. Every subset of a drive is checked: without an early exit that
+/// takes no longer than reading the memory.
 fn in_range(ids: &[u8], num_classes: usize) -> bool {
-    ids.iter().all(|&id| id == NO_CLASS || usize::from(id) < num_classes)
+    // NO_CLASS wraps to zero.
+    let needed = ids.iter().fold(0, |needed: u8, id| needed.max(id.wrapping_add(1)));
+    usize::from(needed) <= num_classes
 }

@@ -18,6 +18,8 @@ __all__ = [
     "Camera",
     "ClassShares",
     "Hypothesis",
+    "LabelledCloud",
+    "LabelledImage",
     "Observations",
     "PointCloud",
     "Renderer",
@@ -92,19 +94,29 @@ class ClassShares:
         """The same with other classes: `table` (256,) gives the new one of each, 255 takes its share away."""
 
 @final
+class LabelledCloud:
+    """Points (N, 3) and their classes (N,), copied once; shared by all observations that are made with it."""
+
+    def __new__(
+        cls, points: _Float32, classes: NDArray[np.uint8], shares: ClassShares | None
+    ) -> LabelledCloud: ...
+
+@final
+class LabelledImage:
+    """A label image (H, W), likewise."""
+
+    def __new__(cls, classes: NDArray[np.uint8], shares: ClassShares | None) -> LabelledImage: ...
+
+@final
 class Observations:
     """All frames, as the core keeps them; raises `InputError` where counts, sizes or classes disagree."""
 
     def __new__(
         cls,
         camera: Camera,
-        points: Sequence[_Float32],
-        point_classes: Sequence[NDArray[np.uint8]],
-        image_classes: Sequence[NDArray[np.uint8]],
+        frames: Sequence[tuple[LabelledCloud, LabelledImage]],
         num_point_classes: int,
         num_image_classes: int,
-        point_shares: Sequence[ClassShares | None],
-        image_shares: Sequence[ClassShares | None],
     ) -> Observations: ...
 
 @final

@@ -190,7 +190,7 @@ def refine_and_polish(
     stages = Stages(
         initial, refined, findings=(*initial.findings, *check_motion(data.observations.motion_error_px))
     )
-    if not config.is_polished or data.observations.point_vectors:
+    if not config.is_polished or data.observations.has_vectors:
         return replace(stages, findings=(*stages.findings, *refined.findings))
     polished = polish(data, refined.T_camera_lidar, config, on_event)
     stages = replace(stages, polished=polished)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import Observations, load_observations
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic.config import SynthConfig

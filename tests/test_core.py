@@ -36,9 +36,8 @@ def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
     camera = core_camera(observations.camera)
     width, height = observations.camera.width, observations.camera.height
     num_visible = 0
-    for points, classes, image in zip(
-        observations.points, observations.point_classes, observations.image_classes, strict=True
-    ):
+    for frame in observations.frames:
+        points, classes, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
         pixels, _, hidden = _core.land(camera, points, street_truth)
         keep = ~np.isnan(pixels[:, 0]) & ~hidden & (classes != 255)
         num_visible += int(keep.sum())

@@ -13,7 +13,8 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import Observations, load_observations
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, inverse
 
@@ -63,10 +64,10 @@ def test_rellis3d(tmp_path: Path) -> None:
 
 def same_names(observations: Observations, T_camera_lidar: Pose) -> float:
     """Share of the labelled points in the picture that land on a pixel of a class of the same name."""
-    pixels, _, _ = _core.land(core_camera(observations.camera), observations.points[0], T_camera_lidar)
+    pixels, _, _ = _core.land(core_camera(observations.camera), observations.clouds[0].points, T_camera_lidar)
     inside = np.isfinite(pixels).all(axis=1)
     u, v = pixels[inside].round().astype(int).T
-    on_points, on_image = observations.point_classes[0][inside], observations.image_classes[0][v, u]
+    on_points, on_image = observations.clouds[0].classes[inside], observations.images[0].classes[v, u]
     labelled = (on_points != NO_CLASS) & (on_image != NO_CLASS)
     names_points = np.array(observations.point_class_names)[on_points[labelled]]
     return float(np.mean(names_points == np.array(observations.image_class_names)[on_image[labelled]]))

@@ -97,8 +97,8 @@ def test_vectors_of_blocks_are_those_of_their_pixels(drive: Drive, tmp_path: Pat
     np.save(tmp_path / "small.npy", whole[::4, ::4])
     small = frame.model_copy(update={"image_features": str(tmp_path / "small.npy")})
     found = observe_features(drive.model_copy(update={"frames": (small,)}), FEATURES)
-    assert found.image_vectors[0].shape == (90, 160, 16)
-    assert found.image_classes[0].shape == (360, 640)
+    assert found.images[0].vectors.shape == (90, 160, 16)
+    assert found.images[0].classes.shape == (360, 640)
 
 
 @pytest.mark.parametrize(
@@ -173,4 +173,4 @@ def test_features_of_returns_that_were_left_out_are_left_out(drive: Drive, tmp_p
     found, before = (
         observe_features(each, FEATURES) for each in (one, drive.model_copy(update={"frames": (frame,)}))
     )
-    np.testing.assert_allclose(found.point_vectors[0], before.point_vectors[0], atol=0.05)
+    np.testing.assert_allclose(found.clouds[0].vectors, before.clouds[0].vectors, atol=0.05)

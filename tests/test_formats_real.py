@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera, read_drive
-from semcal_cli.drive.observations import load_observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.format import FormatOptions

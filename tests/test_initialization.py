@@ -3,11 +3,11 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
 
 from semcal_cli import _core
-from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
 from semcal_cli.config import InitializationConfig
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center, inverse, rotation_error_deg
@@ -49,8 +49,11 @@ def test_the_mounting_is_found(street_observations: Observations, street_truth: 
 def test_a_turned_lidar_turns_the_answer(street_observations: Observations, street_truth: Pose) -> None:
     S = np.eye(4)
     S[:3, :3] = Rotation.from_rotvec([0.0, 0.0, 130.0], degrees=True).as_matrix()
-    turned = [(points @ S[:3, :3].T).astype(np.float32) for points in street_observations.points]
-    check(from_nothing(dataclasses.replace(street_observations, points=turned))[0], street_truth @ inverse(S))
+    turned = street_observations.with_clouds(
+        cloud.with_points((cloud.points @ S[:3, :3].T).astype(np.float32))
+        for cloud in street_observations.clouds
+    )
+    check(from_nothing(turned)[0], street_truth @ inverse(S))
 
 
 def test_a_portrait_camera_needs_all_rolls(street_observations: Observations, street_truth: Pose) -> None:
@@ -60,9 +63,10 @@ def test_a_portrait_camera_needs_all_rolls(street_observations: Observations, st
     # A pixel (u, v) goes to (v, width - 1 - u), so x becomes y and y becomes -x.
     K = ((fy, 0.0, cy), (0.0, fx, camera.width - 1.0 - cx), (0.0, 0.0, 1.0))
     portrait = dataclasses.replace(
-        street_observations,
+        street_observations.with_images(
+            image.with_classes(np.rot90(image.classes)) for image in street_observations.images
+        ),
         camera=camera.model_copy(update={"width": camera.height, "height": camera.width, "K": K}),
-        image_classes=[np.ascontiguousarray(np.rot90(image)) for image in street_observations.image_classes],
     )
     quarter = np.array(
         [[0.0, 1.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -152,10 +156,12 @@ def test_a_runner_up_says_something_else(street_observations: Observations) -> N
 def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations: Observations) -> None:
     """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
     half_turn = np.float32([-1.0, -1.0, 1.0])
-    doubled = dataclasses.replace(
-        street_observations,
-        points=[np.concatenate([p, p * half_turn]) for p in street_observations.points],
-        point_classes=[np.concatenate([c, c]) for c in street_observations.point_classes],
+    doubled = street_observations.with_clouds(
+        LabelledCloud(
+            np.concatenate([cloud.points, cloud.points * half_turn]),
+            np.concatenate([cloud.classes, cloud.classes]),
+        )
+        for cloud in street_observations.clouds
     )
     config = InitializationConfig()
     hypotheses = initialize(doubled, config, seed=0)
@@ -166,11 +172,13 @@ def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations:
 
 
 def test_pictures_without_labels_overlap_nothing(street_observations: Observations) -> None:
-    blank = [np.full_like(image, 255) for image in street_observations.image_classes]
+    blank = street_observations.with_images(
+        image.with_classes(np.full_like(image.classes, 255)) for image in street_observations.images
+    )
     with pytest.raises(
         CalibrationError, match="no overlap: in no direction that was searched do labelled points"
     ):
-        from_nothing(dataclasses.replace(street_observations, image_classes=blank))
+        from_nothing(blank)
 
 
 def test_a_lidar_block_of_another_sensor_is_refused(street_observations: Observations) -> None:

@@ -55,7 +55,7 @@ def near(before: np.ndarray, after: np.ndarray) -> float:
 
 
 def test_levels_are_equally_frequent(seen: Observations) -> None:
-    for ids in (np.concatenate(seen.point_classes), seen.image_classes[0].ravel()):
+    for ids in (np.concatenate([cloud.classes for cloud in seen.clouds]), seen.images[0].classes.ravel()):
         shares = np.bincount(ids, minlength=INTENSITY.num_levels) / len(ids)
         assert len(shares) == INTENSITY.num_levels
         np.testing.assert_allclose(shares, 1.0 / INTENSITY.num_levels, atol=0.015)
@@ -67,11 +67,11 @@ def test_light_and_exposure_change_no_level(street: Path, seen: Observations, tm
         return picture * np.linspace(0.9, 0.6, picture.shape[1])[:, None] + 5.0
 
     dark = observe_intensity(changed(street, tmp_path / "dusk", picture=dusk), INTENSITY)
-    assert near(seen.image_classes[0], dark.image_classes[0]) > UNMOVED
+    assert near(seen.images[0].classes, dark.images[0].classes) > UNMOVED
     negative = observe_intensity(
         changed(street, tmp_path / "negative", picture=lambda p: 255.0 - p), INTENSITY
     )
-    assert near(seen.image_classes[0], INTENSITY.num_levels - 1 - negative.image_classes[0]) > UNMOVED
+    assert near(seen.images[0].classes, INTENSITY.num_levels - 1 - negative.images[0].classes) > UNMOVED
 
 
 def test_range_and_gain_change_no_level(street: Path, seen: Observations, tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_range_and_gain_change_no_level(street: Path, seen: Observations, tmp_pa
         read_drive(street).model_copy(update={"frames": read_drive(street).frames[:1]}), INTENSITY
     )
     found = observe_intensity(changed(street, tmp_path / "weaker", cloud=weaker), INTENSITY)
-    assert near(one.point_classes[0], found.point_classes[0]) > UNMOVED
+    assert near(one.clouds[0].classes, found.clouds[0].classes) > UNMOVED
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -5,7 +5,8 @@ import pytest
 
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera
-from semcal_cli.drive.observations import Observations, mend
+from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import mend
 from semcal_cli.synthetic.label_noise import (
     BLOB_SHARE,
     POINT_SHARE,
@@ -35,18 +36,18 @@ def test_isolated_wrong_pixels_are_mended(street_observations: Observations) -> 
     wrong = with_wrong_labels(street_observations, 0.2, np.random.default_rng(1))
     mended = mend(wrong)
     assert mended.speckle == pytest.approx(0.2, abs=0.02)
-    true = street_observations.image_classes[0]
-    assert share_changed(true, wrong.image_classes[0]) > 0.19
-    assert share_changed(true, mended.image_classes[0]) < 0.01
+    true = street_observations.images[0].classes
+    assert share_changed(true, wrong.images[0].classes) > 0.19
+    assert share_changed(true, mended.images[0].classes) < 0.01
 
 
 def test_a_networks_labels_are_wrong_at_borders_and_in_blobs(street_observations: Observations) -> None:
     noisy = as_by_a_network(street_observations, np.random.default_rng(2))
-    before, after = street_observations.image_classes[0], noisy.image_classes[0]
+    before, after = street_observations.images[0].classes, noisy.images[0].classes
     assert 0.5 * BLOB_SHARE < share_changed(before, after) < 0.15
     # Hardly any wrong pixel stands alone.
     assert mend(noisy).speckle < 0.01
-    points = share_changed(street_observations.point_classes[0], noisy.point_classes[0])
+    points = share_changed(street_observations.clouds[0].classes, noisy.clouds[0].classes)
     assert points == pytest.approx(POINT_SHARE, abs=0.01)
 
 
@@ -68,13 +69,13 @@ def test_disjoint_ontologies_share_nothing_and_merge_otherwise(street_observatio
         return {group for group in groups if len(group) > 1}
 
     points = merged(
-        list(street_observations.point_classes),
-        list(disjoint.point_classes),
+        [cloud.classes for cloud in street_observations.clouds],
+        [cloud.classes for cloud in disjoint.clouds],
         street_observations.point_class_names,
     )
     images = merged(
-        [image.ravel() for image in street_observations.image_classes],
-        [image.ravel() for image in disjoint.image_classes],
+        [image.classes.ravel() for image in street_observations.images],
+        [image.classes.ravel() for image in disjoint.images],
         street_observations.image_class_names,
     )
     assert {"road", "road_line"} in points
@@ -86,17 +87,16 @@ def test_disjoint_ontologies_share_nothing_and_merge_otherwise(street_observatio
 def test_ragged_things_grow_or_shrink_by_so_much(grow_px: int) -> None:
     image = np.zeros((20, 30), np.uint8)
     image[5:15, 10:20] = 1
+    cloud = LabelledCloud(np.zeros((2, 3), np.float32), np.array([0, 1], np.uint8))
     observations = Observations(
         camera=Camera(
             model="plumb_bob", width=30, height=20, K=((9.0, 0.0, 15.0), (0.0, 9.0, 10.0), (0.0, 0.0, 1.0))
         ),
         lidar=None,
-        points=[np.zeros((2, 3), np.float32)],
-        point_classes=[np.array([0, 1], np.uint8)],
-        image_classes=[image],
+        frames=(FrameObservation(cloud, LabelledImage(image)),),
         point_class_names=("road", "car"),
         image_class_names=("road", "car"),
     )
     expected = np.zeros_like(image)
     expected[5 - grow_px : 15 + grow_px, 10 - grow_px : 20 + grow_px] = 1
-    np.testing.assert_array_equal(with_ragged_things(observations, grow_px).image_classes[0], expected)
+    np.testing.assert_array_equal(with_ragged_things(observations, grow_px).images[0].classes, expected)

@@ -10,7 +10,8 @@ from scipy.linalg import expm
 
 from semcal_cli.assessment.inspection import inspect
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.drive.observations import Observations, read_observations
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
@@ -45,7 +46,7 @@ def skewed(street: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, 
     document = read_document(street / DRIVE_FILE)
     observations = read_observations(read_drive(street))
     for index, frame in enumerate(document["frames"]):
-        points = observations.points[index].astype(np.float64)
+        points = observations.clouds[index].points.astype(np.float64)
         turn = (np.arctan2(points[:, 1], points[:, 0]) + np.pi) / (2 * np.pi)
         times = np.round(turn * 200) / 200 * SWEEP_S
         moved = skew(points, times, STAMPS["image_stamp"] - STAMPS["points_stamp"])
@@ -73,8 +74,8 @@ def load(folder: Path, document: dict[str, Any], motion: object) -> Observations
 
 
 def offsets_m(found: Observations, expected: Observations) -> np.ndarray:
-    pairs = zip(found.points, expected.points, strict=True)
-    return np.concatenate([np.linalg.norm(a - b, axis=1) for a, b in pairs])
+    pairs = zip(found.clouds, expected.clouds, strict=True)
+    return np.concatenate([np.linalg.norm(a.points - b.points, axis=1) for a, b in pairs])
 
 
 def tum(start: float, stop: float, num: int) -> str:
@@ -111,7 +112,7 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
     # Against what the motion really does to the points that the camera sees: the same size, not the same number.
     straight = load(tmp_path, skewed, {"twist": TWIST | {"angular_rad_s": [0.0, 0.0, 0.0]}})
     rays = [
-        [points / np.linalg.norm(points, axis=1, keepdims=True) for points in each.points]
+        [cloud.points / np.linalg.norm(cloud.points, axis=1, keepdims=True) for cloud in each.clouds]
         for each in (observations, straight)
     ]
     angles = np.concatenate([np.linalg.norm(a - b, axis=1) for a, b in zip(*rays, strict=True)])

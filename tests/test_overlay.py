@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from semcal_cli.cli import semcal
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.report.overlay import (
@@ -39,17 +39,15 @@ def point(u: int, v: int, depth: float) -> list[float]:
     return [depth, -x - 0.5, -y]
 
 
+def observe(cloud: LabelledCloud, image_classes: np.ndarray) -> Observations:
+    frame = FrameObservation(cloud, LabelledImage(image_classes))
+    return Observations(CAMERA, None, (frame,), NAMES, NAMES)
+
+
 def draw(points: list[list[float]], classes: list[int]) -> np.ndarray:
     """What the dots change of a picture without any."""
-    observations = Observations(
-        camera=CAMERA,
-        lidar=None,
-        points=[np.array(points, np.float32)],
-        point_classes=[np.array(classes, np.uint8)],
-        image_classes=[np.full((360, 640), NO_CLASS, np.uint8)],
-        point_class_names=NAMES,
-        image_class_names=NAMES,
-    )
+    cloud = LabelledCloud(np.array(points, np.float32), np.array(classes, np.uint8))
+    observations = observe(cloud, np.full((360, 640), NO_CLASS, np.uint8))
     frame = Frame(points="p.bin", point_labels="p.label", image_labels="p.png")
     drive = Drive(semcal_drive=1, camera=CAMERA, frames=(frame,))
     pictures, _ = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}).draw(0)
@@ -100,9 +98,8 @@ def observed(image: str | None) -> tuple[Drive, Observations]:
     drive = Drive(semcal_drive=1, camera=CAMERA, frames=(Frame(points="a.bin", image=image),))
     classes = np.full((360, 640), NO_CLASS, dtype=np.uint8)
     classes[:180] = 1
-    cloud = np.array([point(100, 200, 8.0)], dtype=np.float32)
-    observations = Observations(CAMERA, None, [cloud], [np.zeros(1, np.uint8)], [classes], NAMES, NAMES)
-    return drive, observations
+    cloud = LabelledCloud(np.array([point(100, 200, 8.0)], np.float32), np.zeros(1, np.uint8))
+    return drive, observe(cloud, classes)
 
 
 def test_without_a_picture_the_label_image_is_shown(tmp_path: Path) -> None:
@@ -148,7 +145,7 @@ def agreeing(poses: list[np.ndarray], observations: Observations) -> list[float]
     """Share of green among green and red dots, for each pose."""
     found, together = [], goes_together(observations, poses[1])
     for T in poses:
-        seen = points_in_image(observations.points[0], T, observations.camera)
+        seen = points_in_image(observations.clouds[0].points, T, observations.camera)
         _, kinds = by_agreement(observations, 0, seen, together)
         found.append(float(np.mean(kinds[kinds < 2] == 0)))
     return found

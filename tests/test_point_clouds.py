@@ -14,7 +14,7 @@ from plyfile import PlyData, PlyElement
 
 from semcal_cli import _core
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import read_observations
+from semcal_cli.drive.reading import read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import read_point_clouds
 
@@ -358,7 +358,7 @@ def test_a_drive_whose_labels_are_in_its_clouds(tmp_path: Path, name: str) -> No
         )
         return
     observations = read_observations(read_drive(tmp_path))
-    ids = np.array(observations.point_class_names)[observations.point_classes[0]]
+    ids = np.array(observations.point_class_names)[observations.clouds[0].classes]
     np.testing.assert_array_equal(ids.astype(int), np.delete(cloud["label"], [3, 8]))
 
 

@@ -28,12 +28,7 @@ def test_a_pixel_off_ends_at_the_truth(
     street_observations: Observations, street_truth: Pose, num_frames: int
 ) -> None:
     """Held out are regions of the pictures."""
-    few = dataclasses.replace(
-        street_observations,
-        points=street_observations.points[:num_frames],
-        point_classes=street_observations.point_classes[:num_frames],
-        image_classes=street_observations.image_classes[:num_frames],
-    )
+    few = street_observations.of_frames(range(num_frames))
     polished = polish(few, PIXEL_OFF @ street_truth, CONFIG)
     assert polished.is_accepted
     assert polished.is_settled
@@ -54,9 +49,8 @@ def test_frames_are_held_out_where_there_are_enough(
 
 def test_regions_that_are_held_out_are_whole(street_observations: Observations) -> None:
     kept, held_out = split(street_observations, CONFIG)
-    for whole, one, other in zip(
-        street_observations.image_classes, kept.image_classes, held_out.image_classes, strict=True
-    ):
+    for frames in zip(street_observations.images, kept.images, held_out.images, strict=True):
+        whole, one, other = (image.classes for image in frames)
         assert not ((one != NO_CLASS) & (other != NO_CLASS)).any()
         np.testing.assert_array_equal(np.minimum(one, other), whole)
         assert 0.25 < (other != NO_CLASS).sum() / (whole != NO_CLASS).sum() < 0.42
@@ -66,11 +60,10 @@ def test_held_out_data_reject_what_only_the_kept_data_like(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     """The kept frames are labelled as a turned camera would see them, the held-out one, the third, is not."""
-    images = [
-        image if index == 2 else np.roll(image, 4, axis=1)
-        for index, image in enumerate(street_observations.image_classes)
-    ]
-    torn = dataclasses.replace(street_observations, image_classes=images)
+    torn = street_observations.with_images(
+        image if index == 2 else image.with_classes(np.roll(image.classes, 4, axis=1))
+        for index, image in enumerate(street_observations.images)
+    )
     config = dataclasses.replace(CONFIG, min_frames=3)
     polished = polish(torn, street_truth, config)
     assert not polished.is_accepted

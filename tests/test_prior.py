@@ -1,5 +1,4 @@
 import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +10,7 @@ from semcal_cli.assessment.priors import Prior, _Known, _Labels, _solve, fuse, h
 from semcal_cli.assessment.uncertainty import Uncertainty, estimate_uncertainty, sensitivity
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import LabelledImage, Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
 from semcal_cli.refinement.polish import climb
 
@@ -150,10 +149,11 @@ def test_knowledge_that_contradicts_itself_says_so(
 def test_labels_in_one_corner_leave_the_pose_to_what_is_known(
     street_observations: Observations, alone: Uncertainty
 ) -> None:
-    (frame,) = (street_observations.of_frames([0]),)
-    corner = np.full_like(frame.image_classes[0], NO_CLASS)
-    corner[200:230, 300:330] = frame.image_classes[0][200:230, 300:330]
-    seen = replace(frame, image_classes=[corner])
+    frame = street_observations.of_frames([0])
+    image = frame.images[0].classes
+    corner = np.full_like(image, NO_CLASS)
+    corner[200:230, 300:330] = image[200:230, 300:330]
+    seen = frame.with_images([LabelledImage(corner)])
     known = Prior("known", nudged(alone.T_camera_lidar, (0.01, 0.0, 0.0)), (0.01,) * 3 + (0.001,) * 3)
     fused = fuse(seen, alone.T_camera_lidar, [known])
     assert fused.uncertainty is not None

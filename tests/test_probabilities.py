@@ -1,4 +1,3 @@
-import dataclasses
 import zipfile
 from pathlib import Path
 
@@ -9,7 +8,8 @@ from scipy.ndimage import uniform_filter
 from semcal_cli import _core
 from semcal_cli.config import ExactConfig, MineConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
-from semcal_cli.drive.observations import Observations, load_observations, read_observations
+from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import load_observations, read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
@@ -43,7 +43,7 @@ def soft_street(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     document = read_document(street / DRIVE_FILE)
     hard = read_observations(read_drive(street))
     for index, frame in enumerate(document["frames"]):
-        probabilities = one_hot(hard.image_classes[index])
+        probabilities = one_hot(hard.images[index].classes)
         blurred = uniform_filter(probabilities, (5, 5, 1)).astype(np.float16)
         frame["image_labels"] = str(save(folder / f"{index}.npz", blurred))
         for key in ("points", "point_labels"):
@@ -70,8 +70,9 @@ def test_certain_probabilities_are_ids(tmp_path: Path, dtype: type) -> None:
 
 def test_certain_shares_give_the_same_pose(street_observations: Observations, street_truth: Pose) -> None:
     observations = street_observations.of_frames([0, 1])
-    shares = [certain(image) for image in observations.image_classes]
-    soft = dataclasses.replace(observations, image_shares=shares)
+    soft = observations.with_images(
+        LabelledImage(image.classes, certain(image.classes)) for image in observations.images
+    )
     config = PolishConfig(edge_band_px=0)  # shares have none
     poses = [polish(each, street_truth, config).T_camera_lidar for each in (observations, soft)]
     np.testing.assert_allclose(poses[0], poses[1], atol=1e-12)
@@ -81,8 +82,9 @@ def test_certain_shares_of_points_give_the_same_pose(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     observations = street_observations.of_frames([0, 1])
-    shares = [certain(classes) for classes in observations.point_classes]
-    soft = dataclasses.replace(observations, point_shares=shares)
+    soft = observations.with_clouds(
+        LabelledCloud(cloud.points, cloud.classes, certain(cloud.classes)) for cloud in observations.clouds
+    )
     config = ExactConfig(edge_band_px=0)
     poses = [
         refine(each, street_truth, ExactClimb(each, config, 0), PyramidConfig()).T_camera_lidar
@@ -100,7 +102,7 @@ def test_a_networks_probabilities_end_at_the_truth(
     soft_street: Path, street_truth: Pose, estimator: str
 ) -> None:
     observations = load_observations(read_drive(soft_street))
-    assert any(observations.image_shares)
+    assert all(image.shares is not None for image in observations.images)
     climb: Climb = (
         ExactClimb(observations, ExactConfig(), seed=0)
         if estimator == "exact"
@@ -123,10 +125,10 @@ def test_probabilities_of_points_are_read_with_their_sweep(street: Path, tmp_pat
     frame["point_labels"] = str(path)
     write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
     soft = read_observations(read_drive(tmp_path))
-    assert soft.point_shares[0] is not None
+    assert soft.clouds[0].shares is not None
     names = np.array([*soft.point_class_names, "none"]), np.array([*hard.point_class_names, "none"])
     found, expected = (
-        names[i][np.minimum(each.point_classes[0], len(names[i]) - 1)] for i, each in enumerate((soft, hard))
+        names[i][np.minimum(each.clouds[0].classes, len(names[i]) - 1)] for i, each in enumerate((soft, hard))
     )
     np.testing.assert_array_equal(found, expected)
     save(path, one_hot(ids[1:]))

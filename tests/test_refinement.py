@@ -81,13 +81,11 @@ def test_a_pose_that_still_moves_has_not_settled(
 def test_disjoint_ids_carry_the_same_information(
     street_observations: Observations, street_truth: Pose, estimator: str
 ) -> None:
-    swapped = [
-        np.where(image == 255, 255, 24 - image).astype(np.uint8)
-        for image in street_observations.image_classes
-    ]
-    renamed = dataclasses.replace(
-        street_observations, image_classes=swapped, image_class_names=tuple(f"x{i}" for i in range(25))
+    swapped = street_observations.with_images(
+        image.with_classes(np.where(image.classes == 255, 255, 24 - image.classes).astype(np.uint8))
+        for image in street_observations.images
     )
+    renamed = dataclasses.replace(swapped, image_class_names=tuple(f"x{i}" for i in range(25)))
     refinement = refine(renamed, street_truth, make_climb(estimator, renamed), PyramidConfig())
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
@@ -111,12 +109,11 @@ def test_points_that_leave_the_picture_raise_nothing(
     (fx, _, cx), (_, fy, cy), _ = camera.K
     K = ((fx, 0.0, cx - u), (0.0, fy, cy - v), (0.0, 0.0, 1.0))
     cropped = dataclasses.replace(
-        street_observations,
+        street_observations.with_images(
+            image.with_classes(image.classes[v : v + height, u : u + width])
+            for image in street_observations.images
+        ),
         camera=camera.model_copy(update={"width": width, "height": height, "K": K}),
-        image_classes=[
-            np.ascontiguousarray(image[v : v + height, u : u + width])
-            for image in street_observations.image_classes
-        ],
     )
     start = make_pose((0.0, 0.05, 0.0), (0.0, 0.0, 0.0)) @ street_truth  # a seventh of the crop to the side
     refinement = refine(cropped, start, make_climb(estimator, cropped), FROM_AFAR)

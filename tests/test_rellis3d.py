@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 
 from semcal_cli import _core
-from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import load_observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import rotation_error_deg
 from semcal_cli.result.calibration import read_calibration

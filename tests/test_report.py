@@ -245,7 +245,7 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(report: ReportInput) -
     names = list(dict.fromkeys([*observations.point_class_names, *observations.image_class_names]))
     palette = dict(zip(names, class_colors(names)[:, ::-1].tolist(), strict=True))
     expected = np.array(
-        [palette[observations.image_class_names[i]] for i in observations.image_classes[0][v, u]]
+        [palette[observations.image_class_names[i]] for i in observations.images[0].classes[v, u]]
     )
     # Positions are rounded to centimetres: near a label's border that is a pixel.
     assert (by["label of the pixel"][colored] == expected).all(axis=1).mean() > 0.97
@@ -256,7 +256,7 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(report: ReportInput) -
 def test_a_page_of_twenty_frames_of_any_content_is_below_its_limit(
     report: ReportInput, tmp_path: Path
 ) -> None:
-    height, width = report.observations.image_classes[0].shape
+    height, width = report.observations.images[0].classes.shape
     noise = np.random.default_rng(0).integers(0, 256, (height, width, 3), dtype=np.uint8)
     cv2.imwrite(str(tmp_path / "noise.png"), noise)
     frames = [f.model_copy(update={"image": str(tmp_path / "noise.png")}) for f in report.drive.frames]

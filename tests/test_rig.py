@@ -15,7 +15,7 @@ from scipy.linalg import expm
 
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import read_label_images
+from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files import point_clouds
 from semcal_cli.files.documents import read_document

@@ -13,7 +13,7 @@ from semcal_cli.baselines.soic import Soic
 from semcal_cli.cli import semcal
 from semcal_cli.config import SoicConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.accuracy import off
 from semcal_cli.formats import read_transform, write_transform
@@ -55,14 +55,13 @@ def test_the_cost_is_the_distance_to_the_pixels_of_the_class(
     """Of a few points, by brute force: distances of pixels, means of blocks, bilinear between their centres."""
     from scipy.ndimage import distance_transform_edt, map_coordinates
 
-    seen = replace(
-        street_observations,
-        points=[points[::200] for points in street_observations.points],
-        point_classes=[ids[::200] for ids in street_observations.point_classes],
+    seen = street_observations.with_clouds(
+        LabelledCloud(cloud.points[::200], cloud.classes[::200]) for cloud in street_observations.clouds
     )
     names = [name for name in seen.point_class_names if name in seen.image_class_names]
     found: dict[str, list[float]] = {}
-    for points, ids, image in zip(seen.points, seen.point_classes, seen.image_classes, strict=True):
+    for frame in seen.frames:
+        points, ids, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
         pixels, _, _ = _core.land(core_camera(seen.camera), points, street_truth)
         for name in names:
             place, of_pixels = seen.point_class_names.index(name), seen.image_class_names.index(name)
@@ -94,9 +93,11 @@ def test_a_pose_at_which_nothing_is_seen_is_an_error(street: Path, soic: Soic, s
 
 def test_centroids_far_from_the_lidar_are_none(street_observations: Observations) -> None:
     """In map coordinates, the pose that explains them is far away."""
-    far = [points + np.float32(4e5) for points in street_observations.points]
+    far = street_observations.with_clouds(
+        cloud.with_points(cloud.points + np.float32(4e5)) for cloud in street_observations.clouds
+    )
     with pytest.raises(CalibrationError, match=r"no direction has 8 that agree on a pose within 3 m"):
-        Soic(replace(street_observations, points=far), SoicConfig()).initialize(3.0)
+        Soic(far, SoicConfig()).initialize(3.0)
 
 
 def test_names_that_differ_are_an_error(street_observations: Observations) -> None:

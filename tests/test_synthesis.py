@@ -11,7 +11,7 @@ from semcal_cli import _core
 from semcal_cli.cli.synth import synth
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import load_observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, camera_center, check_rigid

@@ -19,8 +19,8 @@ def test_a_good_drive_leaves_no_doubt(street_observations: Observations, street_
 
 
 def test_pictures_of_other_frames(street_observations: Observations, street_truth: Pose) -> None:
-    images = list(street_observations.image_classes)
-    exchanged = replace(street_observations, image_classes=images[1:] + images[:1])
+    images = street_observations.images
+    exchanged = street_observations.with_images(images[1:] + images[:1])
     found = doubts(exchanged, street_truth)
     assert any(
         line.startswith("pictures of other frames fit the clouds as well or better: ") for line in found
@@ -36,8 +36,8 @@ def test_frames_that_are_alike_are_not_held_against_a_pose(
 
 def test_labels_that_tell_no_direction(street_observations: Observations, street_truth: Pose) -> None:
     rng = np.random.default_rng(0)
-    shuffled = replace(
-        street_observations, point_classes=[rng.permutation(ids) for ids in street_observations.point_classes]
+    shuffled = street_observations.with_clouds(
+        cloud.with_classes(rng.permutation(cloud.classes)) for cloud in street_observations.clouds
     )
     found = doubts(shuffled, street_truth)
     assert any("degrees labels fit as well or better: " in line for line in found)
@@ -57,6 +57,11 @@ def test_wrong_intrinsics_are_named(
     assert intrinsics.startswith("the intrinsics look wrong (fx by ")
 
 
+def with_twists(observations: Observations, twists_per_s: list[list[float]]) -> Observations:
+    pairs = zip(observations.frames, twists_per_s, strict=True)
+    return replace(observations, frames=tuple(replace(frame, twist_per_s=twist) for frame, twist in pairs))
+
+
 @pytest.mark.parametrize("delay_s", [-0.1, -0.01, 0.0, 0.01, 0.1])
 def test_wrong_clocks_are_told_from_the_motion(
     street_observations: Observations, street_truth: Pose, delay_s: float
@@ -66,10 +71,13 @@ def test_wrong_clocks_are_told_from_the_motion(
     rates = np.linspace(-0.1, 0.2, street_observations.num_frames)
     twists = [[speed, 0.0, 0.0, 0.0, 0.0, rate] for speed, rate in zip(speeds, rates, strict=True)]
     moved = [
-        _core.Trajectory.constant(twist, 0.0).compensate(points, np.full(len(points), delay_s), 0.0)
-        for points, twist in zip(street_observations.points, twists, strict=True)
+        _core.Trajectory.constant(twist, 0.0).compensate(
+            cloud.points, np.full(cloud.num_points, delay_s), 0.0
+        )
+        for cloud, twist in zip(street_observations.clouds, twists, strict=True)
     ]
-    seen = replace(street_observations, points=moved, twists_per_s=twists)
+    clouds = [c.with_points(points) for c, points in zip(street_observations.clouds, moved, strict=True)]
+    seen = with_twists(street_observations.with_clouds(clouds), twists)
     near = refine(seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(3.0)).T_camera_lidar
     climbed, _, _ = climb(seen, near, PolishConfig())
     found = [line for line in doubts(seen, climbed) if line.startswith("the clocks look wrong: ")]
@@ -85,22 +93,24 @@ def test_a_steady_motion_tells_nothing_of_clocks(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     twists = [[12.0, 0.0, 0.0, 0.0, 0.0, 0.0]] * street_observations.num_frames
-    assert doubts(replace(street_observations, twists_per_s=twists), street_truth) == []
+    assert doubts(with_twists(street_observations, twists), street_truth) == []
     standing = [[0.0] * 6] * street_observations.num_frames
-    assert doubts(replace(street_observations, twists_per_s=standing), street_truth) == []
+    assert doubts(with_twists(street_observations, standing), street_truth) == []
 
 
 def test_one_class_nearly_everywhere(street_observations: Observations, street_truth: Pose) -> None:
     rng = np.random.default_rng(0)
-    classes = [
-        np.where(rng.random(ids.shape) < 0.02, ids, 0).astype(np.uint8)
-        for ids in street_observations.point_classes
-    ]
-    found = doubts(replace(street_observations, point_classes=classes), street_truth)
+    seen = street_observations.with_clouds(
+        cloud.with_classes(np.where(rng.random(cloud.num_points) < 0.02, cloud.classes, 0).astype(np.uint8))
+        for cloud in street_observations.clouds
+    )
+    found = doubts(seen, street_truth)
     assert found[0].startswith("points in the picture are nearly all of one class: as if of 1.")
 
 
 def test_nothing_in_the_picture_is_no_crash(street_observations: Observations, street_truth: Pose) -> None:
-    blank = [np.full_like(image, NO_CLASS) for image in street_observations.image_classes]
-    found = doubts(replace(street_observations, image_classes=blank), street_truth)
+    blank = street_observations.with_images(
+        image.with_classes(np.full_like(image.classes, NO_CLASS)) for image in street_observations.images
+    )
+    found = doubts(blank, street_truth)
     assert found == ["pixels: none is labelled"]

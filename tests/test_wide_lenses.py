@@ -8,7 +8,7 @@ from conftest import STREET
 
 from semcal_cli.config import ExactConfig, InitializationConfig, PyramidConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import load_observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.search import initialize

@@ -98,7 +98,7 @@ impl Level {
     pub fn new(observations: Arc<Observations>, factor: usize, edge_band: usize, max_points: usize) -> Self {
         let frames = &observations.frames;
         let map = |frame: &Frame| {
-            ShareMap::new(&frame.image_classes, frame.image_shares.as_ref(), factor, edge_band)
+            ShareMap::new(&frame.image_classes, frame.image_shares.as_deref(), factor, edge_band)
         };
         let maps = frames.par_iter().map(map).collect();
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
@@ -332,7 +332,13 @@ mod tests {
             }
         }
         let image_classes = LabelImage { width: WIDTH, height: HEIGHT, ids };
-        let frame = Frame { points, point_classes, image_classes, point_shares: None, image_shares: None };
+        let frame = Frame {
+            points: points.into(),
+            point_classes: point_classes.into(),
+            image_classes: image_classes.into(),
+            point_shares: None,
+            image_shares: None,
+        };
         Arc::new(Observations::new(camera, vec![frame], 3, 3).expect("valid observations"))
     }
 

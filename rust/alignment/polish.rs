@@ -223,7 +223,7 @@ mod tests {
     #[test]
     fn where_nothing_changes_it_neither_settles_nor_has_a_curvature() {
         let mut blank = (*scene(0.0)).clone();
-        blank.frames[0].point_classes.fill(0);
+        Arc::make_mut(&mut blank.frames[0].point_classes).fill(0);
         let polished = polish(&Arc::new(blank), &Isometry3::identity(), None, &CONFIG);
         assert_eq!((polished.moved, polished.inverse_curvature), (f64::INFINITY, None));
     }

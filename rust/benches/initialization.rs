@@ -50,13 +50,13 @@ fn frames(count: usize) -> Vec<Frame> {
     let frame = |number| {
         let frame = renderer.frame(SEED, number);
         Frame {
-            points: frame.points.iter().map(|&[x, y, z, _]| [x, y, z]).collect(),
-            point_classes: frame.point_labels.iter().map(|&label| class(label as u8)).collect(),
-            image_classes: LabelImage {
+            points: Arc::new(frame.points.iter().map(|&[x, y, z, _]| [x, y, z]).collect()),
+            point_classes: Arc::new(frame.point_labels.iter().map(|&label| class(label as u8)).collect()),
+            image_classes: Arc::new(LabelImage {
                 width: SIZE.0,
                 height: SIZE.1,
                 ids: frame.image_labels.iter().map(|&id| class(id)).collect(),
-            },
+            }),
             point_shares: None,
             image_shares: None,
         }

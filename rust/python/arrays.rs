@@ -40,5 +40,6 @@ pub(super) fn to_array2<'py, const N: usize, T: Copy + numpy::Element>(
 pub(super) fn dense_image(array: &PyReadonlyArray2<u8>) -> LabelImage<u8> {
     let array = array.as_array();
     let (height, width) = array.dim();
-    LabelImage { width, height, ids: array.iter().copied().collect() }
+    let ids = array.as_slice().map_or_else(|| array.iter().copied().collect(), <[u8]>::to_vec);
+    LabelImage { width, height, ids }
 }

@@ -1,6 +1,7 @@
 //! Class shares and label images.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -15,13 +16,13 @@ use crate::probabilities;
 use crate::speckle::despeckled;
 
 #[pyclass(name = "ClassShares", frozen)]
-pub(super) struct PyClassShares(pub(super) ClassShares);
+pub(super) struct PyClassShares(pub(super) Arc<ClassShares>);
 
 #[pymethods]
 impl PyClassShares {
     #[staticmethod]
     fn certain(classes: PyReadonlyArray1<u8>) -> Self {
-        Self(ClassShares::certain(classes.as_array().iter().copied()))
+        Self(ClassShares::certain(classes.as_array().iter().copied()).into())
     }
 
     fn __len__(&self) -> usize {
@@ -44,7 +45,7 @@ impl PyClassShares {
     fn renamed(&self, py: Python<'_>, table: PyReadonlyArray1<u8>) -> PyResult<Self> {
         let table = table.as_array().to_vec().try_into();
         let table: [u8; 256] = table.map_err(|_| value_error("table needs 256 classes"))?;
-        Ok(Self(detached(py, || self.0.renamed(&table))))
+        Ok(Self(detached(py, || self.0.renamed(&table)).into()))
     }
 }
 
@@ -87,7 +88,7 @@ pub(super) fn read_class_shares(
     shape: Vec<usize>,
 ) -> PyResult<Vec<PyClassShares>> {
     let shares = detached(py, || probabilities::read_all(&paths, &shape))?;
-    Ok(shares.into_iter().map(PyClassShares).collect())
+    Ok(shares.into_iter().map(|shares| PyClassShares(shares.into())).collect())
 }
 
 #[pyfunction]

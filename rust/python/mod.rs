@@ -36,7 +36,7 @@ mod _core {
     #[pymodule_export]
     use super::motion::PyTrajectory;
     #[pymodule_export]
-    use super::observations::PyObservations;
+    use super::observations::{PyLabelledCloud, PyLabelledImage, PyObservations};
     #[pymodule_export]
     use super::point_clouds::{PyPointCloud, parse_point_cloud, read_point_clouds};
     #[pymodule_export]

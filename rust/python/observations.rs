@@ -1,4 +1,4 @@
-//! All frames, as the core keeps them.
+//! All frames, as the core keeps them: clouds and label images are copied once, and shared by all frames with them.
 
 use std::sync::Arc;
 
@@ -7,9 +7,47 @@ use pyo3::prelude::*;
 
 use super::arrays::{dense_image, rows};
 use super::camera::PyCamera;
-use super::errors::value_error;
 use super::labels::PyClassShares;
+use crate::class_shares::ClassShares;
+use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
+
+#[pyclass(name = "LabelledCloud", frozen)]
+pub(super) struct PyLabelledCloud {
+    points: Arc<Vec<[f32; 3]>>,
+    classes: Arc<Vec<u8>>,
+    shares: Option<Arc<ClassShares>>,
+}
+
+#[pymethods]
+impl PyLabelledCloud {
+    #[new]
+    fn new(
+        points: PyReadonlyArray2<f32>,
+        classes: PyReadonlyArray1<u8>,
+        shares: Option<&PyClassShares>,
+    ) -> PyResult<Self> {
+        Ok(Self {
+            points: Arc::new(rows("points", &points)?),
+            classes: Arc::new(classes.as_array().to_vec()),
+            shares: shares.map(|shares| Arc::clone(&shares.0)),
+        })
+    }
+}
+
+#[pyclass(name = "LabelledImage", frozen)]
+pub(super) struct PyLabelledImage {
+    classes: Arc<LabelImage<u8>>,
+    shares: Option<Arc<ClassShares>>,
+}
+
+#[pymethods]
+impl PyLabelledImage {
+    #[new]
+    fn new(classes: PyReadonlyArray2<u8>, shares: Option<&PyClassShares>) -> Self {
+        Self { classes: Arc::new(dense_image(&classes)), shares: shares.map(|shares| Arc::clone(&shares.0)) }
+    }
+}
 
 #[pyclass(name = "Observations", frozen)]
 pub(super) struct PyObservations(pub(super) Arc<Observations>);
@@ -17,35 +55,24 @@ pub(super) struct PyObservations(pub(super) Arc<Observations>);
 #[pymethods]
 impl PyObservations {
     #[new]
-    #[allow(clippy::too_many_arguments)]
     fn new(
         camera: &PyCamera,
-        points: Vec<PyReadonlyArray2<f32>>,
-        point_classes: Vec<PyReadonlyArray1<u8>>,
-        image_classes: Vec<PyReadonlyArray2<u8>>,
+        frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>)>,
         num_point_classes: usize,
         num_image_classes: usize,
-        point_shares: Vec<Option<PyRef<'_, PyClassShares>>>,
-        image_shares: Vec<Option<PyRef<'_, PyClassShares>>>,
     ) -> PyResult<Self> {
-        let lengths = [point_classes.len(), image_classes.len(), point_shares.len(), image_shares.len()];
-        if lengths.iter().any(|&length| length != points.len()) {
-            return Err(value_error("points, classes and shares differ in length"));
-        }
-        let shares = |of: &Option<PyRef<'_, PyClassShares>>| of.as_ref().map(|shares| shares.0.clone());
-        let frames: PyResult<Vec<Frame>> = (0..points.len())
-            .map(|i| {
-                Ok(Frame {
-                    points: rows("points", &points[i])?,
-                    point_classes: point_classes[i].as_array().to_vec(),
-                    image_classes: dense_image(&image_classes[i]),
-                    point_shares: shares(&point_shares[i]),
-                    image_shares: shares(&image_shares[i]),
-                })
-            })
-            .collect();
-        let camera = camera.0.clone();
-        let observations = Observations::new(camera, frames?, num_point_classes, num_image_classes)?;
+        let frames = frames.iter().map(|(cloud, image)| frame(cloud, image)).collect();
+        let observations = Observations::new(camera.0.clone(), frames, num_point_classes, num_image_classes)?;
         Ok(Self(Arc::new(observations)))
+    }
+}
+
+fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage) -> Frame {
+    Frame {
+        points: Arc::clone(&cloud.points),
+        point_classes: Arc::clone(&cloud.classes),
+        image_classes: Arc::clone(&image.classes),
+        point_shares: cloud.shares.clone(),
+        image_shares: image.shares.clone(),
     }
 }

@@ -30,7 +30,10 @@ impl PyPointCloud {
             ring: cloud.ring.map(|x| x.into_pyarray(py).unbind()),
             time: cloud.time.map(|x| x.into_pyarray(py).unbind()),
             labels: cloud.labels.map(|x| x.into_pyarray(py).unbind()),
-            label_shares: cloud.label_shares.map(|shares| Py::new(py, PyClassShares(shares))).transpose()?,
+            label_shares: cloud
+                .label_shares
+                .map(|shares| Py::new(py, PyClassShares(shares.into())))
+                .transpose()?,
             num_no_returns: cloud.num_no_returns,
             is_return: cloud.is_return.into_pyarray(py).unbind(),
         })

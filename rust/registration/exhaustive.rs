@@ -322,9 +322,15 @@ mod tests {
         let image_classes = LabelImage { width: 64, height: 48, ids };
         // A sweep over half of the horizon: most directions see its border only, or nothing.
         let at = |i: u16| from_angles(f64::from(i % 90) * 0.035, f64::from(i / 90) * 0.02 - 0.2);
-        let points = (0..1800).map(|i| (at(i) * 9.0).cast::<f32>().into()).collect();
-        let point_classes = (0..1800).map(|i| u8::from(i % 90 > 50)).collect();
-        let frame = Frame { points, point_classes, image_classes, point_shares: None, image_shares: None };
+        let points: Vec<_> = (0..1800).map(|i| (at(i) * 9.0).cast::<f32>().into()).collect();
+        let point_classes: Vec<u8> = (0..1800).map(|i| u8::from(i % 90 > 50)).collect();
+        let frame = Frame {
+            points: points.into(),
+            point_classes: point_classes.into(),
+            image_classes: image_classes.into(),
+            point_shares: None,
+            image_shares: None,
+        };
         let observations = Observations::new(camera, vec![frame], 2, 2).expect("valid observations");
         let grid = SphericalGrid::from_scan(20, 180, 0.2, -0.2).expect("a valid scan");
         let images = SphericalImages::new(&observations, grid);

@@ -16,7 +16,7 @@ from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.pyramid import ExactClimb, refine
@@ -90,10 +90,11 @@ def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[s
     """Count the classes of the points in the picture and of its pixels, the rarer the less."""
     camera = core_camera(observations.camera)
     inside = [
-        ids[np.isfinite(_core.land(camera, cloud, T_camera_lidar)[1])]
-        for cloud, ids in zip(observations.points, observations.point_classes, strict=True)
+        cloud.classes[np.isfinite(_core.land(camera, cloud.points, T_camera_lidar)[1])]
+        for cloud in observations.clouds
     ]
-    sides = {"points in the picture": inside, "pixels": [ids.ravel() for ids in observations.image_classes]}
+    pixels = [image.classes.ravel() for image in observations.images]
+    sides = {"points in the picture": inside, "pixels": pixels}
     return [line for name, ids in sides.items() for line in _too_few_on_side(name, ids)]
 
 
@@ -115,13 +116,12 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[st
 def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Pair clouds with the pictures of other frames."""
     own = _information(observations, T_camera_lidar)
-    images, found = list(observations.image_classes), []
+    images, found = [image.without_shares() for image in observations.images], []
     for shift in range(1, observations.num_frames):
         others = images[shift:] + images[:shift]
-        alike = np.mean([np.mean(a == b) for a, b in zip(images, others, strict=True)])
+        alike = np.mean([np.mean(a.classes == b.classes) for a, b in zip(images, others, strict=True)])
         if alike <= MAX_ALIKE:
-            exchanged = replace(observations, image_classes=others, image_shares=())
-            found.append(_information(exchanged, T_camera_lidar))
+            found.append(_information(observations.with_images(others), T_camera_lidar))
     if not found or max(found) <= MAX_EXCHANGED * own:
         return []
     return [
@@ -198,8 +198,13 @@ def _wrong_focal_length(own: _core.Agreement, others: Mapping[float, _core.Agree
 
 def _tells_clocks(observations: Observations) -> bool:
     """Whether frames move differently: at one steady motion another moment is no other than a camera elsewhere."""
-    twists = observations.twists_per_s
-    return twists is not None and bool(np.ptp(twists, axis=0).any())
+    twists = _twists_per_s(observations)
+    return bool(twists) and bool(np.ptp(twists, axis=0).any())
+
+
+def _twists_per_s(observations: Observations) -> list[Sequence[float]]:
+    """How the LiDAR moves, (6,) of each frame; empty if not known."""
+    return [frame.twist_per_s for frame in observations.frames if frame.twist_per_s is not None]
 
 
 def _wrong_clocks(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
@@ -233,12 +238,13 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _core.Agreeme
 
 def _delayed(observations: Observations, delay_s: float) -> Observations:
     """Sweeps as the LiDAR would have seen them later, if it goes on as it does."""
-    assert observations.twists_per_s is not None
-    points = [
-        _core.Trajectory.constant(twist, 0.0).compensate(cloud, np.zeros(len(cloud)), delay_s)
-        for cloud, twist in zip(observations.points, observations.twists_per_s, strict=True)
-    ]
-    return replace(observations, points=points)
+    clouds = zip(observations.clouds, _twists_per_s(observations), strict=True)
+    return observations.with_clouds(_at_constant_twist(cloud, twist, delay_s) for cloud, twist in clouds)
+
+
+def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay_s: float) -> LabelledCloud:
+    along = _core.Trajectory.constant(twist_per_s, 0.0)
+    return cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))
 
 
 def _wrong_intrinsics(observations: Observations, T_camera_lidar: Pose) -> list[str]:

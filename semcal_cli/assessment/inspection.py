@@ -16,13 +16,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import motion_error_px
-from semcal_cli.drive.observations import (
-    Observations,
-    count_labels,
-    load_observations,
-    read_clouds,
-    read_label_images,
-)
+from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.initialization.search import initialize
@@ -200,13 +195,12 @@ def _side_suspicions(side: str, counts: Mapping[str, int] | None, num_ignored: i
 
 
 def _pattern(drive: Drive, points: Sequence[npt.NDArray[np.float32]]) -> str:
-    size = drive.camera.height, drive.camera.width
+    blank = LabelledImage(np.zeros((drive.camera.height, drive.camera.width), np.uint8))
+    clouds = [LabelledCloud(cloud, np.zeros(len(cloud), np.uint8)) for cloud in points]
     unlabelled = Observations(
         camera=drive.camera,
         lidar=drive.lidar,
-        points=points,
-        point_classes=[np.zeros(len(cloud), np.uint8) for cloud in points],
-        image_classes=[np.zeros(size, np.uint8) for _ in points],
+        frames=tuple(FrameObservation(cloud, blank) for cloud in clouds),
         point_class_names=["any"],
         image_class_names=["any"],
     )
@@ -315,4 +309,4 @@ def _mirror_suspicions(probed: Drive) -> list[str]:
 def _mirrored(observations: Observations) -> Observations:
     """Negate y of all points."""
     flip = np.array([1.0, -1.0, 1.0], np.float32)
-    return replace(observations, points=[points * flip for points in observations.points])
+    return observations.with_clouds(cloud.with_points(cloud.points * flip) for cloud in observations.clouds)

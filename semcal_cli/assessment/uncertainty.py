@@ -13,7 +13,6 @@ What all frames have in common, more frames do not cure: `SHARED_FRAMES`, and wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
@@ -148,7 +147,11 @@ def label_bleed(
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), BLEED_FRAMES))
     as_they_are, moved_px, inverse_curvature = newton(few, T_camera_lidar, config)
-    bleeding = replace(few, image_classes=bled(few.image_classes), image_shares=())
+    labels = bled([image.classes for image in few.images])
+    bleeding = few.with_images(
+        image.without_shares().with_classes(classes)
+        for image, classes in zip(few.images, labels, strict=True)
+    )
     after, moved_after_px, _ = newton(bleeding, as_they_are, config, inverse_curvature)
     if max(moved_px, moved_after_px) > config.settled_px:
         return None

@@ -115,8 +115,9 @@ class Soic:
 
     def _parts(self, frame: int) -> Iterator[tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
         """Number, points and distance field of each class that a frame has on both sides."""
-        points, classes = self.observations.points[frame], self.observations.point_classes[frame]
-        image, block = self.observations.image_classes[frame], self.config.block_px
+        cloud = self.observations.frames[frame].cloud
+        points, classes = cloud.points, cloud.classes
+        image, block = self.observations.frames[frame].image.classes, self.config.block_px
         height, width = (max(side // block, 1) for side in image.shape)
         for number, (of_points, of_pixels) in enumerate(self.classes):
             chosen = points[classes == of_points]
@@ -149,7 +150,8 @@ class Soic:
 
     def _point_sums(self, frame: int, num_bins: int) -> npt.NDArray[np.float64]:
         """Sums of x, y, z and 1 over the points of each class in each bin of azimuth, (classes, bins, 4)."""
-        points, classes = self.observations.points[frame], self.observations.point_classes[frame]
+        cloud = self.observations.frames[frame].cloud
+        points, classes = cloud.points, cloud.classes
         turns = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * math.pi)
         bins = np.rint(turns * num_bins).astype(int) % num_bins
         sums = np.zeros((len(self.classes), num_bins, 4))
@@ -162,7 +164,7 @@ class Soic:
 
     def _pixel_sums(self, frame: int) -> npt.NDArray[np.float64]:
         """Sums of u, v and 1 over the pixels of each class, (classes, 3)."""
-        image = self.observations.image_classes[frame]
+        image = self.observations.frames[frame].image.classes
         moments = [cv2.moments((image == of_pixels).view(np.uint8), True) for _, of_pixels in self.classes]
         return np.array([[found["m10"], found["m01"], found["m00"]] for found in moments])
 

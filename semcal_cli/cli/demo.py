@@ -30,7 +30,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.cli.terminal import Terminal, make_console
     from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.observations import load_observations
+    from semcal_cli.drive.reading import load_observations
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
     from semcal_cli.jobs.threads import set_num_threads

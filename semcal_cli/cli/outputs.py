@@ -111,7 +111,7 @@ class Outputs:
 
 def _check_frame_images(drive: Drive) -> None:
     """Check the images that points will be drawn on, if the drive is no longer than what is shown of it."""
-    from semcal_cli.drive.observations import read_frame_image
+    from semcal_cli.drive.reading import read_frame_image
 
     for index in evenly_spaced(range(len(drive.frames)), MAX_IMAGES):
         read_frame_image(drive, drive.frames[index])

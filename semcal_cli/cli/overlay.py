@@ -61,7 +61,7 @@ def overlay(
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
-    from semcal_cli.drive.observations import load_points, read_observations
+    from semcal_cli.drive.reading import load_points, read_observations
     from semcal_cli.formats import read_transform
     from semcal_cli.report.overlay import Overlays
 

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
 from semcal_cli.config import Cue, FeaturesConfig, IntensityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.features import observe_features
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.drive.intensity import observe_intensity
-from semcal_cli.drive.observations import Observations, load_observations
+from semcal_cli.drive.observations import FrameObservation, Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -84,31 +84,26 @@ def summed(first: Observations, second: Observations) -> Observations:
     num_point, num_image = len(first.point_class_names), len(first.image_class_names)
     if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
         raise CalibrationError(f"found more classes than {NO_CLASS} with those of all cues, needed fewer")
-    shifted = replace(
-        second,
-        point_classes=[_shifted(ids, num_point) for ids in second.point_classes],
-        image_classes=[_shifted(ids, num_image) for ids in second.image_classes],
-        image_shares=[shares and shares.renamed(_table(num_image)) for shares in second.image_shares],
-        point_shares=[shares and shares.renamed(_table(num_point)) for shares in second.point_shares],
-    )
-    both = (first, shifted)
+    shifted = [_shifted(frame, num_point, num_image) for frame in second.frames]
     return replace(
         first,
-        points=[cloud for each in both for cloud in each.points],
-        point_classes=[ids for each in both for ids in each.point_classes],
-        image_classes=[ids for each in both for ids in each.image_classes],
+        frames=(*first.frames, *shifted),
         point_class_names=[*first.point_class_names, *second.point_class_names],
         image_class_names=[*first.image_class_names, *second.image_class_names],
-        point_shares=_together(both, "point_shares"),
-        image_shares=_together(both, "image_shares"),
-        num_no_returns=[count for each in both for count in each.num_no_returns],
-        twists_per_s=first.twists_per_s and [*first.twists_per_s, *first.twists_per_s],
     )
 
 
-def _shifted(ids: Classes, by: int) -> Classes:
-    shifted: Classes = _table(by)[ids]
-    return shifted
+def _shifted(frame: FrameObservation, by_point: int, by_image: int) -> FrameObservation:
+    """The same frame, whose classes come after so many others on either side."""
+    cloud, image = frame.cloud, frame.image
+    of_points, of_pixels = _table(by_point), _table(by_image)
+    shifted_cloud = replace(
+        cloud, classes=of_points[cloud.classes], shares=cloud.shares and cloud.shares.renamed(of_points)
+    )
+    shifted_image = replace(
+        image, classes=of_pixels[image.classes], shares=image.shares and image.shares.renamed(of_pixels)
+    )
+    return replace(frame, cloud=shifted_cloud, image=shifted_image)
 
 
 def _table(by: int) -> Classes:
@@ -116,9 +111,3 @@ def _table(by: int) -> Classes:
     table = np.full(256, NO_CLASS, np.uint8)
     table[: NO_CLASS - by] = np.arange(by, NO_CLASS)
     return table
-
-
-def _together(
-    both: Sequence[Observations], side: Literal["point_shares", "image_shares"]
-) -> list[_core.ClassShares | None]:
-    return [shares for each in both for shares in (getattr(each, side) or [None] * each.num_frames)]

@@ -20,7 +20,8 @@ from semcal_cli import _core
 from semcal_cli.config import FeaturesConfig
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.motion import compensated, motion_error_px
-from semcal_cli.drive.observations import Observations, read_clouds
+from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -39,10 +40,10 @@ def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None
         CalibrationError: one side's features are all the same.
     """
     clouds = read_clouds(drive, sweeps)
-    points, twists_per_s = compensated(drive, clouds)
+    moved = compensated(drive, clouds)
     of_points = [_of_points(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
     of_images = [_of_image(drive, frame) for frame in drive.frames]
-    sides = {}
+    coded = {}
     for name, key, vectors in (
         ("points", "point_features", of_points),
         ("pixels", "image_features", of_images),
@@ -51,24 +52,30 @@ def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None
             if found.shape[-1] != vectors[0].shape[-1]:
                 where = drive.resolve(str(getattr(frame, key)))
                 raise InputError(f"{where}: found {found.shape[-1]} channels, needed {vectors[0].shape[-1]}")
-        sides[name] = _coded(name, vectors, config)
-    (point_vectors, point_codes), (image_vectors, image_codes) = sides["points"], sides["pixels"]
+        coded[name] = _coded(name, vectors, config)
     names = [str(code) for code in range(config.num_codes)]
-    scale = drive.camera.width // image_vectors[0].shape[1]
+    frames = tuple(
+        FrameObservation(
+            LabelledCloud(sweep.points, codes, vectors=vectors),
+            _labelled_image(drive, *pixels),
+            sweep.twist_per_s,
+        )
+        for sweep, (vectors, codes), pixels in zip(moved, coded["points"], coded["pixels"], strict=True)
+    )
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
-        points=points,
-        point_classes=point_codes,
-        image_classes=[codes.repeat(scale, axis=0).repeat(scale, axis=1) for codes in image_codes],
+        frames=frames,
         point_class_names=names,
         image_class_names=names,
-        point_vectors=point_vectors,
-        image_vectors=image_vectors,
-        num_no_returns=[cloud.num_no_returns for cloud in clouds],
-        twists_per_s=twists_per_s,
         motion_error_px=motion_error_px(drive, clouds),
     )
+
+
+def _labelled_image(drive: Drive, vectors: Vectors, codes: npt.NDArray[np.uint8]) -> LabelledImage:
+    """A picture of blocks with vectors (H / s, W / s, C) and codes (H / s, W / s)."""
+    scale = drive.camera.width // vectors.shape[1]
+    return LabelledImage(codes.repeat(scale, axis=0).repeat(scale, axis=1), vectors=vectors)
 
 
 def _of_points(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Vectors:
@@ -119,7 +126,7 @@ def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
 
 def _coded(
     side: str, vectors: Sequence[Vectors], config: FeaturesConfig
-) -> tuple[list[Vectors], list[npt.NDArray[np.uint8]]]:
+) -> list[tuple[Vectors, npt.NDArray[np.uint8]]]:
     """Scale the channels of all frames alike, and code each vector by its nearest centre."""
     rng = np.random.default_rng(0)
     share = max(1, SAMPLES // len(vectors))
@@ -146,5 +153,4 @@ def _coded(
         return scaled, codes.astype(np.uint8).reshape(scaled.shape[:-1])
 
     with ThreadPoolExecutor() as pool:
-        found = list(pool.map(of_frame, vectors))
-    return [scaled for scaled, _ in found], [codes for _, codes in found]
+        return list(pool.map(of_frame, vectors))

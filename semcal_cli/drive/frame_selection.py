@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.observations import colors, label_paths
+from semcal_cli.drive.reading import colors, label_paths
 
 Item = TypeVar("Item")
 

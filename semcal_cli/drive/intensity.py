@@ -24,7 +24,8 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.motion import compensated, motion_error_px
-from semcal_cli.drive.observations import Observations, read_clouds, read_frame_image
+from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import read_clouds, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -50,33 +51,39 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
         CalibrationError: one side is the same everywhere.
     """
     clouds = read_clouds(drive, sweeps)
-    points, twists_per_s = compensated(drive, clouds)
+    moved = compensated(drive, clouds)
     seen = lens_mask(drive.camera)
     with ThreadPoolExecutor() as pool:
         grey = list(pool.map(lambda frame: _grey(drive, frame, seen, config), drive.frames))
         intensities = [
             _intensity(drive, frame, cloud) for frame, cloud in zip(drive.frames, clouds, strict=True)
         ]
-        contrasts = list(pool.map(partial(_of_points, config), points, intensities))
+        contrasts = list(
+            pool.map(partial(_of_points, config), [sweep.points for sweep in moved], intensities)
+        )
     names = [str(level) for level in range(config.num_levels)]
     limits = _limits(drive, "intensity", np.concatenate(contrasts), config)
     # Exposure is of each picture, intensity of the sensor.
     images = []
     for image in grey:
         levels = np.digitize(image, _limits(drive, "grey", image[seen], config))
-        images.append(np.where(seen, levels, NO_CLASS).astype(np.uint8))
+        classes = np.where(seen, levels, NO_CLASS).astype(np.uint8)
+        # Certain, but as shares: levels have no borders whose pixels are in doubt.
+        images.append(LabelledImage(classes, _core.ClassShares.certain(classes.ravel())))
+    frames = tuple(
+        FrameObservation(
+            LabelledCloud(sweep.points, np.digitize(values, limits).astype(np.uint8)),
+            image,
+            sweep.twist_per_s,
+        )
+        for sweep, values, image in zip(moved, contrasts, images, strict=True)
+    )
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
-        points=points,
-        point_classes=[np.digitize(values, limits).astype(np.uint8) for values in contrasts],
-        image_classes=images,
+        frames=frames,
         point_class_names=names,
         image_class_names=names,
-        # Certain, but as shares: levels have no borders whose pixels are in doubt.
-        image_shares=[_core.ClassShares.certain(image.ravel()) for image in images],
-        num_no_returns=[cloud.num_no_returns for cloud in clouds],
-        twists_per_s=twists_per_s,
         motion_error_px=motion_error_px(drive, clouds),
     )
 

@@ -66,7 +66,7 @@ def load(
 def _describe(data: LoadedDrive, num_frames: int) -> str:
     """What was loaded of a drive of so many frames, for the user who watches."""
     observations, num_used = data.observations, len(data.drive.frames)
-    num_points = sum(map(len, data.first_cue.points))
+    num_points = sum(cloud.num_points for cloud in data.first_cue.clouds)
     chosen = f" of {num_frames:,}" if num_used < num_frames else ""
     note = (
         f"{num_used}{chosen} frames, {num_points:,} points, {len(observations.point_class_names)} point classes, "

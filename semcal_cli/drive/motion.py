@@ -26,16 +26,16 @@ MEAN_SINE = math.pi / 4.0
 
 
 class Compensated(NamedTuple):
-    """Sweeps as the LiDAR would have seen them at one moment each."""
+    """A sweep as the LiDAR would have seen it at one moment."""
 
-    points: list[npt.NDArray[np.float32]]
-    """(N, 3) of each frame, metres, in the LiDAR frame at `image_stamp`."""
-    twists_per_s: list[list[float]] | None
-    """(6,) of each frame: how the LiDAR moves then, metres and radians a second in its own frame; None if not known."""
+    points: npt.NDArray[np.float32]
+    """(N, 3) metres, in the LiDAR frame at `image_stamp`."""
+    twist_per_s: list[float] | None
+    """(6,) how the LiDAR moves then, metres and radians a second in its own frame; None if not known."""
 
 
-def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> Compensated:
-    """Compensate the motion of the LiDAR: see `rust/motion.rs`.
+def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compensated]:
+    """Compensate the motion of the LiDAR in the sweep of each frame: see `rust/motion.rs`.
 
     Points stay where they are if the drive does not say which way it moves.
 
@@ -45,16 +45,16 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> Compensated
     """
     motion = drive.motion
     if motion is None or motion.speed_m_s is not None:
-        return Compensated([cloud.points for cloud in clouds], None)
+        return [Compensated(cloud.points, None) for cloud in clouds]
     trajectory = None if motion.poses is None else _read_trajectory(drive, motion.poses)
-    moved, twists_per_s = [], []
+    moved = []
     for frame, cloud in zip(drive.frames, clouds, strict=True):
         times = _times(drive, motion, frame, cloud)
         moment = _moment(drive, frame)
         along = trajectory or _steady(motion, moment)
         try:
             points = along.compensate(cloud.points, times, moment)
-            twists_per_s.append(along.twist_at(moment))
+            twist_per_s = along.twist_at(moment)
         except ValueError as error:
             needed = f"needed poses before and after {frame.points}"
             raise InputError(f"{drive.resolve(motion.poses or '')}: {error}, {needed}") from None
@@ -62,8 +62,8 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> Compensated
             raise InputError(
                 f"{drive.path}: motion: found one that moves points of {frame.points} beyond all bounds"
             )
-        moved.append(points)
-    return Compensated(moved, twists_per_s)
+        moved.append(Compensated(points, twist_per_s))
+    return moved
 
 
 def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float | None:

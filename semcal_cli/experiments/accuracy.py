@@ -21,7 +21,8 @@ from semcal_cli.config import (
 )
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations, mend, read_observations
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.distribution import (
     ERROR_COLUMNS,

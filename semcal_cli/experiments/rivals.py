@@ -17,7 +17,7 @@ import numpy as np
 
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import mend, read_observations
+from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import off
 from semcal_cli.experiments.distribution import (

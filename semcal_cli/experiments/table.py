@@ -21,7 +21,8 @@ from semcal_cli.config import CalibrationConfig, InitializationConfig, SoicConfi
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations, read_frame_image
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
 from semcal_cli.experiments.result_files import machine, write_results

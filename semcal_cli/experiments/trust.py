@@ -16,7 +16,8 @@ from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.drive.observations import Observations, mend, read_observations
+from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.pool import Pool
@@ -102,21 +103,23 @@ class Outcome:
 
 def _one_class(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     """Every point and every pixel is of one class, but for a few that are wrong."""
-    sides = observations.point_classes, observations.image_classes
-    point, image = (np.argmax(np.bincount(np.concatenate([ids.ravel() for ids in side]))) for side in sides)
-    few = [
-        np.where(rng.random(ids.shape) < 0.01, ids, point).astype(np.uint8)
-        for ids in observations.point_classes
-    ]
-    images = [
-        np.where(rng.random(ids.shape) < 0.01, ids, image).astype(np.uint8)
-        for ids in observations.image_classes
-    ]
-    return replace(observations, point_classes=few, image_classes=images)
+    clouds, images = observations.clouds, observations.images
+    point = np.argmax(np.bincount(np.concatenate([cloud.classes for cloud in clouds])))
+    pixel = np.argmax(np.bincount(np.concatenate([image.classes.ravel() for image in images])))
+
+    def mostly(one: np.intp, ids: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+        return np.where(rng.random(ids.shape) < 0.01, ids, one).astype(np.uint8)
+
+    few = [cloud.with_classes(mostly(point, cloud.classes)) for cloud in clouds]
+    return observations.with_clouds(few).with_images(
+        image.with_classes(mostly(pixel, image.classes)) for image in images
+    )
 
 
 def _shuffled(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
-    return replace(observations, point_classes=[rng.permutation(ids) for ids in observations.point_classes])
+    return observations.with_clouds(
+        cloud.with_classes(rng.permutation(cloud.classes)) for cloud in observations.clouds
+    )
 
 
 def _wrong_focal_length(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
@@ -130,20 +133,21 @@ def _other_pictures(observations: Observations, scene: Scene, rng: np.random.Gen
     places = {name: place for place, name in enumerate(observations.image_class_names)}
     names = [*other.image_class_names, *["none"] * (256 - len(other.image_class_names))]
     table = np.array([places.get(name, 255) for name in names], np.uint8)
-    images = [table[image] for image in other.image_classes[: observations.num_frames]]
-    return replace(observations, image_classes=images)
+    return observations.with_images(
+        own.with_classes(table[image.classes])
+        for own, image in zip(observations.images, other.images[: observations.num_frames], strict=True)
+    )
 
 
 def _behind(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     """Only the points that the camera cannot see: behind it, or outside its picture."""
     camera = core_camera(observations.camera)
-    points, classes = [], []
-    for cloud, ids in zip(observations.points, observations.point_classes, strict=True):
-        pixels, _, _ = _core.land(camera, cloud, scene.truth)
+    clouds = []
+    for cloud in observations.clouds:
+        pixels, _, _ = _core.land(camera, cloud.points, scene.truth)
         outside = ~np.isfinite(pixels).all(axis=1)
-        points.append(cloud[outside])
-        classes.append(ids[outside])
-    return replace(observations, points=points, point_classes=classes)
+        clouds.append(LabelledCloud(cloud.points[outside], cloud.classes[outside]))
+    return observations.with_clouds(clouds)
 
 
 BAD: dict[str, Degrade] = {

@@ -159,8 +159,9 @@ def _candidates(
     grid = _grid(observations)
     center = np.zeros(3) if around is None else camera_center(around[0])
     if center.any():
-        moved = [(points - center).astype(np.float32) for points in observations.points]
-        observations = replace(observations, points=moved)
+        observations = observations.with_clouds(
+            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
+        )
     images = _core.SphericalImages(observations.core, grid)
     placements = _register(observations, images, config, around)
     samples = _core.sample_correspondences(
@@ -270,7 +271,7 @@ def _grid(observations: Observations) -> Grid:
 
 def _check_field_of_view(observations: Observations, grid: Grid) -> None:
     rows, _, top, cell_height = grid
-    x, y, z = np.concatenate(observations.points).T
+    x, y, z = np.concatenate([cloud.points for cloud in observations.clouds]).T
     elevations = np.arctan2(z, np.hypot(x, y))
     outside = float(np.mean((elevations > top) | (elevations < top - rows * cell_height)))
     if outside > MAX_SHARE_OUTSIDE:

@@ -19,7 +19,7 @@ def make_estimator(
     Raises:
         InputError: the exact mutual information of features is asked for, or a device that is not there.
     """
-    if observations.point_vectors and config.estimator == "exact":
+    if observations.has_vectors and config.estimator == "exact":
         raise InputError("--estimator exact: features are vectors, which have no histogram, needed mine")
     if config.estimator == "exact":
         exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
@@ -27,6 +27,6 @@ def make_estimator(
     on_event(Progress("loading torch"))
     from semcal_cli.refinement.mine import MineClimb
 
-    usual = MINE_WITH_VECTORS if observations.point_vectors else MineConfig()
+    usual = MINE_WITH_VECTORS if observations.has_vectors else MineConfig()
     mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
     return MineClimb(observations, mine, seed, config.device), {"mine": asdict(mine), "device": config.device}

@@ -209,18 +209,19 @@ class _PointsWithVectors:
         self.unit_motions = torch.from_numpy(unit_motions)
         self.projection = Projection(observations.camera)
         width = observations.camera.width
-        own = width // observations.image_vectors[0].shape[1]
+        vectors = _vectors(observations)
+        own = width // vectors[0][1].shape[1]
         pooled = max(1, factor // own)
         self.block_px = own * pooled
-        maps = [_averaged(vectors, pooled) for vectors in observations.image_vectors]
+        maps = [_averaged(of_pixels, pooled) for _, of_pixels in vectors]
         self.rows, self.columns, channels = maps[0].shape
         self.y = torch.from_numpy(np.concatenate([each.reshape(-1, channels) for each in maps]))
         points, x, frames = [], [], []
-        for frame, cloud in enumerate(observations.points):
-            _, ranges, hidden = _core.land(core_camera(observations.camera), cloud, anchor)
+        for frame, (cloud, (of_points, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
+            _, ranges, hidden = _core.land(core_camera(observations.camera), cloud.points, anchor)
             seen = np.isfinite(ranges) & ~(hidden & visible_only)
-            points.append(cloud[seen])
-            x.append(observations.point_vectors[frame][seen])
+            points.append(cloud.points[seen])
+            x.append(of_points[seen])
             frames.append(np.full(seen.sum(), frame))
         self.points = torch.from_numpy(np.concatenate(points)).double()
         self.x, self.frames = torch.from_numpy(np.concatenate(x)), torch.from_numpy(np.concatenate(frames))
@@ -251,6 +252,14 @@ class _PointsWithVectors:
             (weight[:, None] * self.y[index].float() for weight, index in zip(weights, indices, strict=True)),
             start=torch.zeros(()),
         )
+
+
+def _vectors(
+    observations: Observations,
+) -> list[tuple[npt.NDArray[np.float16], npt.NDArray[np.float16]]]:
+    """Features of points (N, C) and of blocks of pixels (H / s, W / s, C) of each frame that has them."""
+    pairs = ((frame.cloud.vectors, frame.image.vectors) for frame in observations.frames)
+    return [(points, pixels) for points, pixels in pairs if points is not None and pixels is not None]
 
 
 def _averaged(vectors: npt.NDArray[np.float16], factor: int) -> npt.NDArray[np.float16]:
@@ -298,9 +307,9 @@ class MineClimb:
 
     def _make_network(self) -> torch.nn.Module:
         observations, config = self.observations, self.config
-        if observations.point_vectors:
-            channels = observations.point_vectors[0].shape[-1], observations.image_vectors[0].shape[-1]
-            return SeparableNetwork(*channels, config, self.generator)
+        if observations.has_vectors:
+            of_points, of_pixels = _vectors(observations)[0]
+            return SeparableNetwork(of_points.shape[-1], of_pixels.shape[-1], config, self.generator)
         num_classes = len(observations.point_class_names), len(observations.image_class_names)
         return StatisticsNetwork(*num_classes, config.num_hidden, self.generator)
 
@@ -314,7 +323,7 @@ class MineClimb:
             edge_band=self.config.edge_band_px,
             visible_only=visible_only,
         )
-        if not observations.point_vectors:
+        if not observations.has_vectors:
             return _LabelledPoints(observations, self.network, points, self.device)
         return _PointsWithVectors(
             observations,

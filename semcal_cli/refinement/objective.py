@@ -64,18 +64,19 @@ class MutualInformation(torch.nn.Module):
     def from_observations(cls, observations: Observations) -> MutualInformation:
         """Hold the labelled points and the label images of observations, one-hot."""
         num_x, num_y = len(observations.point_class_names), len(observations.image_class_names)
-        labelled = [classes != NO_CLASS for classes in observations.point_classes]
-        chosen = zip(observations.points, observations.point_classes, labelled, strict=True)
         points, x = [], []
-        for positions, classes, is_labelled in chosen:
-            points.append(torch.from_numpy(positions[is_labelled]).double())
-            x.append(functional.one_hot(torch.from_numpy(classes[is_labelled]).long(), num_x).float())
+        for cloud in observations.clouds:
+            is_labelled = cloud.classes != NO_CLASS
+            points.append(torch.from_numpy(cloud.points[is_labelled]).double())
+            x.append(functional.one_hot(torch.from_numpy(cloud.classes[is_labelled]).long(), num_x).float())
         # Pixels without a class are all zeros.
         y = [
-            functional.one_hot(torch.from_numpy(image).long().clamp(max=num_y), num_y + 1)[..., :num_y]
+            functional.one_hot(torch.from_numpy(image.classes).long().clamp(max=num_y), num_y + 1)[
+                ..., :num_y
+            ]
             .permute(2, 0, 1)
             .float()
-            for image in observations.image_classes
+            for image in observations.images
         ]
         return cls(observations.camera, points, x, y)
 

@@ -7,7 +7,7 @@ pointwise mutual information, paired over parts of the pictures. A polish that h
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -93,7 +93,7 @@ def split(observations: Observations, config: PolishConfig) -> tuple[Observation
         is_held_out = np.arange(observations.num_frames) % HELD_OUT == HELD_OUT - 1
         kept, held_out = np.flatnonzero(~is_held_out), np.flatnonzero(is_held_out)
         return observations.of_frames(kept.tolist()), observations.of_frames(held_out.tolist())
-    height, width = observations.image_classes[0].shape
+    height, width = observations.images[0].classes.shape
     side = max(width / config.regions_across, 1.0)
     row, column = np.arange(height)[:, None] // side, np.arange(width) // side
     # Diagonal stripes, so that each part has pieces of every row and column.
@@ -133,5 +133,7 @@ def newton(
 
 
 def _masked(observations: Observations, region: np.ndarray) -> Observations:
-    blank = [np.where(region, NO_CLASS, image).astype(np.uint8) for image in observations.image_classes]
-    return replace(observations, image_classes=blank)
+    return observations.with_images(
+        image.with_classes(np.where(region, NO_CLASS, image.classes).astype(np.uint8))
+        for image in observations.images
+    )

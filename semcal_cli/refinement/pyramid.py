@@ -115,7 +115,7 @@ def refine(
     for factor in factors:
         level = climb(factor, pose, visible_only=factor * block_deg < config.hidden_below_block_deg)
         if level.num_points < config.min_points:
-            total = sum(int((classes != NO_CLASS).sum()) for classes in observations.point_classes)
+            total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
             raise CalibrationError(
                 f"no overlap: {level.num_points} of {total} labelled points land on labelled pixels, "
                 f"needed {config.min_points}"

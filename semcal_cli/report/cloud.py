@@ -12,7 +12,7 @@ import numpy.typing as npt
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.observations import read_frame_image
+from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.geometry.poses import camera_center, inverse
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.overlay import Colors, hex_color, palettes, points_in_image
@@ -51,7 +51,7 @@ def frame_cloud(report: ReportInput) -> Cloud:
     observations, T = report.observations, report.T_camera_lidar
     names = [frame.image for frame in report.drive.frames]
     number = next((i for i, name in enumerate(names) if name is not None), 0)
-    points = observations.points[number]
+    points, classes = observations.clouds[number].points, observations.clouds[number].classes
     seen = points_in_image(points, T, observations.camera)
     visible = _thinned(~seen.is_hidden, MAX_SEEN)
     is_other = np.linalg.norm(points, axis=1) < MAX_RANGE_M
@@ -60,8 +60,8 @@ def frame_cloud(report: ReportInput) -> Cloud:
     pixels, indices = seen.pixels[visible], seen.indices[visible]
     kept = np.concatenate([indices, others])
     of_points, of_pixels = palettes(observations)
-    pixel_classes = _at(observations.image_classes[number], pixels)
-    point_classes = observations.point_classes[number][indices]
+    pixel_classes = _at(observations.images[number].classes, pixels)
+    point_classes = classes[indices]
     by = {
         "label of the pixel": _label_colors(pixel_classes, of_pixels),
         "label of the point": _label_colors(point_classes, of_points),

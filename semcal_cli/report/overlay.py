@@ -17,7 +17,8 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive
-from semcal_cli.drive.observations import Observations, read_frame_image
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
@@ -251,7 +252,7 @@ class Overlays:
         pictures: dict[str, Picture] = {}
         legend: Legend = {}
         for caption, T in self.poses.items():
-            seen = points_in_image(observations.points[frame], T, observations.camera)
+            seen = points_in_image(observations.clouds[frame].points, T, observations.camera)
             pixels, colors, named = self._colored(frame, seen)
             pictures[caption] = _draw_dots(background, pixels, colors)
             legend |= named
@@ -274,7 +275,7 @@ class Overlays:
             )
         names = self.observations.point_class_names
         palette, _ = palettes(self.observations)
-        pixels, classes = _by_class(seen, self.observations.point_classes[frame])
+        pixels, classes = _by_class(seen, self.observations.clouds[frame].classes)
         present = {names[index]: tuple(palette[index].tolist()) for index in np.unique(classes).tolist()}
         return pixels, palette[classes], present
 
@@ -317,9 +318,9 @@ def _pairs(
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
     """Classes of points in the picture and of the pixels they land on."""
     u, v = seen.pixels.T
-    image = observations.image_classes[frame]
+    image = observations.images[frame].classes
     rows, columns = v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)
-    return observations.point_classes[frame][seen.indices], image[rows, columns]
+    return observations.clouds[frame].classes[seen.indices], image[rows, columns]
 
 
 def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
@@ -351,14 +352,14 @@ def _draw_dots(background: Picture, pixels: npt.NDArray[np.intp], colors: Colors
 def _background(drive: Drive, observations: Observations, frame: int) -> Picture:
     """The picture of a frame, dimmed; without one, its label image at half strength."""
     name = drive.frames[frame].image
-    if name is None and not observations.image_classes:
+    if name is None and not observations.image_class_names:
         key = drive.frames[frame].key("image")
         raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
     if name is None:
         _, colors = palettes(observations)
         table = np.zeros((256, 3), dtype=np.uint8)
         table[: len(colors)] = (LABEL_STRENGTH * colors).astype(np.uint8)
-        return table[observations.image_classes[frame]]
+        return table[observations.images[frame].classes]
     image = read_frame_image(drive, drive.frames[frame])
     assert image is not None
     return _dim(image)

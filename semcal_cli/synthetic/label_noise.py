@@ -54,36 +54,36 @@ def mislabel(
 
 def with_wrong_labels(observations: Observations, share: float, rng: np.random.Generator) -> Observations:
     """Mislabel a share of the points and of the pixels, each independently of all others."""
-    return replace(
-        observations,
-        point_classes=[
-            mislabel(ids, share, _point_classes(observations), rng) for ids in observations.point_classes
-        ],
-        image_classes=[
-            mislabel(ids, share, _image_classes(observations), rng) for ids in observations.image_classes
-        ],
-    )
+    of_points, of_pixels = _point_classes(observations), _image_classes(observations)
+    clouds = [
+        cloud.with_classes(mislabel(cloud.classes, share, of_points, rng)) for cloud in observations.clouds
+    ]
+    images = [
+        image.with_classes(mislabel(image.classes, share, of_pixels, rng)) for image in observations.images
+    ]
+    return observations.with_clouds(clouds).with_images(images)
 
 
 def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Observations:
     """Move borders by a smooth random field, put blobs of wrong classes in, and mislabel some points."""
-    classes = _image_classes(observations)
+    of_points, of_pixels = _point_classes(observations), _image_classes(observations)
     images = [
-        _with_blobs(_with_moved_borders(image, rng), classes, rng) for image in observations.image_classes
+        image.with_classes(_with_blobs(_with_moved_borders(image.classes, rng), of_pixels, rng))
+        for image in observations.images
     ]
-    points = [
-        mislabel(ids, POINT_SHARE, _point_classes(observations), rng) for ids in observations.point_classes
+    clouds = [
+        cloud.with_classes(mislabel(cloud.classes, POINT_SHARE, of_points, rng))
+        for cloud in observations.clouds
     ]
-    return replace(observations, point_classes=points, image_classes=images)
+    return observations.with_clouds(clouds).with_images(images)
 
 
 def with_ragged_things(observations: Observations, grow_px: int) -> Observations:
     """Dilate whatever stands in front of the rest by some pixels, or erode it where `grow_px` is negative."""
     names = observations.image_class_names
     things = [index for index, name in enumerate(names) if name in THINGS]
-    return replace(
-        observations,
-        image_classes=[_with_grown(image, things, grow_px) for image in observations.image_classes],
+    return observations.with_images(
+        image.with_classes(_with_grown(image.classes, things, grow_px)) for image in observations.images
     )
 
 
@@ -91,10 +91,11 @@ def with_disjoint_ontologies(observations: Observations, rng: np.random.Generato
     """Merge some classes of the points and others of the pictures, shuffle the ids and take the names away."""
     points, num_points = _without_names(observations.point_class_names, MERGED_POINT_CLASSES, rng)
     images, num_images = _without_names(observations.image_class_names, MERGED_IMAGE_CLASSES, rng)
+    shuffled = observations.with_clouds(
+        cloud.with_classes(points[cloud.classes]) for cloud in observations.clouds
+    ).with_images(image.with_classes(images[image.classes]) for image in observations.images)
     return replace(
-        observations,
-        point_classes=[points[ids] for ids in observations.point_classes],
-        image_classes=[images[ids] for ids in observations.image_classes],
+        shuffled,
         point_class_names=tuple(f"point class {index}" for index in range(num_points)),
         image_class_names=tuple(f"image class {index}" for index in range(num_images)),
     )

@@ -9,7 +9,6 @@ share no resample shows, so the ratio of several frames is given without it.
 """
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,8 @@ from semcal_cli.assessment.uncertainty import REGIONS_ACROSS, SHARED_FRAMES, est
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import Observations, load_observations
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.formats import read_transform
@@ -34,13 +34,14 @@ def resampled(observations: Observations, rng: np.random.Generator) -> Observati
     num_frames = observations.num_frames
     if num_frames > 1:
         return observations.of_frames(rng.integers(num_frames, size=num_frames).tolist())
-    (image,) = observations.image_classes
-    height, width = image.shape
+    (image,) = observations.images
+    height, width = image.classes.shape
     side = width / REGIONS_ACROSS
     rows, columns = (np.arange(size) // side for size in (height, width))
     cells = (rows[:, None] * REGIONS_ACROSS + columns).astype(int)
     is_kept = rng.permutation(cells.max() + 1) % 2 == 0
-    return replace(observations, image_classes=[np.where(is_kept[cells], image, NO_CLASS).astype(np.uint8)])
+    kept = np.where(is_kept[cells], image.classes, NO_CLASS).astype(np.uint8)
+    return observations.with_images([image.with_classes(kept)])
 
 
 def twist(T: Pose, T_reference: Pose) -> np.ndarray:

@@ -21,7 +21,7 @@ from semcal_cli import _core
 from semcal_cli.config import Cue
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import read_frame_image
+from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center

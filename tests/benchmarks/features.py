@@ -18,7 +18,7 @@ import numpy as np
 import yaml
 
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.observations import read_observations
+from semcal_cli.drive.reading import read_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.pipeline import Given, RefinementConfig, Run
@@ -35,7 +35,10 @@ def embedded(drive: Drive, seed: int, noise: float) -> Drive:
     document = yaml.safe_load(drive.path.read_text())
     for key in ("classes", "ignore", "T_camera_lidar"):
         document.pop(key, None)
-    sides = {"point": observations.point_classes, "image": observations.image_classes}
+    sides = {
+        "point": [cloud.classes for cloud in observations.clouds],
+        "image": [image.classes for image in observations.images],
+    }
     centres = {side: rng.normal(size=(256, CHANNELS)) for side in sides}
     # Two random vectors are on average sqrt(2 C) apart; noise of unit variance is sqrt(C) long.
     sigma = noise * np.sqrt(2.0)

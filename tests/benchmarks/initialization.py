@@ -19,12 +19,12 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
 
 from semcal_cli import _core
-from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
 from semcal_cli.config import AlignmentConfig, InitializationConfig
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import load_observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.search import initialize, margin, runner_up

@@ -20,7 +20,7 @@ from torch.nn import functional
 from semcal_cli.config import FAR_DEG, ExactConfig, MineConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import load_observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.refinement.mine import DonskerVaradhan, StatisticsNetwork
 from semcal_cli.refinement.projection import Projection
@@ -37,13 +37,14 @@ def main() -> None:
     arguments = parser.parse_args()
     torch.manual_seed(0)
     observations = load_observations(read_drive(arguments.drive))
+    clouds = observations.clouds
     num_x, num_y = len(observations.point_class_names), len(observations.image_class_names)
-    images = torch.from_numpy(np.stack(observations.image_classes)).long()
+    images = torch.from_numpy(np.stack([image.classes for image in observations.images])).long()
     maps = functional.one_hot(images.clamp(max=num_y), num_y + 1)[..., :num_y].permute(0, 3, 1, 2).float()
-    points = torch.from_numpy(np.concatenate(observations.points)).double()
-    classes = torch.from_numpy(np.concatenate(observations.point_classes)).long()
+    points = torch.from_numpy(np.concatenate([cloud.points for cloud in clouds])).double()
+    classes = torch.from_numpy(np.concatenate([cloud.classes for cloud in clouds])).long()
     frames = torch.repeat_interleave(
-        torch.arange(len(observations.points)), torch.tensor([len(p) for p in observations.points])
+        torch.arange(len(clouds)), torch.tensor([cloud.num_points for cloud in clouds])
     )
     labelled = classes != NO_CLASS
     points, classes, frames = points[labelled], classes[labelled], frames[labelled]

@@ -20,7 +20,8 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS, class_table
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.observations import Observations, load_observations
+from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic.config import Lens, SynthConfig
 from semcal_cli.synthetic.synthesis import UNLABELED, make_camera, make_renderer, mounting
@@ -71,26 +72,17 @@ def real_frames(path: Path) -> Iterator[tuple[Figures, Figures]]:
         raise click.UsageError(f"{drive.path}: T_camera_lidar: found nothing, needed a transform")
     observations = load_observations(drive)
     for number in range(observations.num_frames):
-        frame = Observations(
-            camera=observations.camera,
-            lidar=observations.lidar,
-            points=observations.points[number : number + 1],
-            point_classes=observations.point_classes[number : number + 1],
-            image_classes=observations.image_classes[number : number + 1],
-            point_class_names=observations.point_class_names,
-            image_class_names=observations.image_class_names,
-        )
-        yield describe_frame(frame, np.array(drive.T_camera_lidar))
+        yield describe_frame(observations.of_frames([number]), np.array(drive.T_camera_lidar))
 
 
 def describe_frame(frame: Observations, T_camera_lidar: Pose) -> tuple[Figures, Figures]:
     """Give the figures of a frame, and each class's share of the points in the picture."""
     agreement = _core.agreement(frame.core, T_camera_lidar)
-    classes = frame.point_classes[0]
-    _, ranges, _ = _core.land(core_camera(frame.camera), frame.points[0], T_camera_lidar)
+    classes = frame.clouds[0].classes
+    _, ranges, _ = _core.land(core_camera(frame.camera), frame.clouds[0].points, T_camera_lidar)
     inside = classes[np.isfinite(ranges) & (classes != NO_CLASS)]
     counts = np.bincount(inside, minlength=len(frame.point_class_names))
-    in_picture = _names(frame.image_class_names, frame.image_classes[0])
+    in_picture = _names(frame.image_class_names, frame.images[0].classes)
     in_view = in_picture | _names(frame.point_class_names, classes)
     figures = {
         "classes in view": len(in_view),
@@ -118,12 +110,11 @@ def _observe(
     point_ids, image_ids = (labels & 0xFFFF).astype(np.uint16), image_labels.astype(np.uint16)
     point_table = class_table([point_ids], named, [UNLABELED])
     image_table = class_table([image_ids], named, [UNLABELED])
+    cloud = LabelledCloud(np.ascontiguousarray(points[:, :3]), point_table(point_ids))
     return Observations(
         camera=make_camera(config),
         lidar=None,
-        points=[np.ascontiguousarray(points[:, :3])],
-        point_classes=[point_table(point_ids)],
-        image_classes=[image_table(image_ids)],
+        frames=(FrameObservation(cloud, LabelledImage(image_table(image_ids))),),
         point_class_names=point_table.names,
         image_class_names=image_table.names,
     )

@@ -1,0 +1,241 @@
+"""Reading of a drive's files into observations, with dense classes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.classes import NO_CLASS, ClassTable, class_table
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.motion import compensated, motion_error_px
+from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.files.images import read_image
+from semcal_cli.files.point_clouds import Sweeps
+
+Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
+"""Raw ids of pixels or points as read, or their probabilities."""
+
+
+def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
+    """Load every frame of a drive, in parallel, and mend isolated pixels; sweeps that were read are not read again.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
+        CalibrationError: one side carries a single class.
+    """
+    return mend(read_observations(drive, sweeps))
+
+
+def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
+    """Load every frame of a drive, in parallel, with labels as they are.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
+        CalibrationError: one side carries a single class.
+    """
+    label_images = read_label_images(drive)
+    clouds = read_clouds(drive, sweeps)
+    moved = compensated(drive, clouds)
+    point_labels = _point_labels(drive, clouds)
+    point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
+    image_table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
+    frames = tuple(
+        FrameObservation(
+            LabelledCloud(sweep.points, *_dense(labels, point_table)),
+            _labelled_image(drive, pixel_labels, image_table),
+            sweep.twist_per_s,
+        )
+        for sweep, labels, pixel_labels in zip(moved, point_labels, label_images, strict=True)
+    )
+    return Observations(
+        camera=drive.camera,
+        lidar=drive.lidar,
+        frames=frames,
+        point_class_names=point_table.names,
+        image_class_names=image_table.names,
+        motion_error_px=motion_error_px(drive, clouds),
+    )
+
+
+def load_points(drive: Drive) -> Observations:
+    """Load the clouds of a drive, and its label images where every frame has one; no point has a class.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says.
+    """
+    moved = compensated(drive, read_clouds(drive))
+    images, names = _hard_images(drive)
+    frames = tuple(
+        FrameObservation(
+            LabelledCloud(sweep.points, np.full(len(sweep.points), NO_CLASS, np.uint8)),
+            image,
+            sweep.twist_per_s,
+        )
+        for sweep, image in zip(moved, images, strict=True)
+    )
+    return Observations(drive.camera, drive.lidar, frames, point_class_names=(), image_class_names=names)
+
+
+def _hard_images(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]]:
+    """Read the label images and the names of their classes; without a class unless every frame has one."""
+    if any(frame.image_labels is None for frame in drive.frames):
+        blank = LabelledImage(np.full((drive.camera.height, drive.camera.width), NO_CLASS, np.uint8))
+        return [blank] * len(drive.frames), ()
+    label_images = read_label_images(drive)
+    table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
+    return [_labelled_image(drive, labels, table).without_shares() for labels in label_images], table.names
+
+
+def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
+    """Red, green, blue of each class of colour-coded label images, in the palette's order."""
+    return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]
+
+
+def read_label_images(drive: Drive) -> list[Labels]:
+    """Read the label images of all frames, ids or probabilities by their suffix.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says.
+    """
+    paths, camera = label_paths(drive, "image_labels"), drive.camera
+    soft = [path for path in paths if path.suffix.lower() == ".npz"] if drive.palette is None else []
+    hard = [path for path in paths if path not in soft]
+    shares: Iterator[Labels] = iter(_core.read_class_shares(soft, (camera.height, camera.width)))
+    ids: Iterator[Labels] = iter(_core.read_label_images(hard, camera.width, camera.height, colors(drive)))
+    return [next(shares if path in soft else ids) for path in paths]
+
+
+def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None:
+    """Read the image (H, W, 3) of a frame, blue, green, red, if it has one.
+
+    Raises:
+        InputError: it is damaged, or of another size than the camera's.
+    """
+    if frame.image is None:
+        return None
+    path, camera = drive.resolve(frame.image), drive.camera
+    image = read_image(path)
+    found, needed = image.shape[1::-1], (camera.width, camera.height)
+    if found != needed:
+        raise InputError(f"{path}: found {found[0]} x {found[1]} pixels, needed {needed[0]} x {needed[1]}")
+    return image
+
+
+def _ids(labels: Labels) -> npt.NDArray[np.uint16]:
+    return labels.ids if isinstance(labels, _core.ClassShares) else labels
+
+
+def _dense(labels: Labels, table: ClassTable) -> tuple[npt.NDArray[np.uint8], _core.ClassShares | None]:
+    """Classes of all items, and their shares where they were read."""
+    if not isinstance(labels, _core.ClassShares):
+        return table(labels), None
+    shares = labels.renamed(table.lookup[:256])
+    return shares.classes, shares
+
+
+def _labelled_image(drive: Drive, labels: Labels, table: ClassTable) -> LabelledImage:
+    classes, shares = _dense(labels, table)
+    return LabelledImage(classes.reshape(drive.camera.height, drive.camera.width), shares)
+
+
+def mend(observations: Observations) -> Observations:
+    """Give isolated pixels of the label images the class around them: see `rust/speckle.rs`.
+
+    Pictures with probabilities stay as they are.
+    """
+    images = observations.images
+    hard = [index for index, image in enumerate(images) if image.shares is None]
+    num_mended = 0
+    despeckled = _core.despeckle([images[index].classes for index in hard])
+    for index, (classes, count) in zip(hard, despeckled, strict=True):
+        images[index] = images[index].with_classes(classes)
+        num_mended += count
+    num_pixels = sum(image.classes.size for image in images)
+    return replace(observations.with_images(images), speckle=num_mended / num_pixels)
+
+
+def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[_core.PointCloud]:
+    """Read the sweep of every frame, in parallel, with labels where there are some.
+
+    Raises:
+        InputError: a file is missing or is not what its name says.
+    """
+    labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
+    points = [drive.resolve(frame.points) for frame in drive.frames]
+    return (Sweeps() if sweeps is None else sweeps).read(list(zip(points, labels, strict=True)))
+
+
+def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labels]:
+    labels = [cloud.labels if cloud.label_shares is None else cloud.label_shares for cloud in clouds]
+    found = [each for each in labels if each is not None]
+    if len(found) < len(clouds):
+        frame = next(f for f, each in zip(drive.frames, labels, strict=True) if each is None)
+        nothing = "found nothing, and the cloud has no field of class ids"
+        needed = "needed a file of class ids, or a field named label, class, semantic or the like"
+        raise InputError(f"{drive.path}: {frame.key('point_labels')}: {nothing}; {needed}")
+    return found
+
+
+def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> list[Path]:
+    """Give the files of the labels of one side, of each frame.
+
+    Raises:
+        InputError: a frame has none.
+    """
+    for frame in drive.frames:
+        if getattr(frame, key) is None:
+            raise InputError(f"{drive.path}: {frame.key(key)}: found nothing, needed a file of class ids")
+    return [drive.resolve(getattr(frame, key)) for frame in drive.frames]
+
+
+def count_labels(
+    drive: Drive, side: Literal["points", "image"], labels: Labels
+) -> tuple[dict[str, int], int]:
+    """Count labels by name, and those that carry no information; probabilities by the likeliest."""
+    ignored = set(getattr(drive.ignore, side))
+    if isinstance(labels, _core.ClassShares):
+        counts = np.bincount(labels.classes)
+        ignored.add(NO_CLASS)
+    else:
+        counts = np.bincount(labels.ravel())
+    named = _named_ids(drive, side)
+    names = {value: name for name, values in named.items() for value in values}
+    found: dict[str, int] = {}
+    for value in np.flatnonzero(counts).tolist():
+        name = names.get(value, "" if named else str(value))
+        if value not in ignored and name:
+            found[name] = found.get(name, 0) + int(counts[value])
+    return found, int(counts.sum()) - sum(found.values())
+
+
+def _named_ids(drive: Drive, side: Literal["points", "image"]) -> Mapping[str, Sequence[int]]:
+    """Raw ids under each name: those of the palette are places in it."""
+    if side == "image" and drive.palette is not None:
+        return {name: (place,) for place, name in enumerate(drive.palette)}
+    return getattr(drive.classes, side) if drive.classes else {}
+
+
+def _class_table(
+    drive: Drive, side: Literal["points", "image"], ids: Sequence[npt.NDArray[np.uint16]]
+) -> ClassTable:
+    has_ids = drive.ignore.image or (drive.classes and drive.classes.image)
+    if side == "image" and drive.palette is not None and has_ids:
+        needed = "no ids beside it; colours that are not listed are ignored"
+        raise InputError(f"{drive.path}: palette: found classes.image or ignore.image, too, needed {needed}")
+    try:
+        table = class_table(ids, _named_ids(drive, side), getattr(drive.ignore, side))
+    except ValueError as error:
+        raise InputError(f"{drive.path}: classes.{side}: {error}") from None
+    if not table.names:
+        raise InputError(f"{drive.path}: {side}: every label is ignored or not listed under classes")
+    if len(table.names) == 1:
+        found = f"{drive.path}: {side}: found one class only, {table.names[0]!r}"
+        raise CalibrationError(f"{found}, needed at least 2 for mutual information")
+    return table
