@@ -71,7 +71,7 @@ class HeldOut(StrictModel):
     """What held-out data said of the polish."""
 
     accepted: bool
-    """Whether they did not get worse by more than two standard errors; otherwise the pose before was kept."""
+    """Whether they did not get worse by more than three standard errors; otherwise the pose before was kept."""
     held_out_gain_nats: float
     """How much better they agree after it than before."""
     held_out_sigma_nats: Annotated[float, Field(ge=0.0)] | None
