@@ -14,23 +14,22 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import (
     Calibration,
-    HypothesisRecord,
+    HeldOut,
     Input,
     InputFrame,
-    LabelBleed,
-    PolishRecord,
     Quality,
     Settings,
     Stage,
-    UncertaintyRecord,
     calibration_text,
     read_calibration,
     write_calibration,
 )
+from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.uncertainty import LabelBleed, Uncertainty
 from semcal_cli.schemas import FOLDER, SCHEMAS, schema_text
 
 POSE = make_pose((0.1, -1.2, 0.3), (0.5, -0.0, -2.0))
-UNCERTAINTY = UncertaintyRecord(
+UNCERTAINTY = Uncertainty(
     covariance=(1e-6 * np.eye(6)).tolist(),
     degrees_of_freedom=[30.0] * 6,
     sigma_camera_center_m=[0.001] * 3,
@@ -59,7 +58,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
             runner_up_margin=3.5,
         ),
         hypotheses=(
-            HypothesisRecord(
+            Hypothesis(
                 T_camera_lidar=np.eye(4).tolist(),
                 mutual_information_nats=1.0,
                 bias_nats=0.01,
@@ -73,7 +72,7 @@ def make_calibration(T_camera_lidar: Pose, options: dict[str, Any] | None = None
         stages={"initial": Stage(T_camera_lidar=np.eye(4).tolist(), mutual_information_nats=1e-5)},
         uncertainty=UNCERTAINTY,
         repeatability=None,
-        polish=PolishRecord(accepted=True, held_out_gain_nats=0.01, held_out_sigma_nats=None),
+        polish=HeldOut(accepted=True, held_out_gain_nats=0.01, held_out_sigma_nats=None),
         input=Input(
             drive="drive.yaml",
             camera=Camera(model="fisheye", width=2, height=2, K=[[1, 0, 0], [0, 1, 0], [0, 0, 1]]),

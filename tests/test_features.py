@@ -13,15 +13,17 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
 from semcal_cli.cli import semcal
-from semcal_cli.config import MINE_WITH_VECTORS
+from semcal_cli.config import MINE_WITH_VECTORS, CalibrationConfig, RefinementConfig
 from semcal_cli.drive.cues import FEATURES, load_cues
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.features import observe_features
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate, refine
 from semcal_cli.refinement.mine import SeparableNetwork, _averaged, _PointsWithVectors
 from semcal_cli.refinement.se3 import exp_se3
 
@@ -48,9 +50,8 @@ def off(T: Pose) -> Pose:
 
 
 def test_mine_finds_the_pose_by_features_alone(drive: Drive, street_truth: Pose) -> None:
-    run = Run(drive, seed=0, cues=("features",))
-    given = Given(off(street_truth), "start")
-    calibration = run.calibrate(drive.root, given=given, refinement=RefinementConfig("mine"))
+    config = CalibrationConfig(cues=("features",), refinement=RefinementConfig("mine"))
+    calibration = calibrate(drive, config, initial_pose=InitialPose(off(street_truth), "start"))
     error = compare_poses(calibration.pose, street_truth)
     assert error.rotation_deg < RIGHT_DEG
     assert error.camera_center_cm < RIGHT_CM
@@ -141,9 +142,9 @@ def test_features_that_say_nothing(drive: Drive, tmp_path: Path) -> None:
 
 
 def test_the_exact_histogram_is_refused(drive: Drive, observations: Observations, street_truth: Pose) -> None:
-    run = Run(drive, seed=0, cues=("features",))
+    data = LoadedDrive(drive, observations, ("features",))
     with pytest.raises(InputError, match="--estimator exact: features are vectors, which have no histogram"):
-        run.refine(observations, street_truth, RefinementConfig())
+        refine(data, street_truth, RefinementConfig())
     command = ["calibrate", str(drive.path), "--cue", "features"]
     found = CliRunner().invoke(semcal, command)
     assert found.exit_code == 2

@@ -1,4 +1,5 @@
 import dataclasses
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -6,14 +7,15 @@ import pytest
 from conftest import make_pose
 
 from semcal_cli import _core, pipeline
-from semcal_cli.config import PolishConfig
+from semcal_cli.config import PolishConfig, PyramidConfig, RefinementConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
-from semcal_cli.refinement.polish import Polish, polish, split
-from semcal_cli.refinement.pyramid import Level, Refinement
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.refinement.polish import polish, split
 
 CONFIG = PolishConfig()
 PIXEL_OFF = make_pose((0.002, -0.003, 0.002), (0.01, 0.01, -0.01))
@@ -68,7 +70,8 @@ def test_held_out_data_reject_what_only_the_kept_data_like(
     polished = polish(torn, street_truth, config)
     assert not polished.is_accepted
     np.testing.assert_array_equal(polished.T_camera_lidar, street_truth)
-    assert polished.gain_nats < -config.max_loss * polished.sigma_nats
+    assert polished.held_out.held_out_sigma_nats is not None
+    assert polished.held_out.held_out_gain_nats < -config.max_loss * polished.held_out.held_out_sigma_nats
 
 
 def test_threads_do_not_change_a_bit(street_observations: Observations, street_truth: Pose) -> None:
@@ -77,7 +80,7 @@ def test_threads_do_not_change_a_bit(street_observations: Observations, street_t
         _core.set_num_threads(num_threads)
         found.append(polish(street_observations, PIXEL_OFF @ street_truth, CONFIG))
     np.testing.assert_array_equal(found[0].T_camera_lidar, found[1].T_camera_lidar)
-    assert found[0].gain_nats == found[1].gain_nats
+    assert found[0].held_out == found[1].held_out
 
 
 def test_at_the_truth_it_stays_there(street_observations: Observations, street_truth: Pose) -> None:
@@ -106,11 +109,19 @@ def test_the_pose_that_counts_is_the_one_that_has_to_settle(
     converged: bool,
     reasons: list[str],
 ) -> None:
-    level = Level(1, street_truth, 1.0, 0.0 if converged else 2.0, 1000)
-    polished = Polish(PIXEL_OFF @ street_truth, accepted, settled, 0.01 if settled else 3.0, 0.1, 0.01)
-    monkeypatch.setattr(pipeline, "refine", lambda *_: Refinement(street_truth, (level,), converged))
-    monkeypatch.setattr(pipeline, "polish", lambda *_: polished)
-    run = pipeline.Run(read_drive(street), seed=0)
-    pose = run.refine(street_observations, street_truth, pipeline.RefinementConfig())
-    np.testing.assert_array_equal(pose, polished.T_camera_lidar if accepted else street_truth)
-    assert [reason[: len(wanted)] for reason, wanted in zip(run.reasons, reasons, strict=True)] == reasons
+    # As if held-out data had to get better by a lot, and poses had to move by less than nothing.
+    polish_config = partial(
+        PolishConfig, max_loss=3.0 if accepted else -1e6, settled_px=0.1 if settled else -1.0
+    )
+    pyramid = partial(PyramidConfig, max_final_drift=1e6 if converged else -1.0)
+    monkeypatch.setattr(pipeline, "PolishConfig", polish_config)
+    monkeypatch.setattr(pipeline, "PyramidConfig", pyramid)
+    data = LoadedDrive(read_drive(street), street_observations)
+    initial = pipeline.start_at(data, InitialPose(street_truth, "truth"))
+    stages = pipeline.refine_and_polish(data, initial, RefinementConfig())
+    assert stages.refined is not None
+    is_kept = np.array_equal(stages.T_camera_lidar, stages.refined.T_camera_lidar)
+    assert is_kept != accepted
+    assert len(stages.findings) == len(reasons)
+    for finding, reason in zip(stages.findings, reasons, strict=True):
+        assert finding.sentence.startswith(reason)

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 
 from semcal_cli import _core
+from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform

@@ -4,24 +4,28 @@ import numpy as np
 import pytest
 
 from semcal_cli import _core
-from semcal_cli.assessment.consistency import doubts
+from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.polish import climb
+from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import ExactClimb, refine
 
 
+def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+    return [finding.sentence for finding in check_consistency(observations, T_camera_lidar)]
+
+
 def test_a_good_drive_leaves_no_doubt(street_observations: Observations, street_truth: Pose) -> None:
-    assert doubts(street_observations, street_truth) == []
-    assert doubts(street_observations.of_frames([1]), street_truth) == []
+    assert sentences(street_observations, street_truth) == []
+    assert sentences(street_observations.of_frames([1]), street_truth) == []
 
 
 def test_pictures_of_other_frames(street_observations: Observations, street_truth: Pose) -> None:
     images = street_observations.images
     exchanged = street_observations.with_images(images[1:] + images[:1])
-    found = doubts(exchanged, street_truth)
+    found = sentences(exchanged, street_truth)
     assert any(
         line.startswith("pictures of other frames fit the clouds as well or better: ") for line in found
     )
@@ -31,7 +35,7 @@ def test_frames_that_are_alike_are_not_held_against_a_pose(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     standing = street_observations.of_frames([2, 2, 2])
-    assert doubts(standing, street_truth) == []
+    assert sentences(standing, street_truth) == []
 
 
 def test_labels_that_tell_no_direction(street_observations: Observations, street_truth: Pose) -> None:
@@ -39,7 +43,7 @@ def test_labels_that_tell_no_direction(street_observations: Observations, street
     shuffled = street_observations.with_clouds(
         cloud.with_classes(rng.permutation(cloud.classes)) for cloud in street_observations.clouds
     )
-    found = doubts(shuffled, street_truth)
+    found = sentences(shuffled, street_truth)
     assert any("degrees labels fit as well or better: " in line for line in found)
 
 
@@ -51,7 +55,7 @@ def test_wrong_intrinsics_are_named(
     climbed = refine(
         seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
     )
-    focal, intrinsics = doubts(seen, climbed.T_camera_lidar)
+    focal, intrinsics = sentences(seen, climbed.T_camera_lidar)
     right = "shorter" if scale > 1.0 else "longer"
     assert focal.startswith(f"the focal length looks wrong: labels agree better with fx and fy 7% {right}, ")
     assert intrinsics.startswith("the intrinsics look wrong (fx by ")
@@ -79,8 +83,8 @@ def test_wrong_clocks_are_told_from_the_motion(
     clouds = [c.with_points(points) for c, points in zip(street_observations.clouds, moved, strict=True)]
     seen = with_twists(street_observations.with_clouds(clouds), twists)
     near = refine(seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(3.0)).T_camera_lidar
-    climbed, _, _ = climb(seen, near, PolishConfig())
-    found = [line for line in doubts(seen, climbed) if line.startswith("the clocks look wrong: ")]
+    climbed, _, _ = newton(seen, near, PolishConfig())
+    found = [line for line in sentences(seen, climbed) if line.startswith("the clocks look wrong: ")]
     if delay_s == 0.0:
         assert found == []
     else:
@@ -93,9 +97,9 @@ def test_a_steady_motion_tells_nothing_of_clocks(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     twists = [[12.0, 0.0, 0.0, 0.0, 0.0, 0.0]] * street_observations.num_frames
-    assert doubts(with_twists(street_observations, twists), street_truth) == []
+    assert sentences(with_twists(street_observations, twists), street_truth) == []
     standing = [[0.0] * 6] * street_observations.num_frames
-    assert doubts(with_twists(street_observations, standing), street_truth) == []
+    assert sentences(with_twists(street_observations, standing), street_truth) == []
 
 
 def test_one_class_nearly_everywhere(street_observations: Observations, street_truth: Pose) -> None:
@@ -104,7 +108,7 @@ def test_one_class_nearly_everywhere(street_observations: Observations, street_t
         cloud.with_classes(np.where(rng.random(cloud.num_points) < 0.02, cloud.classes, 0).astype(np.uint8))
         for cloud in street_observations.clouds
     )
-    found = doubts(seen, street_truth)
+    found = sentences(seen, street_truth)
     assert found[0].startswith("points in the picture are nearly all of one class: as if of 1.")
 
 
@@ -112,5 +116,5 @@ def test_nothing_in_the_picture_is_no_crash(street_observations: Observations, s
     blank = street_observations.with_images(
         image.with_classes(np.full_like(image.classes, NO_CLASS)) for image in street_observations.images
     )
-    found = doubts(blank, street_truth)
+    found = sentences(blank, street_truth)
     assert found == ["pixels: none is labelled"]

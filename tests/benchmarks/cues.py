@@ -18,14 +18,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.config import Cue
+from semcal_cli.config import CalibrationConfig, Cue
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.pipeline import Given, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -77,9 +78,8 @@ def run(seed: int, label_noise: float) -> Iterator[tuple[str, float, float, str]
         within = spreads(drive, T)
         click.echo(f"seed {seed}: within by between classes {within[0]:.2f}, {within[1]:.2f}", err=True)
         for cues in CUES:
-            calibration = Run(drive, seed=0, cues=cues).calibrate(
-                drive.root, given=Given(start(T, seed), "start")
-            )
+            config = CalibrationConfig(cues=cues)
+            calibration = calibrate(drive, config, initial_pose=InitialPose(start(T, seed), "start"))
             error = compare_poses(calibration.pose, T)
             yield ",".join(cues), error.rotation_deg, error.camera_center_cm, calibration.status
 

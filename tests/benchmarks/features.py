@@ -17,11 +17,13 @@ import cues
 import numpy as np
 import yaml
 
+from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.pipeline import Given, RefinementConfig, Run
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
 from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -68,14 +70,14 @@ def main(seeds: int, first_seed: int, frames: int, width: int, noise: float, fro
     print("|---|---|---|---|")
     for seed in range(first_seed, first_seed + seeds):
         with TemporaryDirectory() as folder:
-            config = SynthConfig(num_frames=frames, seed=seed, width=width, height=width * 9 // 16)
-            synthesize(config, Path(folder) / "drive")
+            street = SynthConfig(num_frames=frames, seed=seed, width=width, height=width * 9 // 16)
+            synthesize(street, Path(folder) / "drive")
             labelled = read_drive(Path(folder) / "drive")
             T, drive = read_transform(labelled.path), embedded(labelled, seed, noise)
             begin = perf_counter()
-            given = None if from_nothing else Given(cues.start(T, seed), "start")
-            run = Run(drive, seed=0, cues=("features",))
-            calibration = run.calibrate(drive.root, given=given, refinement=RefinementConfig("mine"))
+            initial_pose = None if from_nothing else InitialPose(cues.start(T, seed), "start")
+            config = CalibrationConfig(cues=("features",), refinement=RefinementConfig("mine"))
+            calibration = calibrate(drive, config, initial_pose=initial_pose)
             error = compare_poses(calibration.pose, T)
             seconds = perf_counter() - begin
             print(

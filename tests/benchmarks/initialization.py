@@ -27,7 +27,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.initialization.search import initialize, margin, runner_up
+from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, initialize
 from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -171,10 +171,9 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
     for frames in (tuple(range(NUM_FRAMES)), *((frame,) for frame in range(NUM_FRAMES))):
         chosen = observations.of_frames(frames)
         start = perf_counter()
-        hypotheses = initialize(chosen, config, seed=0)
+        found = initialize(chosen, config, seed=0)
         seconds = perf_counter() - start
-        other = runner_up(hypotheses, config)
-        error = compare_poses(hypotheses[0].T_camera_lidar, truth)
+        error = compare_poses(found.T_camera_lidar, truth)
         results.append(
             Result(
                 condition,
@@ -183,7 +182,7 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
                 frames,
                 rotation_deg=error.rotation_deg,
                 camera_center_cm=error.camera_center_cm,
-                margin=None if other is None else margin(hypotheses[0], other),
+                margin=found.runner_up_margin,
                 seconds=seconds,
             )
         )
