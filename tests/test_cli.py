@@ -7,28 +7,34 @@ import re
 import shutil
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
+from conftest import make_pose
 from hostile_drives import HOSTILE, Edit, break_drive
 from scipy.spatial.transform import Rotation
-from semcal_cli.cli.session import EXIT_NOT_TRUSTED
 
-from semcal_cli.assessment import findings as reasons
+from semcal_cli import _core
+from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_pose
+from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.cli import EXIT_FAILURE, main
-from semcal_cli.config import PolishConfig
+from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
 from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.drive.observations import Observations
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, inverse
-from semcal_cli.result.calibration import Calibration, Repeatability, UncertaintyRecord, read_calibration
+from semcal_cli.result.calibration import Calibration, read_calibration
+from semcal_cli.result.uncertainty import Uncertainty
 
 EXIT_USAGE = 2
+NOT_LABELLED = 0
+"""The id that synthetic drives ignore."""
 
 
 def run(capfd: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
@@ -217,57 +223,78 @@ def test_calibrate_then_evaluate(
 
 
 def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    drive: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("semcal_cli.assessment.findings.MIN_OVERLAP", 1.1)
-    code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
+    """Only points within five degrees of the optical axis are labelled, a hundredth of the picture."""
+    for path in (drive / "points").iterdir():
+        points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
+        is_near = points @ street_truth[2, :3] > np.cos(np.radians(5.0)) * np.linalg.norm(points, axis=1)
+        labels = drive / "point_labels" / f"{path.stem}.label"
+        np.where(is_near, np.fromfile(labels, np.uint32), NOT_LABELLED).astype(np.uint32).tofile(labels)
+    code, _, _ = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
     assert calibration.status == "not_trusted"
     assert re.fullmatch(
-        r"visible labelled points cover \d+\.\d% of the picture, needed are 110%", calibration.reasons[0]
+        r"visible labelled points cover \d\.\d% of the picture, needed are 3%", calibration.reasons[0]
     )
 
 
 def test_a_runner_up_that_is_close_is_not_trusted(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("semcal_cli.assessment.findings.MIN_RUNNER_UP_MARGIN", 1000.0)
-    code, _, _ = run(capfd, "initialize", street, "-o", tmp_path / "out.yaml", "-q")
+    """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
+    for path in (drive / "points").iterdir():
+        cloud = np.fromfile(path, np.float32).reshape(-1, 4)
+        np.concatenate([cloud, cloud * np.float32([-1.0, -1.0, 1.0, 1.0])]).tofile(path)
+    for path in (drive / "point_labels").iterdir():
+        path.write_bytes(2 * path.read_bytes())
+    code, _, _ = run(capfd, "initialize", drive, "-o", tmp_path / "out.yaml", "-q")
     assert code == EXIT_NOT_TRUSTED
     (reason,) = read_calibration(tmp_path / "out.yaml").reasons
     assert re.fullmatch(
         r"a mounting \d+ degrees away explains the labels almost as well: \d\.\d{4} against \d\.\d{4} nats, "
-        r"\d+\.\d\d standard errors apart, needed 1000\.00; add frames",
+        r"\d\.\d\d standard errors apart, needed 2\.00; add frames",
         reason,
     )
 
 
-def test_what_the_polish_did_is_told(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    result = tmp_path / "out.yaml"
+def refine(
+    drive: Path, result: Path, capfd: pytest.CaptureFixture[str], *options: str
+) -> tuple[Calibration, str]:
+    """Refine from the reference: what is written, and standard error."""
+    code, _, err = run(capfd, "refine", drive, "--init", drive, "-o", result, *options)
+    calibration = read_calibration(result)
+    assert code == (EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0)
+    return calibration, err
 
-    def refine(*options: str) -> tuple[Calibration, str]:
-        code, _, err = run(capfd, "refine", street, "--init", street, "-o", result, *options)
-        calibration = read_calibration(result)
-        assert code == (EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0)
-        return calibration, err
 
-    polished, err = refine()
+def test_what_the_polish_did_is_told(street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    polished, err = refine(street, tmp_path / "out.yaml", capfd)
     assert polished.polish is not None
     assert polished.polish.accepted
     assert polished.status == "trusted"
     assert list(polished.stages) == ["initial", "refined", "polished"]
     assert re.search(r"polished .* accepted: held out [+-]0\.\d{4} \+- 0\.\d{4} nats", err)
-    plain, _ = refine("--no-polish")
+    plain, _ = refine(street, tmp_path / "out.yaml", capfd, "--no-polish")
     assert plain.polish is None
     assert plain.status == "not_assessed"
     assert list(plain.stages) == ["initial", "refined"]
     np.testing.assert_allclose(plain.pose, plain.stages["refined"].T_camera_lidar, atol=1e-12)
-    # As if held-out data had to get better by a lot.
-    monkeypatch.setattr("semcal_cli.pipeline.PolishConfig", partial(PolishConfig, max_loss=-1e6))
-    rejected, err = refine()
+
+
+def test_a_polish_that_held_out_data_reject_is_undone(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Labels of the frames that are worked with are three pixels to the side, those of the held-out frames are not."""
+    document = read_document(drive / DRIVE_FILE)
+    frames = [dict(document["frames"][index]) for index in (0, 1, 2, 3, 0, 1)]
+    for index in (0, 1, 3, 4):
+        image = cv2.imread(str(drive / frames[index]["image_labels"]), cv2.IMREAD_UNCHANGED)
+        frames[index]["image_labels"] = f"image_labels/moved_{index}.png"
+        cv2.imwrite(str(drive / frames[index]["image_labels"]), np.roll(image, 3, axis=1))
+    write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
+    rejected, err = refine(drive, tmp_path / "out.yaml", capfd)
     assert rejected.polish is not None
     assert not rejected.polish.accepted
     assert rejected.status == "not_trusted"
@@ -275,8 +302,9 @@ def test_what_the_polish_did_is_told(
         reason.startswith("the polish was rejected: held-out data agree less after it, by ")
         for reason in rejected.reasons
     )
-    np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
     assert "rejected, the refined pose stays" in err
+    plain, _ = refine(drive, tmp_path / "out.yaml", capfd, "--no-polish")
+    np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
 
 
 def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
@@ -327,41 +355,54 @@ def test_a_place_beyond_the_baseline_is_no_prior(
     )
 
 
-def test_motion_and_limits_that_hold_a_pose_are_said() -> None:
-    assert reasons.motion(None) == reasons.motion(3.0) == []
-    assert reasons.motion(7.04) == [
+def test_motion_and_limits_that_hold_a_pose_are_said(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    assert check_motion(None) == check_motion(3.0) == ()
+    (moved,) = check_motion(7.04)
+    assert moved.sentence == (
         "the LiDAR's motion is not compensated: half of the points are 7.0 pixels off or more, needed at most 3"
-    ]
+    )
+    agreement = _core.agreement(street_observations.core, street_truth)
     T = np.eye(4)
     T[:3, 3] = [0.0, 0.9, 0.0]
-    assert reasons.baseline(T, 1.0) == []
-    (held,) = reasons.baseline(T, 0.9)
-    assert held.startswith("the camera is held at 0.9 m from the LiDAR, the limit of --max-baseline-m")
+    assert check_pose(T, agreement, 1.0) == check_pose(T, agreement) == ()
+    (held,) = check_pose(T, agreement, 0.9)
+    assert held.sentence.startswith(
+        "the camera is held at 0.9 m from the LiDAR, the limit of --max-baseline-m"
+    )
+    assert check_distance(T, 1.0) == ()
+    (far,) = check_distance(T, 0.8)
+    assert far.sentence == "the camera is 0.9 m from the LiDAR, --max-baseline-m allows 0.8 m"
 
 
 def test_seeds_that_lead_elsewhere_are_said() -> None:
-    found = Repeatability(
-        num_seeds=4,
-        num_failed=1,
-        spread_camera_center_m=(0.1, 0.0, 0.0),
-        spread_rotation_deg=(0.0, 0.0, 0.5),
-        farthest_camera_center_m=0.2,
-        farthest_rotation_deg=1.5,
-    )
-    stated = UncertaintyRecord(
+    stated = Uncertainty(
         covariance=((0.0,) * 6,) * 6,
         degrees_of_freedom=(9.0,) * 6,
         sigma_camera_center_m=(0.1,) * 3,
         sigma_translation_m=(0.1,) * 3,
         sigma_rotation_deg=(0.5,) * 3,
-        half_width_95_camera_center_m=(0.2, 0.2, 0.0),
+        half_width_95_camera_center_m=(0.3, 0.2, 0.0),
         half_width_95_rotation_deg=(1.0,) * 3,
     )
-    differences = np.array([[0.0] * 6, [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 0.0, -1.5]])
-    assert reasons.repeatability(found, differences, stated) == [
+    T = make_pose((0.3, -1.2, 0.5), (0.4, -0.2, 0.1))
+    moved = make_pose((0.0, 0.0, 0.0), (-0.2, 0.0, 0.0)) @ T
+    turned = T.copy()
+    turned[:3, :3] = Rotation.from_euler("z", 1.5, degrees=True).as_matrix() @ T[:3, :3]
+    turned[:3, 3] = -turned[:3, :3] @ camera_center(T)
+    found, findings = compare_seeds(T, [moved, None, turned], stated)
+    assert [finding.sentence for finding in findings] == [
         "1 of 4 seeds gave no answer",
         "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
     ]
+    assert (found.num_seeds, found.num_failed) == (4, 1)
+    assert found.spread_camera_center_m == pytest.approx((np.std([0.0, 0.2, 0.0], ddof=1), 0.0, 0.0))
+    assert found.spread_rotation_deg == pytest.approx((0.0, 0.0, np.std([0.0, 0.0, 1.5], ddof=1)))
+    assert found.farthest_camera_center_m == pytest.approx(0.2)
+    assert found.farthest_rotation_deg == pytest.approx(1.5)
+    none, findings = compare_seeds(T, [None], None)
+    assert (none.num_failed, none.spread_camera_center_m, len(findings)) == (1, None, 1)
 
 
 def test_a_calibration_in_the_format_of_another_tool(

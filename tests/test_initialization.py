@@ -160,6 +160,25 @@ def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations:
     assert finding.sentence.startswith(f"a mounting {other.rotation_from_best_deg:.0f} degrees away ")
 
 
+def hypothesis(nats: float, sigma_nats: float | None) -> Hypothesis:
+    return Hypothesis(
+        T_camera_lidar=np.eye(4).tolist(),
+        mutual_information_nats=nats,
+        bias_nats=0.1,
+        sigma_nats=sigma_nats,
+        overlap=0.5,
+        num_pairs=None,
+        num_inliers=None,
+        rotation_from_best_deg=0.0,
+    )
+
+
+@pytest.mark.parametrize(("sigma_nats", "margin"), [(0.04, 2.0), (None, 0.0)])
+def test_a_margin_is_in_standard_errors_of_the_difference(sigma_nats: float | None, margin: float) -> None:
+    assert hypothesis(1.1, 0.03).margin(hypothesis(1.0, sigma_nats)) == pytest.approx(margin)
+    assert hypothesis(1.1, 0.0).margin(hypothesis(1.0, 0.0)) == 0.0  # no scatter, no known error
+
+
 def test_pictures_without_labels_overlap_nothing(street_observations: Observations) -> None:
     blank = street_observations.with_images(
         image.with_classes(np.full_like(image.classes, 255)) for image in street_observations.images

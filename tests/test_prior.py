@@ -6,7 +6,8 @@ from conftest import make_pose, poses, triples
 from hypothesis import given
 from scipy.linalg import expm
 
-from semcal_cli.assessment.priors import Prior, _Known, _Labels, _solve, clamp, fuse
+from semcal_cli.assessment.fusion import _Known, _Labels, _solve, fuse
+from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, sensitivity
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS

@@ -74,7 +74,10 @@ def test_a_pose_that_still_moves_has_not_settled(
         climb = MineClimb(
             street_observations, MineConfig(steps_per_level=8, learning_rate_pose=2.0, final_rate=1.0), seed=0
         )
-    assert not refine(street_observations, BAD_START @ street_truth, climb, PyramidConfig()).converged
+    refinement = refine(street_observations, BAD_START @ street_truth, climb, PyramidConfig())
+    assert not refinement.converged
+    (finding,) = refinement.findings
+    assert finding.sentence.startswith("the refinement had not settled: the pose still moved points by ")
 
 
 @pytest.mark.parametrize("estimator", ["exact", "mine"])

@@ -1,0 +1,46 @@
+"""A drive and what was read of it go together, frame by frame."""
+
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semcal_cli.config import CalibrationConfig, Cue
+from semcal_cli.drive.cues import files_of
+from semcal_cli.drive.loading import load
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import Stages, make_calibration, start_at
+
+CHOSEN = [3, 1]
+
+
+@pytest.mark.parametrize("cues", [("labels",), ("labels", "intensity")])
+def test_a_calibration_of_some_frames_records_these(
+    street: Path, street_truth: Pose, cues: tuple[Cue, ...]
+) -> None:
+    config = CalibrationConfig(cues=cues)
+    data = load(street, config)
+    few = data.of_frames(CHOSEN)
+    calibration = make_calibration(few, Stages(start_at(few, InitialPose(street_truth, "truth"))), config)
+    assert calibration.quality.num_frames == len(CHOSEN)
+    frames = [data.drive.frames[index] for index in CHOSEN]
+    assert [frame.points for frame in calibration.input.frames] == [frame.points for frame in frames]
+    keys = ["points", "point_labels", "image_labels", *files_of(cues)]
+    names = {str(getattr(frame, key)) for frame in frames for key in keys}
+    hashes = {name: sha256((street / name).read_bytes()).hexdigest() for name in {"drive.yaml"} | names}
+    assert calibration.input.sha256 == hashes
+
+
+def test_frames_of_every_cue_are_chosen_alike(street: Path) -> None:
+    data = load(street, CalibrationConfig(cues=("labels", "intensity")))
+    few, whole = data.of_frames(CHOSEN), data.observations
+    places = [*CHOSEN, *(len(data.drive.frames) + index for index in CHOSEN)]
+    assert few.observations.num_frames == len(places)
+    for found, place in enumerate(places):
+        np.testing.assert_array_equal(few.observations.points[found], whole.points[place])
+        np.testing.assert_array_equal(few.observations.point_classes[found], whole.point_classes[place])
+        np.testing.assert_array_equal(few.observations.image_classes[found], whole.image_classes[place])
+    assert few.first_cue.num_frames == len(CHOSEN)
+    np.testing.assert_array_equal(few.first_cue.image_classes[0], whole.image_classes[CHOSEN[0]])
