@@ -3,7 +3,6 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
 
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig

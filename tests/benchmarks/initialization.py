@@ -19,7 +19,6 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from semcal_cli.assessment.findings import MIN_RUNNER_UP_MARGIN
 
 from semcal_cli import _core
 from semcal_cli.config import AlignmentConfig, InitializationConfig
