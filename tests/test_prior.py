@@ -7,19 +7,19 @@ from hypothesis import given
 from scipy.linalg import expm
 
 from semcal_cli.assessment.priors import Prior, _Known, _Labels, _solve, fuse, hold
-from semcal_cli.assessment.uncertainty import Uncertainty, estimate_uncertainty, sensitivity
+from semcal_cli.assessment.uncertainty import Uncertainty, estimate_uncertainty, influences_of, sensitivity
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import LabelledImage, Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
-from semcal_cli.refinement.polish import climb
+from semcal_cli.refinement.polish import newton
 
 FREE = (np.inf,) * 6
 
 
 @pytest.fixture(scope="module")
 def polished(street_observations: Observations, street_truth: Pose) -> Pose:
-    return climb(street_observations, street_truth, PolishConfig())[0]
+    return newton(street_observations, street_truth, PolishConfig()).T_camera_lidar
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_what_is_hardly_known_leaves_newtons_step_and_its_covariance(
     around = sensitivity(street_observations, alone.T_camera_lidar)
     assert around is not None
     assert fused.uncertainty is not None
-    expected = twisted(alone.T_camera_lidar, around.influences().sum(axis=0))
+    expected = twisted(alone.T_camera_lidar, influences_of(around).sum(axis=0))
     np.testing.assert_allclose(fused.T_camera_lidar, expected, atol=1e-6)
     np.testing.assert_allclose(fused.uncertainty.covariance, alone.covariance, rtol=1e-3, atol=1e-12)
     np.testing.assert_allclose(fused.uncertainty.degrees_of_freedom, alone.degrees_of_freedom, rtol=1e-3)
