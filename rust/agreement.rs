@@ -8,7 +8,7 @@ use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
-use crate::visibility::{Landing, hidden, land};
+use crate::visibility::{Projected, hidden, project_points};
 
 /// The picture is divided into so many blocks along its longer side to tell which share of it the points cover.
 const COVER_BLOCKS: f64 = 40.0;
@@ -73,9 +73,9 @@ fn merged(observations: &Observations, clusters: &[&JointHistogram]) -> JointHis
 
 /// A difference between two poses, nats.
 #[derive(Clone, Copy, Debug)]
-pub struct Gain {
+pub struct HeldOutGain {
     /// Over all pairs.
-    pub mean: f64,
+    pub gain: f64,
     /// Its standard error over clusters; infinite if there are fewer than two.
     pub sigma: f64,
 }
@@ -87,7 +87,7 @@ pub fn held_out_gain(
     held_out: &Observations,
     before: &Isometry3<f64>,
     after: &Isometry3<f64>,
-) -> Gain {
+) -> HeldOutGain {
     let [before, after] = [before, after].map(|pose| {
         let table = measure(observations, pose).joint.pointwise_at_least(LEAST_WEIGHT);
         let frames = per_frame(held_out, pose);
@@ -103,7 +103,7 @@ pub fn held_out_gain(
     let (count, sum) = (gains.len() as f64, gains.iter().sum::<f64>());
     let scatter: f64 = gains.iter().map(|gain| (gain - sum / count).powi(2)).sum();
     let sigma = if gains.len() < 2 { f64::INFINITY } else { (scatter * count / (count - 1.0)).sqrt() };
-    Gain { mean: sum, sigma }
+    HeldOutGain { gain: sum, sigma }
 }
 
 /// The standard error of the mutual information: pairs in a cluster depend on one another, clusters do not. A pair moves
@@ -129,8 +129,8 @@ struct FrameAgreement {
 impl FrameAgreement {
     fn new(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Self {
         let camera = &observations.camera;
-        let landings = land(camera, &frame.points, t_camera_lidar);
-        let hidden = hidden(camera, &landings);
+        let projected = project_points(camera, &frame.points, t_camera_lidar);
+        let hidden = hidden(camera, &projected);
         let across = (CLUSTERS_ACROSS / (observations.frames.len() as f64).sqrt()).ceil();
         let areas = Blocks::new(camera, across);
         let empty = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
@@ -138,8 +138,8 @@ impl FrameAgreement {
         let (mut num_inside, mut num_hidden) = (0, 0);
         let cover = Blocks::new(camera, COVER_BLOCKS);
         let mut covered = vec![false; cover.count];
-        for ((landing, &class), hidden) in landings.iter().zip(frame.point_classes.iter()).zip(hidden) {
-            let Some(Landing { pixel, .. }) = landing else {
+        for ((point, &class), hidden) in projected.iter().zip(frame.point_classes.iter()).zip(hidden) {
+            let Some(Projected { pixel, .. }) = point else {
                 continue;
             };
             if class == NO_CLASS {

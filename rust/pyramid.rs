@@ -81,19 +81,19 @@ impl ShareMap {
     /// them.
     ///
     /// Only whole blocks count, so that block `(i, j)` is centred on pixel `factor * (i + 1/2) - 1/2` exactly; pixels
-    /// without a class take their share but give it to none. Pixels less than `edge_band` pixels from one of another
+    /// without a class take their share but give it to none. Pixels less than `edge_band_px` pixels from one of another
     /// class count little; where a network gave shares there is no band, since these say themselves how sure a border is
     /// (with a band, labels blurred by 5 pixels ended at 0.06 instead of 0.03 degrees).
     pub fn new(
         image: &LabelImage<u8>,
         shares: Option<&ClassShares>,
         factor: usize,
-        edge_band: usize,
+        edge_band_px: usize,
     ) -> Self {
-        let blocks = match (shares, factor, edge_band) {
+        let blocks = match (shares, factor, edge_band_px) {
             (None, 1, 0) => Blocks::Pixels(image.ids.clone()),
-            (None, 1, _) => Blocks::Banded(image.ids.clone(), amounts(image, edge_band)),
-            _ => Blocks::Shares(averaged(image, shares, factor, edge_band)),
+            (None, 1, _) => Blocks::Banded(image.ids.clone(), amounts(image, edge_band_px)),
+            _ => Blocks::Shares(averaged(image, shares, factor, edge_band_px)),
         };
         Self { factor, columns: image.width / factor, rows: image.height / factor, blocks }
     }
@@ -218,9 +218,9 @@ impl Shares<'_> {
         }
     }
 
-    /// The slope, per pixel, of `sum_y values[y] share_y / sum_y share_y`; some share has to be labelled.
+    /// The gradient, per pixel, of `sum_y values[y] share_y / sum_y share_y`; some share has to be labelled.
     #[inline]
-    pub fn slope(&self, values: &[f64]) -> Vector2<f64> {
+    pub fn gradient(&self, values: &[f64]) -> Vector2<f64> {
         // The sum over classes, and the labelled share, of each corner.
         let sums = self.corners.map(|corner| {
             corner.iter().fold(Vector2::zeros(), |sum, share| {
@@ -245,11 +245,11 @@ fn averaged(
     image: &LabelImage<u8>,
     shares: Option<&ClassShares>,
     factor: usize,
-    edge_band: usize,
+    edge_band_px: usize,
 ) -> ClassShares {
     let (columns, rows) = (image.width / factor, image.height / factor);
     let ids = &image.ids;
-    let amounts = if shares.is_none() { amounts(image, edge_band) } else { Vec::new() };
+    let amounts = if shares.is_none() { amounts(image, edge_band_px) } else { Vec::new() };
     // Without a branch within a line.
     let is_all_of = |class: u8, line: Range<usize>| {
         let pairs = ids[line.clone()].iter().zip(&amounts[line]);

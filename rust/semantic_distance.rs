@@ -33,9 +33,11 @@ pub struct ClassInFrame {
 /// How the cost is minimised.
 #[derive(Clone, Copy, Debug)]
 pub struct DescentConfig {
-    /// A line search reaches so far, radians and metres ...
-    pub step: (f64, f64),
-    /// ... and ends within this share of it.
+    /// A line search turns the camera by at most this.
+    pub step_rad: f64,
+    /// A line search moves the camera by at most this.
+    pub step_m: f64,
+    /// A line search ends within this share of its step.
     pub tolerance: f64,
     /// Of Powell's method, from each start.
     pub max_rounds: usize,
@@ -47,11 +49,11 @@ pub struct DescentConfig {
 
 /// Where the cost is least.
 #[derive(Clone, Copy, Debug)]
-pub struct Descent {
+pub struct DistanceMinimum {
     /// T_camera_lidar.
     pub pose: Isometry3<f64>,
-    /// Pixels.
-    pub cost: f64,
+    /// The cost there.
+    pub cost_px: f64,
     /// Costs computed.
     pub num_evaluations: usize,
     /// Whether the last restarts gained nothing.
@@ -96,22 +98,25 @@ impl SemanticDistance {
     ///
     /// # Errors
     /// No point lands in the picture at the start.
-    pub fn minimize(&self, start: &Isometry3<f64>, config: &DescentConfig) -> Result<Descent> {
+    pub fn minimize(&self, start: &Isometry3<f64>, config: &DescentConfig) -> Result<DistanceMinimum> {
         let near = self.near(start, config.max_points);
         let cost = near.at(start);
         if !cost.is_finite() {
             return Err(Error::Calibration("no overlap: no point of any class lands in the picture".into()));
         }
-        let mut found = Descent { pose: *start, cost, num_evaluations: 1, converged: false };
+        let mut found = DistanceMinimum { pose: *start, cost_px: cost, num_evaluations: 1, converged: false };
         let mut num_idle = 0;
         for restart in 0..=config.max_restarts {
             let scale = if restart % 2 == 0 { 1.0 } else { SHORTER };
             let (pose, minimum) = near.descend(&found.pose, scale, config);
             found.num_evaluations += minimum.num_evaluations;
-            num_idle =
-                if found.cost - minimum.value > config.tolerance * found.cost { 0 } else { num_idle + 1 };
-            if minimum.value < found.cost {
-                (found.pose, found.cost) = (pose, minimum.value);
+            num_idle = if found.cost_px - minimum.value > config.tolerance * found.cost_px {
+                0
+            } else {
+                num_idle + 1
+            };
+            if minimum.value < found.cost_px {
+                (found.pose, found.cost_px) = (pose, minimum.value);
             }
             // Neither far nor near is there anything better.
             if num_idle == 2 {
@@ -136,7 +141,7 @@ impl SemanticDistance {
             let center = center + to_lidar * Vector3::new(x[3], x[4], x[5]);
             Isometry3::from_parts((-(rotation * center)).into(), rotation)
         };
-        let (turn, shift) = (config.step.0 * scale, config.step.1 * scale);
+        let (turn, shift) = (config.step_rad * scale, config.step_m * scale);
         let step = [turn, turn, turn, shift, shift, shift];
         let powell = PowellConfig { step, tolerance: config.tolerance, max_rounds: config.max_rounds };
         let minimum = minimize(|x| self.at(&pose(x)), [0.0; 6], &powell);
@@ -200,7 +205,8 @@ mod tests {
 
     const SIZE: usize = 64;
     const CONFIG: DescentConfig = DescentConfig {
-        step: (0.05, 0.2),
+        step_rad: 0.05,
+        step_m: 0.2,
         tolerance: 1e-4,
         max_rounds: 50,
         max_restarts: 20,
@@ -268,7 +274,7 @@ mod tests {
         let turn = UnitQuaternion::from_scaled_axis(Vector3::new(0.02, -0.03, 0.01));
         let start = Isometry3::from_parts(Vector3::new(0.1, -0.05, 0.1).into(), turn);
         let found = cost.minimize(&start, &CONFIG).unwrap();
-        assert!(found.converged && found.cost < 0.02, "{found:?}");
+        assert!(found.converged && found.cost_px < 0.02, "{found:?}");
         assert!(
             found.pose.rotation.angle() < 0.001 && found.pose.translation.vector.norm() < 0.005,
             "{found:?}"

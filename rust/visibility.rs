@@ -1,4 +1,4 @@
-//! Where LiDAR points land in the picture, and which of them the camera cannot see because nearer ones stand in the way.
+//! LiDAR points in the picture, and which of them the camera cannot see because nearer ones stand in the way.
 
 use nalgebra::{Isometry3, Point2, Vector3};
 
@@ -7,7 +7,7 @@ use crate::spherical::to_f64;
 
 /// A point inside the picture.
 #[derive(Clone, Copy, Debug)]
-pub struct Landing {
+pub struct Projected {
     /// `(u, v)`.
     pub pixel: Point2<f64>,
     /// Distance from the camera's centre, metres.
@@ -26,21 +26,25 @@ const NEARER: f64 = 0.8;
 const ROUND_OFF: f64 = 1e-9;
 
 /// Projects points (metres, LiDAR frame); `None` for those outside the picture.
-pub fn land(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<Option<Landing>> {
+pub fn project_points(
+    camera: &Camera,
+    points: &[[f32; 3]],
+    t_camera_lidar: &Isometry3<f64>,
+) -> Vec<Option<Projected>> {
     let rotation = t_camera_lidar.rotation.to_rotation_matrix();
-    let land = |point: &[f32; 3]| {
+    let project = |point: &[f32; 3]| {
         let p_lidar = to_f64(point);
         let p_camera = rotation * p_lidar + t_camera_lidar.translation.vector;
         let pixel = camera.project(&p_camera).filter(|pixel| camera.contains(pixel))?;
         let range = p_camera.norm();
-        Some(Landing {
+        Some(Projected {
             pixel,
             range,
             direction_lidar: p_lidar.normalize(),
             direction_camera: p_camera / range,
         })
     };
-    points.iter().map(land).collect()
+    points.iter().map(project).collect()
 }
 
 /// Tells which points are hidden from the camera.
@@ -49,12 +53,12 @@ pub fn land(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64
 /// camera, sees past the nearer one. So a point is hidden when some nearer return lands within about one spacing of the
 /// projected points, and the LiDAR separates the two by more than the camera does: without a baseline nothing is hidden.
 /// Some visible points beside an edge are lost to this; what counts is that hidden ones do not pull at it.
-pub fn hidden(camera: &Camera, landings: &[Option<Landing>]) -> Vec<bool> {
-    let num_inside = landings.iter().flatten().count().max(1);
+pub fn hidden(camera: &Camera, projected: &[Option<Projected>]) -> Vec<bool> {
+    let num_inside = projected.iter().flatten().count().max(1);
     let area = (camera.width * camera.height) as f64;
     let spacing = (area / num_inside as f64).sqrt().max(1.0);
-    let buffer = NearestReturns::new(camera, landings, spacing);
-    let hides = |near: &Landing, far: &Landing| {
+    let buffer = NearestReturns::new(camera, projected, spacing);
+    let hides = |near: &Projected, far: &Projected| {
         if near.range >= NEARER * far.range {
             return false;
         }
@@ -63,8 +67,8 @@ pub fn hidden(camera: &Camera, landings: &[Option<Landing>]) -> Vec<bool> {
         let seen_from_camera = (near.direction_camera - far.direction_camera).norm();
         seen_from_lidar > seen_from_camera + ROUND_OFF
     };
-    let is_hidden = |l: &Landing| buffer.around(&l.pixel).any(|near| hides(near, l));
-    landings.iter().map(|l| l.as_ref().is_some_and(is_hidden)).collect()
+    let is_hidden = |l: &Projected| buffer.around(&l.pixel).any(|near| hides(near, l));
+    projected.iter().map(|l| l.as_ref().is_some_and(is_hidden)).collect()
 }
 
 /// A coarse z-buffer: the nearest of the points that land in each square block.
@@ -72,19 +76,19 @@ struct NearestReturns<'a> {
     block: f64,
     columns: usize,
     rows: usize,
-    nearest: Vec<Option<&'a Landing>>,
+    nearest: Vec<Option<&'a Projected>>,
 }
 
 impl<'a> NearestReturns<'a> {
-    fn new(camera: &Camera, landings: &'a [Option<Landing>], block: f64) -> Self {
+    fn new(camera: &Camera, projected: &'a [Option<Projected>], block: f64) -> Self {
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let (columns, rows) = (blocks(camera.width), blocks(camera.height));
         let mut buffer = Self { block, columns, rows, nearest: vec![None; columns * rows] };
-        for landing in landings.iter().flatten() {
-            let (column, row) = buffer.at(&landing.pixel);
+        for point in projected.iter().flatten() {
+            let (column, row) = buffer.at(&point.pixel);
             let nearest = &mut buffer.nearest[row * columns + column];
-            if nearest.is_none_or(|n| landing.range < n.range) {
-                *nearest = Some(landing);
+            if nearest.is_none_or(|n| point.range < n.range) {
+                *nearest = Some(point);
             }
         }
         buffer
@@ -96,7 +100,7 @@ impl<'a> NearestReturns<'a> {
     }
 
     /// The nearest returns of the 3 x 3 blocks around a pixel.
-    fn around(&self, pixel: &Point2<f64>) -> impl Iterator<Item = &'a Landing> {
+    fn around(&self, pixel: &Point2<f64>) -> impl Iterator<Item = &'a Projected> {
         let (column, row) = self.at(pixel);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
         let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
@@ -124,10 +128,10 @@ mod tests {
     #[test]
     fn the_wall_behind_the_post_is_hidden_and_nothing_else() {
         let (camera, points, t_camera_lidar) = scene(0.5);
-        let landings = land(&camera, &points, &t_camera_lidar);
+        let projected = project_points(&camera, &points, &t_camera_lidar);
         let mut num_hidden = 0;
-        for (landing, hidden) in landings.iter().zip(hidden(&camera, &landings)) {
-            if let Some(Landing { pixel, range, .. }) = landing {
+        for (point, hidden) in projected.iter().zip(hidden(&camera, &projected)) {
+            if let Some(Projected { pixel, range, .. }) = point {
                 let behind_the_post = *range > 5.0 && (pixel.x - 319.5).abs() < 17.0;
                 assert!(behind_the_post || !hidden, "{pixel} at {range} m");
             }
@@ -139,6 +143,6 @@ mod tests {
     #[test]
     fn without_a_baseline_nothing_is_hidden() {
         let (camera, points, t_camera_lidar) = scene(0.0);
-        assert!(!hidden(&camera, &land(&camera, &points, &t_camera_lidar)).contains(&true));
+        assert!(!hidden(&camera, &project_points(&camera, &points, &t_camera_lidar)).contains(&true));
     }
 }

@@ -2,28 +2,35 @@
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import TypeAlias, final
+from typing import Protocol, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
 
 _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]
-_Grid: TypeAlias = tuple[int, int, float, float]
-"""Rows, columns, elevation of the upper border and height of a cell of a spherical image."""
 
 __all__ = [
     "Agreement",
+    "Aligned",
     "AnchoredPoints",
     "Camera",
     "ClassShares",
+    "Correspondences",
+    "DistanceMinimum",
+    "Grid",
+    "HeldOutGain",
     "Hypothesis",
     "LabelledCloud",
     "LabelledImage",
     "Observations",
     "PointCloud",
+    "Polished",
+    "Projected",
+    "RenderedFrame",
     "Renderer",
     "SemanticDistance",
+    "Sensitivity",
     "SphericalImages",
     "Trajectory",
     "agreement",
@@ -31,9 +38,9 @@ __all__ = [
     "despeckle",
     "estimate_grid",
     "held_out_gain",
-    "land",
     "parse_point_cloud",
     "polish",
+    "project_points",
     "quaternion",
     "read_class_shares",
     "read_label_images",
@@ -44,10 +51,113 @@ __all__ = [
     "scan_grid",
     "sensitivity",
     "set_num_threads",
-    "spherical_image",
     "student_quantile",
     "synthetic_classes",
 ]
+
+class _AlignmentConfig(Protocol):
+    """What `align` reads."""
+
+    @property
+    def edge_band_px(self) -> int: ...
+    @property
+    def steps(self) -> int: ...
+    @property
+    def batch_size(self) -> int: ...
+    @property
+    def step_size(self) -> float: ...
+    @property
+    def final_step(self) -> float: ...
+    @property
+    def max_baseline_m(self) -> float: ...
+    @property
+    def max_points(self) -> int: ...
+
+class _PolishConfig(Protocol):
+    """What `polish` reads."""
+
+    @property
+    def edge_band_px(self) -> int: ...
+    @property
+    def max_rounds(self) -> int: ...
+    @property
+    def max_steps(self) -> int: ...
+    @property
+    def tolerance_px(self) -> float: ...
+    @property
+    def max_baseline_m(self) -> float: ...
+
+class _SensitivityConfig(Protocol):
+    """What `sensitivity` reads."""
+
+    @property
+    def factor(self) -> int: ...
+    @property
+    def edge_band_px(self) -> int: ...
+    @property
+    def max_points(self) -> int: ...
+    @property
+    def with_intrinsics(self) -> bool: ...
+    @property
+    def regions_across(self) -> int: ...
+
+class _RegistrationConfig(Protocol):
+    """What `register` reads."""
+
+    @property
+    def zoom(self) -> str: ...
+    @property
+    def coarse_cell_deg(self) -> float: ...
+    @property
+    def fine_cell_deg(self) -> float: ...
+    @property
+    def max_roll_deg(self) -> float: ...
+    @property
+    def roll_step_deg(self) -> float: ...
+    @property
+    def min_cells_of_most(self) -> float: ...
+    @property
+    def num_hypotheses(self) -> int: ...
+    @property
+    def separation_deg(self) -> float: ...
+
+class _DescentConfig(Protocol):
+    """What `SemanticDistance.minimize` reads."""
+
+    @property
+    def step_deg(self) -> float: ...
+    @property
+    def step_m(self) -> float: ...
+    @property
+    def tolerance(self) -> float: ...
+    @property
+    def max_rounds(self) -> int: ...
+    @property
+    def max_restarts(self) -> int: ...
+    @property
+    def max_points(self) -> int: ...
+
+class _LidarConfig(Protocol):
+    """What `Renderer` reads."""
+
+    @property
+    def pattern(self) -> str: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def columns(self) -> int: ...
+    @property
+    def fov_up_deg(self) -> float: ...
+    @property
+    def fov_down_deg(self) -> float: ...
+    @property
+    def range_noise_m(self) -> float: ...
+    @property
+    def dropout(self) -> float: ...
+    @property
+    def max_range_m(self) -> float: ...
+    @property
+    def lidar_tilt_deg(self) -> float: ...
 
 @final
 class Camera:
@@ -124,7 +234,13 @@ class AnchoredPoints:
     """The labelled points of a level of the pyramid that land on labelled pixels at an anchor pose."""
 
     def __new__(
-        cls, observations: Observations, anchor: _Float64, *, factor: int, edge_band: int, visible_only: bool
+        cls,
+        observations: Observations,
+        anchor: _Float64,
+        *,
+        factor: int,
+        edge_band_px: int,
+        visible_only: bool,
     ) -> AnchoredPoints: ...
     @property
     def classes(self) -> NDArray[np.uint8]:
@@ -133,7 +249,7 @@ class AnchoredPoints:
     def weights(self) -> _Float32:
         """(N,) labelled share of the blocks under each point, at the anchor."""
     @property
-    def unit_motions(self) -> _Float64:
+    def preconditioner(self) -> _Float64:
         """(6, 6): columns are twists that each move the points by one block, independently of one another."""
     def shares(self, indices: NDArray[np.int64], t_camera_lidar: _Float64) -> _Float64:
         """Shares of each class (n, num_image_classes) under points (n,); rows add up to one, or to zero."""
@@ -153,24 +269,48 @@ class SemanticDistance:
         """
     def at(self, t_camera_lidar: _Float64) -> float:
         """The mean distance of points that land in the picture, averaged over classes; infinite if none does."""
-    def minimize(
-        self,
-        t_camera_lidar: _Float64,
-        *,
-        step_rad: float,
-        step_m: float,
-        tolerance: float,
-        max_rounds: int,
-        max_restarts: int,
-        max_points: int,
-    ) -> tuple[_Float64, float, int, bool]:
-        """Minimise it by Powell's method: the pose, its cost, costs computed, and whether it has settled."""
+    def minimize(self, t_camera_lidar: _Float64, config: _DescentConfig) -> DistanceMinimum:
+        """Minimise it by Powell's method from a pose; raises `CalibrationError` if no point lands in the picture."""
+
+@final
+class DistanceMinimum:
+    """Where the cost of SOIC is least."""
+
+    @property
+    def T_camera_lidar(self) -> _Float64:
+        """(4, 4)."""
+    @property
+    def cost_px(self) -> float:
+        """The cost there."""
+    @property
+    def num_evaluations(self) -> int:
+        """How many costs were computed."""
+    @property
+    def converged(self) -> bool:
+        """Whether the last restarts gained nothing."""
+
+@final
+class Grid:
+    """The angular grid of a spherical image. Row 0 is the highest; columns go all round."""
+
+    @property
+    def rows(self) -> int:
+        """Cells from top to bottom."""
+    @property
+    def columns(self) -> int:
+        """Cells around."""
+    @property
+    def top(self) -> float:
+        """Elevation of the upper border, radians."""
+    @property
+    def cell_height(self) -> float:
+        """Radians."""
 
 @final
 class SphericalImages:
     """The spherical images of all frames on a grid: the labelled returns that are the nearest of a pixel."""
 
-    def __new__(cls, observations: Observations, grid: _Grid) -> SphericalImages: ...
+    def __new__(cls, observations: Observations, grid: Grid) -> SphericalImages: ...
 
 @final
 class Hypothesis:
@@ -179,6 +319,17 @@ class Hypothesis:
     @property
     def num_pairs(self) -> int:
         """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
+
+@final
+class Correspondences:
+    """Points and the pixels that a hypothesis puts them on."""
+
+    @property
+    def points(self) -> _Float64:
+        """(N, 3) metres, LiDAR frame."""
+    @property
+    def pixels(self) -> _Float64:
+        """(N, 2), (u, v)."""
 
 @final
 class PointCloud:
@@ -257,51 +408,120 @@ class Agreement:
         """(num_point_classes, num_image_classes) weights of the visible pairs."""
 
 @final
+class HeldOutGain:
+    """How much better held-out data agree at one pose than at another."""
+
+    @property
+    def gain(self) -> float:
+        """Nats."""
+    @property
+    def sigma(self) -> float:
+        """Its standard error over parts of the pictures, nats; infinite if there are fewer than two."""
+
+@final
+class Aligned:
+    """Where an ascent ended."""
+
+    @property
+    def T_camera_lidar(self) -> _Float64:
+        """(4, 4)."""
+    @property
+    def mutual_information(self) -> float:
+        """Of points and blocks there, less its bias, nats."""
+    @property
+    def num_points(self) -> int:
+        """Labelled points on labelled blocks there."""
+    @property
+    def drift(self) -> float:
+        """Blocks between the mean poses of the last two quarters: how far it was from settled."""
+
+@final
+class Polished:
+    """Where a polish ended."""
+
+    @property
+    def T_camera_lidar(self) -> _Float64:
+        """(4, 4)."""
+    @property
+    def moved_px(self) -> float:
+        """How far the last round moved the points, or still wanted to move them, root mean square."""
+    @property
+    def inverse_curvature(self) -> _Float64 | None:
+        """(6, 6) inverse of minus the second derivative, with which a polish near by may begin.
+
+        None where nothing changes the information.
+        """
+
+@final
+class Sensitivity:
+    """How the mutual information depends on n parameters around a pose.
+
+    The first six are a twist on the left of the pose (metres, radians); fx, fy, cx, cy (pixels) and k1 may follow.
+    """
+
+    def __new__(cls, curvature: _Float64, scores: _Float64, motions: _Float64) -> Sensitivity: ...
+    @property
+    def curvature(self) -> _Float64:
+        """(n, n) minus the second derivative, nats."""
+    @property
+    def scores(self) -> _Float64:
+        """(parts, n) share of the gradient of each frame and square of the picture, nats."""
+    @property
+    def motions(self) -> _Float64:
+        """(n, n) mean products of the pixels by which the parameters move the points."""
+
+@final
+class Projected:
+    """Points in a picture."""
+
+    @property
+    def pixels(self) -> _Float64:
+        """(N, 2), (u, v); NaN outside the picture."""
+    @property
+    def ranges(self) -> _Float64:
+        """(N,) metres from the camera; NaN outside the picture."""
+    @property
+    def is_hidden(self) -> NDArray[np.bool_]:
+        """(N,) whether a nearer return hides the point from the camera."""
+
+@final
 class Renderer:
     """Renders synthetic streets for one rig."""
 
-    def __new__(
-        cls,
-        camera: Camera,
-        t_camera_lidar: _Float64,
-        *,
-        pattern: str,
-        channels: int,
-        columns: int,
-        fov_up_deg: float,
-        fov_down_deg: float,
-        range_noise_m: float,
-        dropout: float,
-        max_range_m: float,
-        tilt_deg: float,
-    ) -> Renderer: ...
-    def frame(
-        self, seed: int, number: int
-    ) -> tuple[_Float32, NDArray[np.uint32], NDArray[np.uint8], NDArray[np.uint8], NDArray[np.uint8], int]:
-        """Render the frame of a number in the world of a seed.
+    def __new__(cls, camera: Camera, t_camera_lidar: _Float64, config: _LidarConfig) -> Renderer:
+        """Prepare a rig; raises `InputError` if the LiDAR has no rays or the camera is too far from it."""
+    def frame(self, seed: int, number: int) -> RenderedFrame:
+        """Render the frame of a number in the world of a seed."""
 
-        Returns:
-            Points (N, 4) with intensity; labels (N,), `instance << 16 | class`; visibility (N,), 0 outside the
-            picture, 1 hidden, 2 visible; image labels (H, W); picture (H, W, 3) RGB; objects in view.
-        """
+@final
+class RenderedFrame:
+    """What a rig measures at one moment."""
+
+    @property
+    def points(self) -> _Float32:
+        """(N, 4) metres, LiDAR frame, and intensity."""
+    @property
+    def point_labels(self) -> NDArray[np.uint32]:
+        """(N,) `instance << 16 | class`."""
+    @property
+    def point_visibility(self) -> NDArray[np.uint8]:
+        """(N,) 0 outside the picture, 1 hidden, 2 visible."""
+    @property
+    def image_labels(self) -> NDArray[np.uint8]:
+        """(H, W) classes."""
+    @property
+    def image_rgb(self) -> NDArray[np.uint8]:
+        """(H, W, 3)."""
+    @property
+    def num_objects(self) -> int:
+        """Distinct objects in the picture or among the returns."""
 
 def sensitivity(
-    observations: Observations,
-    t_camera_lidar: _Float64,
-    *,
-    factor: int,
-    edge_band: int,
-    max_points: int,
-    with_intrinsics: bool,
-    regions_across: int,
-) -> tuple[_Float64, _Float64, _Float64] | None:
+    observations: Observations, t_camera_lidar: _Float64, config: _SensitivityConfig
+) -> Sensitivity | None:
     """How the mutual information depends on pose and intrinsics around a pose: see `rust/alignment/sensitivity.rs`.
 
-    Returns:
-        With n parameters, which are a twist on the left of the pose (metres, radians) and, if asked for, fx, fy, cx, cy
-        (pixels) and k1: curvature (n, n), minus the second derivative in nats; scores (parts, n), the share of the
-        gradient of each frame and square of the picture, nats; motions (n, n), mean products of the pixels by which the
-        parameters move the points. None where no point lands on a label, or nothing changes the information.
+    None where no point lands on a label, or nothing changes the information.
     """
 
 def student_quantile(probability: float, degrees_of_freedom: float) -> float:
@@ -343,11 +563,11 @@ def read_label_images(
         InputError: a file cannot be read, has several channels or is not of the palette's kind, or has another size.
     """
 
-def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> _Grid:
+def scan_grid(channels: int, columns: int, fov_up: float, fov_down: float) -> Grid:
     """The grid of a spinning LiDAR, one row a channel."""
 
-def estimate_grid(observations: Observations) -> _Grid:
-    """The grid of a sensor that is not described.
+def estimate_grid(points: Sequence[_Float32]) -> Grid:
+    """The grid of a sensor that is not described, from its sweeps (N, 3).
 
     Channels are found in the histogram of elevations; a pattern without channels gets square cells that its points
     fill.
@@ -355,9 +575,6 @@ def estimate_grid(observations: Observations) -> _Grid:
     Raises:
         CalibrationError: there are no points, or they span no elevations.
     """
-
-def spherical_image(points: _Float32, grid: _Grid) -> NDArray[np.uint32]:
-    """The index of the nearest return in each pixel; 2^32 - 1 where there is none."""
 
 def read_label_thumbnails(
     paths: Sequence[PathLike[str]],
@@ -382,20 +599,12 @@ def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[
 def register(
     observations: Observations,
     images: SphericalImages,
-    *,
-    zoom: str,
-    coarse_cell: float,
-    fine_cell: float,
-    max_roll: float,
-    roll_step: float,
-    around: tuple[_Float64, float] | None,
-    min_cells_of_most: float,
-    num_hypotheses: int,
-    separation: float,
+    config: _RegistrationConfig,
+    around: tuple[_Float64, float] | None = None,
 ) -> list[Hypothesis]:
     """Find the best well-separated placements of the pictures on the sphere, best first.
 
-    `around` narrows the search to rotations within an angle of that of a `T_camera_lidar`.
+    `around` narrows the search to rotations within an angle, radians, of that of a `T_camera_lidar`.
 
     Raises:
         CalibrationError: no placement overlaps labelled points with labelled pixels.
@@ -408,58 +617,35 @@ def sample_correspondences(
     hypotheses: Sequence[Hypothesis],
     count: int,
     seed: int,
-) -> list[tuple[_Float64, _Float64]]:
-    """Sample, for each hypothesis, points (N, 3) in the LiDAR frame and their pixels (N, 2).
+) -> list[Correspondences]:
+    """Sample, for each hypothesis, points and their pixels.
 
     They are spread over the picture and over range.
     """
 
 def align(
     observations: Observations,
-    t_camera_lidar: Sequence[_Float64],
+    poses: Sequence[_Float64],
+    config: _AlignmentConfig,
     *,
     factor: int,
-    edge_band: int,
     visible_only: bool,
-    steps: int,
-    batch_size: int,
-    step_size: float,
-    final_step: float,
-    max_baseline: float,
-    max_points: int,
     seed: int,
-) -> list[tuple[_Float64, float, int, float]]:
-    """Let poses climb the mutual information of points and blocks of `factor x factor` pixels, over SE(3).
-
-    Returns:
-        For each, the pose (4, 4), the mutual information there less its bias, in nats, the number of points, and by how
-        many blocks the pose still drifted at the end.
-    """
+) -> list[Aligned]:
+    """Let poses ascend the mutual information of points and blocks of `factor x factor` pixels, over SE(3)."""
 
 def polish(
     observations: Observations,
     t_camera_lidar: _Float64,
-    *,
-    factor: int,
-    edge_band: int,
-    visible_only: bool,
-    max_rounds: int,
-    max_steps: int,
-    tolerance: float,
-    max_baseline: float,
-    inverse_curvature: _Float64 | None = ...,
-) -> tuple[_Float64, float, _Float64 | None]:
-    """Bring a pose to the top of the mutual information of all points, deterministically.
-
-    Returns:
-        The pose (4, 4), by how many blocks the last round moved the points, and the inverse (6, 6) of minus the second
-        derivative, with which a polish near by may begin; None where nothing changes the information.
-    """
+    config: _PolishConfig,
+    inverse_curvature: _Float64 | None = None,
+) -> Polished:
+    """Bring a pose to the top of the mutual information of all visible points, deterministically."""
 
 def held_out_gain(
     observations: Observations, held_out: Observations, before: _Float64, after: _Float64
-) -> tuple[float, float]:
-    """How much better held-out data agree at one pose than at another, nats, and its standard error.
+) -> HeldOutGain:
+    """How much better held-out data agree at one pose than at another.
 
     Tables of pointwise mutual information are those of `observations` at each pose.
     """
@@ -467,10 +653,8 @@ def held_out_gain(
 def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:
     """Compare points and label images at a pose."""
 
-def land(
-    camera: Camera, points: _Float32, t_camera_lidar: _Float64
-) -> tuple[_Float64, _Float64, NDArray[np.bool_]]:
-    """Where points land: pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; who is hidden."""
+def project_points(camera: Camera, points: _Float32, t_camera_lidar: _Float64) -> Projected:
+    """Project points (N, 3), metres, LiDAR frame, and tell which of them nearer ones hide."""
 
 def quaternion(t: _Float64) -> list[float]:
     """The rotation of a rigid transform (4, 4) as a unit quaternion x, y, z, w with w >= 0."""

@@ -7,7 +7,7 @@ of a class are recorded in the result under `settings.options`.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import ClassVar, Literal, TypeAlias
 
 Cue: TypeAlias = Literal["labels", "intensity", "features"]
 """What points and pixels are compared by."""
@@ -93,6 +93,8 @@ class AlignmentConfig:
     max_baseline_m: float = MAX_BASELINE_M
     max_points: int = 100_000
     """Points, over all frames and directions, that are looked at."""
+    edge_band_px: ClassVar[int] = 0
+    """Blocks this coarse have no band along the borders of classes."""
     same_deg: float = 2.0
     """Hypotheses that come together to within this rotation have found the same pose."""
 

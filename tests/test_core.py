@@ -10,22 +10,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose
 
-EMPTY = 2**32 - 1
 SUM_ORDER = 1e-9
-
-
-def test_the_nearest_return_wins_a_pixel() -> None:
-    rng = np.random.default_rng(0)
-    points = rng.normal(0.0, 8.0, (5000, 3)).astype(np.float32)
-    rows, columns, top, height = grid = _core.scan_grid(32, 360, np.radians(10.0), np.radians(-30.0))
-    x, y, z = points.astype(np.float64).T
-    row = np.floor((top - np.arctan2(z, np.hypot(x, y))) / height).astype(int)
-    column = np.floor((np.pi - np.arctan2(y, x)) / (2 * np.pi) * columns).astype(int)
-    expected = np.full((rows, columns), EMPTY, np.uint32)
-    for index in np.argsort(-np.linalg.norm(points.astype(np.float64), axis=1)):
-        if 0 <= row[index] < rows:
-            expected[row[index], column[index]] = index
-    np.testing.assert_array_equal(_core.spherical_image(points, grid), expected)
 
 
 def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
@@ -38,10 +23,10 @@ def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
     num_visible = 0
     for frame in observations.frames:
         points, classes, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
-        pixels, _, hidden = _core.land(camera, points, street_truth)
-        keep = ~np.isnan(pixels[:, 0]) & ~hidden & (classes != 255)
+        projected = _core.project_points(camera, points, street_truth)
+        keep = ~np.isnan(projected.ranges) & ~projected.is_hidden & (classes != 255)
         num_visible += int(keep.sum())
-        u, v = np.clip(pixels[keep].T, 0.0, [[width - 1.0], [height - 1.0]])
+        u, v = np.clip(projected.pixels[keep].T, 0.0, [[width - 1.0], [height - 1.0]])
         left, up = u.astype(int), v.astype(int)
         right, down = np.minimum(left + 1, width - 1), np.minimum(up + 1, height - 1)
         for column, wu in ((left, 1 - (u - left)), (right, u - left)):

@@ -64,7 +64,8 @@ def test_rellis3d(tmp_path: Path) -> None:
 
 def same_names(observations: Observations, T_camera_lidar: Pose) -> float:
     """Share of the labelled points in the picture that land on a pixel of a class of the same name."""
-    pixels, _, _ = _core.land(core_camera(observations.camera), observations.clouds[0].points, T_camera_lidar)
+    camera, points = core_camera(observations.camera), observations.clouds[0].points
+    pixels = _core.project_points(camera, points, T_camera_lidar).pixels
     inside = np.isfinite(pixels).all(axis=1)
     u, v = pixels[inside].round().astype(int).T
     on_points, on_image = observations.clouds[0].classes[inside], observations.images[0].classes[v, u]

@@ -83,8 +83,9 @@ def on_edges(path: Path, picture: Path, camera: Camera, T: Pose) -> float:
     strength = np.abs(cv2.Sobel(gray, cv2.CV_32F, 1, 0))
     weaker = np.sort(strength.ravel()[::37])
     strongest = cv2.dilate(strength, np.ones((1, 3)))
-    pixels, ranges, hidden = _core.land(core_camera(camera), edge_points(path), T)
-    u, v = np.rint(pixels[np.isfinite(ranges) & ~hidden]).astype(int).T
+    projected = _core.project_points(core_camera(camera), edge_points(path), T)
+    is_seen = np.isfinite(projected.ranges) & ~projected.is_hidden
+    u, v = np.rint(projected.pixels[is_seen]).astype(int).T
     if len(u) < LEAST_POINTS:
         return 0.0
     under = strongest[v.clip(0, camera.height - 1), u.clip(0, camera.width - 1)]

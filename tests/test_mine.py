@@ -62,7 +62,7 @@ def test_shares_have_the_derivative_of_the_pose(
     street_observations: Observations, street_truth: Pose
 ) -> None:
     points = _core.AnchoredPoints(
-        street_observations.core, street_truth, factor=8, edge_band=0, visible_only=False
+        street_observations.core, street_truth, factor=8, edge_band_px=0, visible_only=False
     )
     indices = torch.arange(0, len(points.classes), 401)
     # Just beside the anchor: at the middle of a block the slope jumps.
@@ -74,7 +74,7 @@ def test_shares_have_the_derivative_of_the_pose(
 
 def test_shares_add_up_to_one(street_observations: Observations, street_truth: Pose) -> None:
     points = _core.AnchoredPoints(
-        street_observations.core, street_truth, factor=4, edge_band=0, visible_only=True
+        street_observations.core, street_truth, factor=4, edge_band_px=0, visible_only=True
     )
     indices = torch.arange(0, len(points.classes), 97)
     shares = sample_shares(points, indices, torch.from_numpy(street_truth))
@@ -83,7 +83,7 @@ def test_shares_add_up_to_one(street_observations: Observations, street_truth: P
 
 def test_an_index_beyond_the_points_is_refused(street_observations: Observations, street_truth: Pose) -> None:
     points = _core.AnchoredPoints(
-        street_observations.core, street_truth, factor=4, edge_band=0, visible_only=False
+        street_observations.core, street_truth, factor=4, edge_band_px=0, visible_only=False
     )
     with pytest.raises(ValueError, match="an index is not one of the"):
         points.shares(np.array([len(points.classes)]), street_truth)

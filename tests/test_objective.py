@@ -6,6 +6,7 @@ import torch
 from conftest import make_pose
 
 from semcal_cli import _core
+from semcal_cli.config import ExactConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
@@ -28,22 +29,14 @@ def test_the_value_is_that_of_the_core(street_observations: Observations, street
     """All points count here, hidden ones, too."""
     objective = MutualInformation.from_observations(street_observations)
     value = objective(torch.from_numpy(street_truth))
-    ((_, corrected, num_points, _),) = _core.align(
-        street_observations.core,
-        [street_truth],
-        factor=1,
-        edge_band=0,
-        visible_only=False,
-        steps=0,
-        batch_size=1,
-        step_size=0.0,
-        final_step=0.0,
-        max_baseline=9.0,
-        max_points=10**9,
-        seed=0,
+    config = ExactConfig(steps=0, max_points=10**9, edge_band_px=0)
+    (there,) = _core.align(
+        street_observations.core, [street_truth], config, factor=1, visible_only=False, seed=0
     )
-    assert value.item() == pytest.approx(corrected, abs=2e-3)  # the core's has its bias taken off
-    assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(num_points, rel=1e-3)
+    assert value.item() == pytest.approx(
+        there.mutual_information, abs=2e-3
+    )  # the core's has its bias taken off
+    assert objective.anchor(torch.from_numpy(street_truth)) == pytest.approx(there.num_points, rel=1e-3)
 
 
 def test_its_gradient_is_that_of_differences(street_observations: Observations, street_truth: Pose) -> None:

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 from semcal_cli.assessment.fusion import _Known, _Labels, _solve, fuse
 from semcal_cli.assessment.priors import Prior, clamp
-from semcal_cli.assessment.uncertainty import estimate_uncertainty, sensitivity
+from semcal_cli.assessment.uncertainty import estimate_uncertainty, influences_of, sensitivity
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import LabelledImage, Observations
@@ -21,7 +21,7 @@ FREE = (np.inf,) * 6
 
 @pytest.fixture(scope="module")
 def polished(street_observations: Observations, street_truth: Pose) -> Pose:
-    return newton(street_observations, street_truth, PolishConfig())[0]
+    return newton(street_observations, street_truth, PolishConfig()).T_camera_lidar
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_what_is_hardly_known_leaves_newtons_step_and_its_covariance(
     around = sensitivity(street_observations, polished)
     assert around is not None
     assert fused.uncertainty is not None
-    expected = twisted(polished, around.influences().sum(axis=0))
+    expected = twisted(polished, influences_of(around).sum(axis=0))
     np.testing.assert_allclose(fused.T_camera_lidar, expected, atol=1e-6)
     np.testing.assert_allclose(fused.uncertainty.covariance, alone.covariance, rtol=1e-3, atol=1e-12)
     np.testing.assert_allclose(fused.uncertainty.degrees_of_freedom, alone.degrees_of_freedom, rtol=1e-3)

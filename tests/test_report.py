@@ -238,10 +238,10 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(report: ReportInput) -
     assert all(len(colors) == len(positions) for colors in by.values())
     T = report.T_camera_lidar
     points = np.asarray(positions, np.float32)
-    pixels, ranges, _ = _core.land(core_camera(observations.camera), points, T)
+    projected = _core.project_points(core_camera(observations.camera), points, T)
     is_grey = (by["label of the pixel"] == by["label of the pixel"][-1]).all(axis=1)
-    colored = np.flatnonzero(~is_grey & np.isfinite(ranges))
-    u, v = np.rint(pixels[colored]).astype(int).T
+    colored = np.flatnonzero(~is_grey & np.isfinite(projected.ranges))
+    u, v = np.rint(projected.pixels[colored]).astype(int).T
     names = list(dict.fromkeys([*observations.point_class_names, *observations.image_class_names]))
     palette = dict(zip(names, class_colors(names)[:, ::-1].tolist(), strict=True))
     expected = np.array(

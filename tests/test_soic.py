@@ -62,7 +62,7 @@ def test_the_cost_is_the_distance_to_the_pixels_of_the_class(
     found: dict[str, list[float]] = {}
     for frame in seen.frames:
         points, ids, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
-        pixels, _, _ = _core.land(core_camera(seen.camera), points, street_truth)
+        pixels = _core.project_points(core_camera(seen.camera), points, street_truth).pixels
         for name in names:
             place, of_pixels = seen.point_class_names.index(name), seen.image_class_names.index(name)
             u, v = pixels[(ids == place) & np.isfinite(pixels).all(1)].T

@@ -75,7 +75,7 @@ def test_rosette_is_no_grid(tmp_path: Path) -> None:
 
 def test_pictures_are_in_color_order(tiny: Path) -> None:
     renderer = make_renderer(TINY, mounting(TINY))
-    *_, picture_rgb, _ = renderer.frame(TINY.seed, 1)
+    picture_rgb = renderer.frame(TINY.seed, 1).image_rgb
     written_bgr = cv2.imread(str(tiny / "images/000001.png"))
     np.testing.assert_array_equal(written_bgr[..., ::-1], picture_rgb)
 
@@ -146,10 +146,12 @@ def test_visible_points_land_on_pixels_of_their_own_label() -> None:
             TINY, seed=seed, lens=lens, width=width, height=height, range_noise_m=0.0
         )
         T = mounting(config)
-        points, labels, visibility, image_labels, *_ = make_renderer(config, T).frame(seed, 0)
-        pixels, _, _ = _core.land(core_camera(make_camera(config)), points[:, :3].copy(), T)
-        u, v = np.rint(pixels[visibility == 2]).astype(int).T
-        agree += np.count_nonzero(image_labels[v, u] == labels[visibility == 2] & 0xFFFF)
+        frame = make_renderer(config, T).frame(seed, 0)
+        camera = core_camera(make_camera(config))
+        pixels = _core.project_points(camera, frame.points[:, :3].copy(), T).pixels
+        is_visible = frame.point_visibility == 2
+        u, v = np.rint(pixels[is_visible]).astype(int).T
+        agree += np.count_nonzero(frame.image_labels[v, u] == frame.point_labels[is_visible] & 0xFFFF)
         total += len(u)
     assert total > 3000
     assert agree / total > BORDER_PIXELS_AGREE

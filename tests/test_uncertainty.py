@@ -5,7 +5,6 @@ from scipy.stats import chi2, t
 from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import (
     SHARED_FRAMES,
-    Sensitivity,
     bled,
     estimate_uncertainty,
     is_determined,
@@ -26,7 +25,7 @@ CONFIG = PolishConfig()
 
 @pytest.fixture(scope="module")
 def polished(street_observations: Observations, street_truth: Pose) -> Pose:
-    return newton(street_observations, street_truth, CONFIG)[0]
+    return newton(street_observations, street_truth, CONFIG).T_camera_lidar
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +58,7 @@ def test_poses_of_single_frames_scatter_as_is_said(street_observations: Observat
     scatter, stated = [], []
     for index in range(street_observations.num_frames):
         frame = street_observations.of_frames([index])
-        T = newton(frame, polished, CONFIG)[0]
+        T = newton(frame, polished, CONFIG).T_camera_lidar
         found = estimate_uncertainty(frame, T)
         assert found is not None
         scatter.append(errors(T, polished))
@@ -89,7 +88,7 @@ def test_sandwich_of_independent_scores() -> None:
     rng = np.random.default_rng(1)
     curvature = np.diag([4.0, 1.0])
     scores = rng.standard_normal((5000, 2)) * [2.0, 0.5]
-    covariance, dof = sandwich(Sensitivity(curvature, scores, np.eye(2)), num_frames=6)
+    covariance, dof = sandwich(_core.Sensitivity(curvature, scores, np.eye(2)), num_frames=6)
     expected = np.diag([(2.0 / 4.0) ** 2, (0.5 / 1.0) ** 2]) * 5000 * (1.0 + 6 / SHARED_FRAMES)
     np.testing.assert_allclose(np.diag(covariance), np.diag(expected), rtol=0.06)
     np.testing.assert_allclose(dof, 5000 / 3, rtol=0.1)  # of normal scores: E[x^2]^2 / E[x^4] is a third
@@ -97,8 +96,8 @@ def test_sandwich_of_independent_scores() -> None:
 
 def test_a_saddle_is_not_determined() -> None:
     scores = np.ones((9, 2))
-    assert is_determined(Sensitivity(np.diag([1.0, 1e-3]), scores, np.eye(2)))
-    assert not is_determined(Sensitivity(np.diag([1.0, -1e-3]), scores, np.eye(2)))
+    assert is_determined(_core.Sensitivity(np.diag([1.0, 1e-3]), scores, np.eye(2)))
+    assert not is_determined(_core.Sensitivity(np.diag([1.0, -1e-3]), scores, np.eye(2)))
 
 
 def test_directions_that_are_hardly_determined_are_named(uncertainty: Uncertainty, polished: Pose) -> None:

@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3x4, Matrix6, Vector3};
 
-use super::{Counted, Level, Sample};
+use super::level::Level;
+use super::sample::{Counted, Sample};
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
 
@@ -13,7 +14,7 @@ use crate::pyramid::Sampled;
 pub struct Anchored {
     level: Level,
     samples: Vec<Sample>,
-    unit_motions: Matrix6<f64>,
+    preconditioner: Matrix6<f64>,
 }
 
 impl Anchored {
@@ -21,15 +22,15 @@ impl Anchored {
     pub fn new(
         observations: Arc<Observations>,
         factor: usize,
-        edge_band: usize,
+        edge_band_px: usize,
         anchor: &Isometry3<f64>,
         counted: Counted,
     ) -> Self {
-        let level = Level::new(observations, factor, edge_band, usize::MAX);
+        let level = Level::new(observations, factor, edge_band_px, usize::MAX);
         let samples = level.samples(anchor, counted);
-        match level.unit_motions(&samples, anchor) {
-            Some(unit_motions) => Self { level, samples, unit_motions },
-            None => Self { level, samples: Vec::new(), unit_motions: Matrix6::zeros() },
+        match level.preconditioner(&samples, anchor) {
+            Some(preconditioner) => Self { level, samples, preconditioner },
+            None => Self { level, samples: Vec::new(), preconditioner: Matrix6::zeros() },
         }
     }
 
@@ -48,9 +49,9 @@ impl Anchored {
         self.level.observations.num_image_classes
     }
 
-    /// Six twists, as columns, that each move the points by one block: see [`Level::unit_motions`].
-    pub fn unit_motions(&self) -> &Matrix6<f64> {
-        &self.unit_motions
+    /// Twists, as columns, that each move the points by one block: see [`Level::preconditioner`].
+    pub fn preconditioner(&self) -> &Matrix6<f64> {
+        &self.preconditioner
     }
 
     /// Shares of each class under the points, `indices.len() x num_image_classes`, each row adding up to one; a row of
@@ -84,7 +85,7 @@ impl Anchored {
                 && shares.total() > 0.0
             {
                 let jacobian = self.level.observations.camera.jacobian(&p_camera);
-                let force: Vector3<f64> = jacobian.tr_mul(&shares.slope(values));
+                let force: Vector3<f64> = jacobian.tr_mul(&shares.gradient(values));
                 pulled += force * sample.position.push(1.0).transpose();
             }
         }
@@ -98,5 +99,40 @@ impl Anchored {
     ) -> (Vector3<f64>, Option<Sampled<'_>>) {
         let p_camera = t_camera_lidar * sample.position.push(1.0);
         (p_camera, self.level.sampled(sample, &p_camera))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector6;
+
+    use super::super::scene::scene;
+    use super::*;
+    use crate::se3;
+
+    const FACTOR: usize = 4;
+
+    #[test]
+    fn derivatives_of_shares_are_those_of_finite_differences() {
+        const STEP: f64 = 1e-7;
+        let observations = scene(0.3);
+        let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
+        let points = Anchored::new(Arc::clone(&observations), FACTOR, 0, &pose, Counted::All);
+        let indices: Vec<usize> = (0..points.classes().len()).step_by(37).collect();
+        let weights: Vec<f64> = (0..indices.len() * 3).map(|i| (i as f64).sin()).collect();
+        let matrix = pose.to_homogeneous().fixed_rows::<3>(0).into_owned();
+        let value = |matrix: &Matrix3x4<f64>| {
+            points.shares(&indices, matrix).iter().zip(&weights).map(|(a, b)| a * b).sum::<f64>()
+        };
+        let pulled = points.pull_back(&indices, &matrix, &weights);
+        for entry in 0..12 {
+            let mut step = Matrix3x4::zeros();
+            step[entry] = STEP;
+            let slope = (value(&(matrix + step)) - value(&(matrix - step))) / (2.0 * STEP);
+            assert!(
+                (slope - pulled[entry]).abs() < 1e-4 * (1.0 + pulled.norm()),
+                "{entry}: {slope} {pulled}"
+            );
+        }
     }
 }

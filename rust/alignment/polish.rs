@@ -8,11 +8,15 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix6, Vector6};
 
-use super::{Counted, Level, Sample, within_baseline};
+use super::level::Level;
+use super::pose::within_baseline;
+use super::sample::{Counted, Sample};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::se3;
 
+/// Blocks are pixels.
+const FACTOR: usize = 1;
 /// Gradients are taken so many blocks to either side, root mean square.
 const HALF_WIDTH: f64 = 0.5;
 /// Steps are no longer than this, in blocks.
@@ -30,20 +34,16 @@ const LEAST_CURVATURE: f64 = 1e-3;
 /// How the finish goes.
 #[derive(Clone, Copy, Debug)]
 pub struct PolishConfig {
-    /// Side of a block of the label images, pixels.
-    pub factor: usize,
     /// Pixels less than this from one of another class count little.
-    pub edge_band: usize,
-    /// Which points count.
-    pub counted: Counted,
+    pub edge_band_px: usize,
     /// How often the points are chosen anew.
     pub max_rounds: usize,
     /// Newton steps for each choice.
     pub max_steps: usize,
-    /// Converged means that a round has moved the points by less than this many blocks, root mean square.
-    pub tolerance: f64,
+    /// Converged means that a round has moved the points by less than this, root mean square.
+    pub tolerance_px: f64,
     /// The camera stays within this distance of the LiDAR, metres.
-    pub max_baseline: f64,
+    pub max_baseline_m: f64,
 }
 
 /// Where the finish ended.
@@ -51,10 +51,8 @@ pub struct PolishConfig {
 pub struct Polished {
     /// `T_camera_lidar`.
     pub pose: Isometry3<f64>,
-    /// Blocks by which the last round moved the points, or still wanted to move them, root mean square.
-    pub moved: f64,
-    /// Rounds taken.
-    pub rounds: usize,
+    /// How far the last round moved the points, or still wanted to move them, root mean square.
+    pub moved_px: f64,
     /// The inverse of minus the second derivative with respect to a twist, as last looked at; `None` where nothing
     /// changes the information.
     pub inverse_curvature: Option<Matrix6<f64>>,
@@ -66,20 +64,21 @@ pub fn polish(
     observations: &Arc<Observations>,
     start: &Isometry3<f64>,
     inverse_curvature: Option<&Matrix6<f64>>,
+    counted: Counted,
     config: &PolishConfig,
 ) -> Polished {
-    let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, usize::MAX);
-    let start = within_baseline(start, config.max_baseline);
+    let level = Level::new(Arc::clone(observations), FACTOR, config.edge_band_px, usize::MAX);
+    let start = within_baseline(start, config.max_baseline_m);
     // The curvature is with respect to twists, so that it outlives the motions of a round.
     let mut is_stale = inverse_curvature.is_none();
     let inverse_curvature = inverse_curvature.copied();
-    let mut polished = Polished { pose: start, moved: f64::INFINITY, rounds: 0, inverse_curvature };
-    for round in 1..=config.max_rounds {
+    let mut polished = Polished { pose: start, moved_px: f64::INFINITY, inverse_curvature };
+    for _ in 0..config.max_rounds {
         let begun = polished.pose;
-        let mut samples = level.samples(&begun, config.counted);
+        let mut samples = level.samples(&begun, counted);
         let constant = level.take_constant(&mut samples, &begun, CONSTANT_RADIUS);
-        let Some(motions) = level.unit_motions(&samples, &begun) else { break };
-        let objective = Objective { level: &level, samples, constant, motions, config };
+        let Some(preconditioner) = level.preconditioner(&samples, &begun) else { break };
+        let objective = Objective { level: &level, samples, constant, preconditioner, config };
         let is_fresh = is_stale;
         if is_stale {
             polished.inverse_curvature = objective.inverse_curvature(&begun);
@@ -87,12 +86,12 @@ pub fn polish(
         let Some(inverse_curvature) = polished.inverse_curvature else { break };
         let (pose, wanted) = objective.newton(&begun, &inverse_curvature);
         let gone = objective.blocks_between(&begun, &pose);
-        polished = Polished { pose, moved: gone.max(wanted), rounds: round, ..polished };
+        polished = Polished { pose, moved_px: gone.max(wanted), ..polished };
         // A step that gained nothing may be that of an old curvature, or a cusp is the top.
-        if gone < config.tolerance && (wanted < config.tolerance || is_fresh) {
+        if gone < config.tolerance_px && (wanted < config.tolerance_px || is_fresh) {
             break;
         }
-        is_stale = gone > CURVATURE_HOLDS || wanted >= config.tolerance;
+        is_stale = gone > CURVATURE_HOLDS || wanted >= config.tolerance_px;
     }
     polished
 }
@@ -104,26 +103,26 @@ struct Objective<'a> {
     /// Pairs that do not change.
     constant: JointHistogram,
     /// Twists, as columns, that each move the points by one block.
-    motions: Matrix6<f64>,
+    preconditioner: Matrix6<f64>,
     config: &'a PolishConfig,
 }
 
 impl Objective<'_> {
     /// Mutual information, and its gradient with respect to a twist.
-    fn slope(&self, pose: &Isometry3<f64>) -> (f64, Vector6<f64>) {
-        let slope = self.level.slope(&self.samples, &self.constant, pose);
-        (slope.joint.mutual_information(), slope.gradient)
+    fn value_and_gradient(&self, pose: &Isometry3<f64>) -> (f64, Vector6<f64>) {
+        let (joint, gradient) = self.level.joint_and_gradient(&self.samples, &self.constant, pose);
+        (joint.mutual_information(), gradient)
     }
 
     fn moved(&self, pose: &Isometry3<f64>, twist: &Vector6<f64>) -> Isometry3<f64> {
-        within_baseline(&(se3::exp(twist) * pose), self.config.max_baseline)
+        within_baseline(&(se3::exp(twist) * pose), self.config.max_baseline_m)
     }
 
     /// Where Newton's method ends, and how many blocks it wanted to go on and could not: steps along which nothing is
     /// gained say that the curvature is wrong, or that the top is a cusp.
     fn newton(&self, start: &Isometry3<f64>, inverse_curvature: &Matrix6<f64>) -> (Isometry3<f64>, f64) {
         let mut pose = *start;
-        let (mut value, mut gradient) = self.slope(start);
+        let (mut value, mut gradient) = self.value_and_gradient(start);
         for _ in 0..self.config.max_steps {
             let mut twist = inverse_curvature * gradient;
             let length = self.blocks(&twist);
@@ -134,7 +133,7 @@ impl Objective<'_> {
             let better = (0..=MAX_HALVINGS).find_map(|halvings| {
                 let shorter = twist * 0.5f64.powi(halvings);
                 let next = self.moved(&pose, &shorter);
-                let (next_value, next_gradient) = self.slope(&next);
+                let (next_value, next_gradient) = self.value_and_gradient(&next);
                 (next_value > value).then_some((next, next_value, next_gradient, self.blocks(&shorter)))
             });
             // Where even the shortest step gains nothing, the top is nearer than that.
@@ -142,20 +141,20 @@ impl Objective<'_> {
                 return (pose, 0.5f64.powi(MAX_HALVINGS) * length.min(LONGEST_STEP));
             };
             (pose, value, gradient) = (next, next_value, next_gradient);
-            if gone < self.config.tolerance {
+            if gone < self.config.tolerance_px {
                 break;
             }
         }
         (pose, 0.0)
     }
 
-    /// The inverse of minus the second derivative with respect to twists, from gradients to both sides along each unit
-    /// motion; `None` where nothing changes the information.
+    /// The inverse of minus the second derivative with respect to twists, from gradients to both sides along each
+    /// column of the preconditioner; `None` where nothing changes the information.
     fn inverse_curvature(&self, pose: &Isometry3<f64>) -> Option<Matrix6<f64>> {
         let column = |axis: usize| {
-            let by: Vector6<f64> = self.motions.column(axis) * HALF_WIDTH;
-            let [before, after] = [-by, by].map(|by| self.slope(&self.moved(pose, &by)).1);
-            self.motions.tr_mul(&(before - after)) / (2.0 * HALF_WIDTH)
+            let by: Vector6<f64> = self.preconditioner.column(axis) * HALF_WIDTH;
+            let [before, after] = [-by, by].map(|by| self.value_and_gradient(&self.moved(pose, &by)).1);
+            self.preconditioner.tr_mul(&(before - after)) / (2.0 * HALF_WIDTH)
         };
         let curvature = Matrix6::from_columns(&[0, 1, 2, 3, 4, 5].map(column));
         let most = curvature.amax();
@@ -165,13 +164,13 @@ impl Objective<'_> {
         let eigen = (0.5 * (curvature + curvature.transpose())).symmetric_eigen();
         let least = LEAST_CURVATURE * eigen.eigenvalues.amax();
         let inverse = Matrix6::from_diagonal(&eigen.eigenvalues.map(|value| 1.0 / value.abs().max(least)));
-        let basis = self.motions * eigen.eigenvectors;
+        let basis = self.preconditioner * eigen.eigenvectors;
         Some(basis * inverse * basis.transpose())
     }
 
     /// By how many blocks a twist moves the points, root mean square.
     fn blocks(&self, twist: &Vector6<f64>) -> f64 {
-        self.motions.try_inverse().map_or(f64::INFINITY, |inverse| (inverse * twist).norm())
+        self.preconditioner.try_inverse().map_or(f64::INFINITY, |inverse| (inverse * twist).norm())
     }
 
     fn blocks_between(&self, a: &Isometry3<f64>, b: &Isometry3<f64>) -> f64 {
@@ -183,17 +182,15 @@ impl Objective<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::scene;
+    use super::super::scene::scene;
     use super::*;
 
     const CONFIG: PolishConfig = PolishConfig {
-        factor: 1,
-        edge_band: 0,
-        counted: Counted::All,
+        edge_band_px: 0,
         max_rounds: 10,
         max_steps: 8,
-        tolerance: 1e-3,
-        max_baseline: 1.0,
+        tolerance_px: 1e-3,
+        max_baseline_m: 1.0,
     };
 
     #[test]
@@ -201,9 +198,9 @@ mod tests {
         let observations = scene(0.0);
         for side in [-1.0, 1.0] {
             let start = se3::exp(&(Vector6::new(0.06, -0.04, 0.04, 0.012, -0.016, 0.02) * side));
-            let polished = polish(&observations, &start, None, &CONFIG);
+            let polished = polish(&observations, &start, None, Counted::All, &CONFIG);
             let error = (polished.pose.rotation.angle(), polished.pose.translation.vector.norm());
-            assert!(polished.moved < 10.0 * CONFIG.tolerance, "{polished:?}");
+            assert!(polished.moved_px < 10.0 * CONFIG.tolerance_px, "{polished:?}");
             // A third of a pixel of this small picture, from two.
             assert!(error.0 < 5e-3 && error.1 < 0.04, "{error:?}");
         }
@@ -213,8 +210,8 @@ mod tests {
     fn it_comes_to_the_same_top_with_a_curvature_from_near_by() {
         let observations = scene(0.0);
         let start = se3::exp(&Vector6::new(0.03, -0.02, 0.02, 0.006, -0.008, 0.01));
-        let alone = polish(&observations, &start, None, &CONFIG);
-        let again = polish(&observations, &start, alone.inverse_curvature.as_ref(), &CONFIG);
+        let alone = polish(&observations, &start, None, Counted::All, &CONFIG);
+        let again = polish(&observations, &start, alone.inverse_curvature.as_ref(), Counted::All, &CONFIG);
         let apart = again.pose * alone.pose.inverse();
         // A third of a pixel of this small picture, as above: its top is rough.
         assert!(apart.rotation.angle() < 5e-3 && apart.translation.vector.norm() < 0.04, "{apart:?}");
@@ -224,20 +221,20 @@ mod tests {
     fn where_nothing_changes_it_neither_settles_nor_has_a_curvature() {
         let mut blank = (*scene(0.0)).clone();
         Arc::make_mut(&mut blank.frames[0].point_classes).fill(0);
-        let polished = polish(&Arc::new(blank), &Isometry3::identity(), None, &CONFIG);
-        assert_eq!((polished.moved, polished.inverse_curvature), (f64::INFINITY, None));
+        let polished = polish(&Arc::new(blank), &Isometry3::identity(), None, Counted::All, &CONFIG);
+        assert_eq!((polished.moved_px, polished.inverse_curvature), (f64::INFINITY, None));
     }
 
     #[test]
     fn it_never_lowers_the_information() {
         let observations = scene(0.4);
-        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
+        let level = Level::new(Arc::clone(&observations), FACTOR, 0, usize::MAX);
         let information =
             |pose: &Isometry3<f64>, samples: &[Sample]| level.joint(samples, pose).mutual_information();
         let start = se3::exp(&Vector6::new(0.05, 0.05, -0.05, 0.02, 0.02, -0.02));
         let samples = level.samples(&start, Counted::All);
         let one_round = PolishConfig { max_rounds: 1, ..CONFIG };
-        let end = polish(&observations, &start, None, &one_round).pose;
+        let end = polish(&observations, &start, None, Counted::All, &one_round).pose;
         assert!(information(&end, &samples) > information(&start, &samples));
     }
 }

@@ -10,7 +10,10 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3, Vector6};
 use rayon::prelude::*;
 
-use super::{Counted, Landed, Level, Sample, to_camera};
+use super::level::{LEAST_WEIGHT, Level};
+use super::pose::to_camera;
+use super::preconditioner::MAX_MOTION_POINTS;
+use super::sample::{Counted, ProjectedSample, Sample};
 use crate::camera::{Camera, NUM_INTRINSICS};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
@@ -40,7 +43,7 @@ pub struct SensitivityConfig {
     /// Side of a block of the label images, pixels.
     pub factor: usize,
     /// Pixels less than this from one of another class count little.
-    pub edge_band: usize,
+    pub edge_band_px: usize,
     /// Points, over all frames and directions, that are looked at.
     pub max_points: usize,
     /// Whether the intrinsics are parameters beside the pose.
@@ -57,7 +60,7 @@ pub fn sensitivity(
     pose: &Isometry3<f64>,
     config: &SensitivityConfig,
 ) -> Option<Sensitivity> {
-    let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, config.max_points);
+    let level = Level::new(Arc::clone(observations), config.factor, config.edge_band_px, config.max_points);
     let mut samples = level.samples(pose, Counted::Visible);
     let constant = level.take_constant(&mut samples, pose, CONSTANT_RADIUS);
     let to_anchor = to_camera(pose);
@@ -69,16 +72,16 @@ pub fn sensitivity(
     let problem = Problem { level: &level, samples: &samples, constant: &constant, pose, config };
     let motions = problem.motions();
     let steps = problem.unit_steps(&motions)?;
-    let (joint, chunks) = problem.landed(&DVector::zeros(steps.nrows()));
+    let (joint, chunks) = problem.projected(&DVector::zeros(steps.nrows()));
     let total = joint.total();
-    let pointwise = joint.pointwise_at_least(super::LEAST_WEIGHT);
+    let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
     let side = (observations.camera.width as f64 / config.regions_across as f64).max(1.0);
     let mut parts: BTreeMap<(u32, u32, u32), DVector<f64>> = BTreeMap::new();
-    for landed in chunks.iter().flatten() {
+    for projected in chunks.iter().flatten() {
         let cell = |x: f64| if config.regions_across > 1 { (x.max(0.0) / side) as u32 } else { 0 };
-        let part = (landed.frame, cell(landed.pixel.y), cell(landed.pixel.x));
+        let part = (projected.frame, cell(projected.pixel.y), cell(projected.pixel.x));
         let score = parts.entry(part).or_insert_with(|| DVector::zeros(steps.nrows()));
-        problem.add_score(landed, &joint, &pointwise, score);
+        problem.add_score(projected, &joint, &pointwise, score);
     }
     let gradients: Vec<DVector<f64>> = (0..steps.ncols())
         .map(|axis| {
@@ -121,7 +124,7 @@ impl Problem<'_> {
     }
 
     /// Where the points land at some parameters, with the weights that they have there: chosen anew, as the polish ends.
-    fn landed(&self, parameters: &DVector<f64>) -> (JointHistogram, Vec<Vec<Landed>>) {
+    fn projected(&self, parameters: &DVector<f64>) -> (JointHistogram, Vec<Vec<ProjectedSample>>) {
         let camera = self.camera();
         let pose = se3::exp(&parameters.fixed_rows::<6>(0).into()) * self.pose;
         let to_camera = to_camera(&pose);
@@ -134,19 +137,20 @@ impl Problem<'_> {
             Some((p_camera, shift.map_or(pixel, |shift| pixel + shift)))
         };
         let weigh = |sample: &Sample, sampled: &Sampled| (f64::from(sample.weight) * sampled.total()) as f32;
-        let (mut joint, landed) = self.level.joint_and_mixed(self.samples, project, weigh, |landed| landed);
+        let (mut joint, projected) =
+            self.level.joint_and_mixed(self.samples, project, weigh, |projected| projected);
         joint.merge(self.constant);
-        (joint, landed)
+        (joint, projected)
     }
 
     /// The gradient at some parameters, of points and weights as they are chosen at the pose.
     fn gradient(&self, parameters: &DVector<f64>) -> DVector<f64> {
-        let (joint, chunks) = self.landed(parameters);
-        let pointwise = joint.pointwise_at_least(super::LEAST_WEIGHT);
-        let of_chunk = |chunk: &Vec<Landed>| {
+        let (joint, chunks) = self.projected(parameters);
+        let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
+        let of_chunk = |chunk: &Vec<ProjectedSample>| {
             let mut sum = DVector::zeros(self.num_parameters());
-            for landed in chunk {
-                self.add_score(landed, &joint, &pointwise, &mut sum);
+            for projected in chunk {
+                self.add_score(projected, &joint, &pointwise, &mut sum);
             }
             sum
         };
@@ -156,18 +160,24 @@ impl Problem<'_> {
     }
 
     /// Adds what a point contributes to the gradient, times all weight.
-    fn add_score(&self, landed: &Landed, joint: &JointHistogram, pointwise: &[f64], sum: &mut DVector<f64>) {
-        let Landed { class, frame, weight, p_camera, pixel } = landed;
+    fn add_score(
+        &self,
+        projected: &ProjectedSample,
+        joint: &JointHistogram,
+        pointwise: &[f64],
+        sum: &mut DVector<f64>,
+    ) {
+        let ProjectedSample { class, frame, weight, p_camera, pixel } = projected;
         let Sampled::Mixed(shares) = self.level.maps[*frame as usize].at(pixel) else { return };
-        let slope = shares.slope(&pointwise[joint.index(*class, 0)..]) * f64::from(*weight);
-        let force: Vector3<f64> = self.camera().jacobian(p_camera).tr_mul(&slope);
+        let per_pixel = shares.gradient(&pointwise[joint.index(*class, 0)..]) * f64::from(*weight);
+        let force: Vector3<f64> = self.camera().jacobian(p_camera).tr_mul(&per_pixel);
         let torque = p_camera.cross(&force);
         let twist = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
         let mut pose = sum.fixed_rows_mut::<6>(0);
         pose += twist;
         if self.config.with_intrinsics {
             let mut intrinsics = sum.fixed_rows_mut::<NUM_INTRINSICS>(6);
-            intrinsics += self.camera().intrinsics_jacobian(pixel).tr_mul(&slope);
+            intrinsics += self.camera().intrinsics_jacobian(pixel).tr_mul(&per_pixel);
         }
     }
 
@@ -177,7 +187,7 @@ impl Problem<'_> {
         let n = self.num_parameters();
         let to_camera = to_camera(self.pose);
         let (mut sum, mut count) = (DMatrix::zeros(n, n), 0.0);
-        let step = self.samples.len().div_ceil(super::MAX_MOTION_POINTS).max(1);
+        let step = self.samples.len().div_ceil(MAX_MOTION_POINTS).max(1);
         for sample in self.samples.iter().step_by(step) {
             let p_camera = to_camera(&sample.position);
             let Some((pixel, jacobian)) = self.camera().project_with_jacobian(&p_camera) else { continue };
@@ -199,7 +209,7 @@ impl Problem<'_> {
     fn unit_steps(&self, motions: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         let n = self.num_parameters();
         let mut steps = DMatrix::zeros(n, n);
-        steps.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.level.unit_motions(self.samples, self.pose)?);
+        steps.fixed_view_mut::<6, 6>(0, 0).copy_from(&self.level.preconditioner(self.samples, self.pose)?);
         for axis in 6..n {
             let pixels = motions[(axis, axis)].sqrt();
             if !(pixels.is_finite() && pixels > 0.0) {
@@ -213,12 +223,12 @@ impl Problem<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::scene;
+    use super::super::scene::scene;
     use super::*;
 
     const CONFIG: SensitivityConfig = SensitivityConfig {
         factor: 1,
-        edge_band: 0,
+        edge_band_px: 0,
         max_points: usize::MAX,
         with_intrinsics: true,
         regions_across: 3,
@@ -235,7 +245,7 @@ mod tests {
         let found = sensitivity(&observations, &pose, &CONFIG).expect("points on labels");
         let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
         let samples = level.samples(&pose, Counted::Visible);
-        let gradient = level.slope(&samples, &level.empty_joint(), &pose).gradient;
+        let (_, gradient) = level.joint_and_gradient(&samples, &level.empty_joint(), &pose);
         assert!(found.scores.nrows() > 4);
         let sum = found.scores.row_sum().transpose();
         assert!((sum.fixed_rows::<6>(0) - gradient).norm() < 1e-9 * gradient.norm(), "{sum} {gradient}");

@@ -76,7 +76,6 @@ fn registration_config() -> RegistrationConfig {
         fine_cell: 1.5f64.to_radians(),
         max_roll: 15f64.to_radians(),
         roll_step: 5f64.to_radians(),
-        around: None,
         min_cells_of_most: 0.1,
         num_hypotheses: 24,
         separation: 15f64.to_radians(),
@@ -86,29 +85,18 @@ fn registration_config() -> RegistrationConfig {
 /// Levels and hypotheses of each, as the pipeline has them.
 const LEVELS: [(usize, usize); 4] = [(8, 24), (16, 12), (8, 8), (4, 6)];
 
-fn alignment_config(factor: usize) -> AlignmentConfig {
-    AlignmentConfig {
-        factor,
-        edge_band: 0,
-        counted: Counted::All,
-        steps: 60,
-        batch_size: 2048,
-        step_size: 0.2,
-        final_step: 0.05,
-        max_baseline: 3.0,
-        max_points: 100_000,
-    }
-}
-
-const POLISH: PolishConfig = PolishConfig {
-    factor: 1,
-    edge_band: 0,
-    counted: Counted::Visible,
-    max_rounds: 8,
-    max_steps: 8,
-    tolerance: 0.01,
-    max_baseline: 3.0,
+const ALIGNMENT: AlignmentConfig = AlignmentConfig {
+    edge_band_px: 0,
+    steps: 60,
+    batch_size: 2048,
+    step_size: 0.2,
+    final_step: 0.05,
+    max_baseline_m: 3.0,
+    max_points: 100_000,
 };
+
+const POLISH: PolishConfig =
+    PolishConfig { edge_band_px: 0, max_rounds: 8, max_steps: 8, tolerance_px: 0.01, max_baseline_m: 3.0 };
 
 fn one_frame(c: &mut Criterion) {
     let frame = frames(1).remove(0);
@@ -146,12 +134,12 @@ fn over_frames(c: &mut Criterion) {
             .expect("valid frames");
         let config = registration_config();
         let images = SphericalImages::new(&observations, grid());
-        let hypotheses = registration::register(&observations, &images, &config).expect("an overlap");
+        let hypotheses = registration::register(&observations, &images, &config, None).expect("an overlap");
         group.bench_function(BenchmarkId::new("spherical images", count), |b| {
             b.iter(|| SphericalImages::new(&observations, grid()));
         });
         group.bench_function(BenchmarkId::new("registration", count), |b| {
-            b.iter(|| registration::register(&observations, &images, &config));
+            b.iter(|| registration::register(&observations, &images, &config, None));
         });
         group.bench_function(BenchmarkId::new("correspondences", count), |b| {
             b.iter(|| correspondences::sample(&observations, &images, Zoom::Exact, &hypotheses, 2000, SEED));
@@ -162,14 +150,16 @@ fn over_frames(c: &mut Criterion) {
                     alignment::align(
                         &observations,
                         &vec![pose(); num_starts],
-                        &alignment_config(factor),
+                        factor,
+                        Counted::All,
+                        &ALIGNMENT,
                         SEED,
                     )
                 })
             });
         });
         group.bench_function(BenchmarkId::new("polish", count), |b| {
-            b.iter(|| alignment::polish(&observations, &pose(), None, &POLISH));
+            b.iter(|| alignment::polish(&observations, &pose(), None, Counted::Visible, &POLISH));
         });
         group.bench_function(BenchmarkId::new("agreement of one pose", count), |b| {
             b.iter(|| agreement::measure(&observations, &pose()));
@@ -189,7 +179,7 @@ fn over_cells(c: &mut Criterion) {
         let cells = grid().coarsened(coarse_cell);
         let config = RegistrationConfig { coarse_cell, ..registration_config() };
         group.bench_function(BenchmarkId::from_parameter(cells.rows * cells.columns), |b| {
-            b.iter(|| registration::register(&observations, &images, &config));
+            b.iter(|| registration::register(&observations, &images, &config, None));
         });
     }
     group.finish();

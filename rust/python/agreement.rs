@@ -22,6 +22,12 @@ pub(super) struct PyAgreement {
     joint: Py<PyArray2<f64>>,
 }
 
+#[pyclass(name = "HeldOutGain", frozen, get_all)]
+pub(super) struct PyHeldOutGain {
+    gain: f64,
+    sigma: f64,
+}
+
 #[pyfunction]
 pub(super) fn agreement(
     py: Python<'_>,
@@ -51,13 +57,13 @@ pub(super) fn held_out_gain(
     held_out: &PyObservations,
     before: PyReadonlyArray2<f64>,
     after: PyReadonlyArray2<f64>,
-) -> PyResult<(f64, f64)> {
+) -> PyResult<PyHeldOutGain> {
     let (before, after) = (isometry(&before)?, isometry(&after)?);
     let num_classes =
         |observations: &Observations| (observations.num_point_classes, observations.num_image_classes);
     if num_classes(&observations.0) != num_classes(&held_out.0) {
         return Err(value_error("the held-out observations have other numbers of classes"));
     }
-    let gain = detached(py, || measure_gain(&observations.0, &held_out.0, &before, &after));
-    Ok((gain.mean, gain.sigma))
+    let found = detached(py, || measure_gain(&observations.0, &held_out.0, &before, &after));
+    Ok(PyHeldOutGain { gain: found.gain, sigma: found.sigma })
 }

@@ -19,18 +19,18 @@ pub(super) struct PyAnchoredPoints(pub(super) Anchored);
 #[pymethods]
 impl PyAnchoredPoints {
     #[new]
-    #[pyo3(signature = (observations, anchor, *, factor, edge_band, visible_only))]
+    #[pyo3(signature = (observations, anchor, *, factor, edge_band_px, visible_only))]
     fn new(
         py: Python<'_>,
         observations: &PyObservations,
         anchor: PyReadonlyArray2<f64>,
         factor: usize,
-        edge_band: usize,
+        edge_band_px: usize,
         visible_only: bool,
     ) -> PyResult<Self> {
         check_factor(factor, &observations.0.camera)?;
         let (anchor, counted) = (isometry(&anchor)?, counted(visible_only));
-        let new = || Anchored::new(Arc::clone(&observations.0), factor, edge_band, &anchor, counted);
+        let new = || Anchored::new(Arc::clone(&observations.0), factor, edge_band_px, &anchor, counted);
         Ok(Self(detached(py, new)))
     }
 
@@ -45,9 +45,9 @@ impl PyAnchoredPoints {
     }
 
     #[getter]
-    fn unit_motions<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn preconditioner<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let rows: Vec<[f64; 6]> =
-            self.0.unit_motions().row_iter().map(|row| row.transpose().into()).collect();
+            self.0.preconditioner().row_iter().map(|row| row.transpose().into()).collect();
         to_array2(py, &rows)
     }
 

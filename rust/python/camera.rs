@@ -1,4 +1,4 @@
-//! The camera, and where points land in its picture.
+//! The camera, and points in its picture.
 
 use std::collections::BTreeMap;
 
@@ -11,7 +11,7 @@ use super::poses::isometry;
 use super::threads::detached;
 use crate::camera::Camera;
 use crate::error::Result;
-use crate::visibility;
+use crate::visibility::{self, Projected};
 
 #[pyclass(name = "Camera", frozen)]
 pub(super) struct PyCamera(pub(super) Camera);
@@ -70,25 +70,32 @@ impl PyCamera {
     }
 }
 
-/// Pixels (N, 2), NaN outside the picture; ranges (N,) from the camera; and which points are hidden.
-pub(super) type LandingArrays<'py> =
-    (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<bool>>);
+#[pyclass(name = "Projected", frozen, get_all)]
+pub(super) struct PyProjected {
+    pixels: Py<PyArray2<f64>>,
+    ranges: Py<PyArray1<f64>>,
+    is_hidden: Py<PyArray1<bool>>,
+}
 
 #[pyfunction]
-pub(super) fn land<'py>(
-    py: Python<'py>,
+pub(super) fn project_points(
+    py: Python<'_>,
     camera: &PyCamera,
     points: PyReadonlyArray2<f32>,
     t_camera_lidar: PyReadonlyArray2<f64>,
-) -> PyResult<LandingArrays<'py>> {
+) -> PyResult<PyProjected> {
     let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
-    let (landings, hidden) = detached(py, || {
-        let landings = visibility::land(&camera.0, &points, &pose);
-        let hidden = visibility::hidden(&camera.0, &landings);
-        (landings, hidden)
+    let (projected, is_hidden) = detached(py, || {
+        let projected = visibility::project_points(&camera.0, &points, &pose);
+        let is_hidden = visibility::hidden(&camera.0, &projected);
+        (projected, is_hidden)
     });
-    let pixels: Vec<[f64; 2]> =
-        landings.iter().map(|l| l.map_or([f64::NAN; 2], |l| l.pixel.into())).collect();
-    let ranges: Vec<f64> = landings.iter().map(|l| l.map_or(f64::NAN, |l| l.range)).collect();
-    Ok((to_array2(py, &pixels)?, ranges.into_pyarray(py), hidden.into_pyarray(py)))
+    let pixel = |point: &Option<Projected>| point.map_or([f64::NAN; 2], |point| point.pixel.into());
+    let ranges: Vec<f64> =
+        projected.iter().map(|point| point.map_or(f64::NAN, |point| point.range)).collect();
+    Ok(PyProjected {
+        pixels: to_array2(py, &projected.iter().map(pixel).collect::<Vec<_>>())?.unbind(),
+        ranges: ranges.into_pyarray(py).unbind(),
+        is_hidden: is_hidden.into_pyarray(py).unbind(),
+    })
 }

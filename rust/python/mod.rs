@@ -5,6 +5,7 @@ mod alignment;
 mod anchored;
 mod arrays;
 mod camera;
+mod configs;
 mod errors;
 mod labels;
 mod motion;
@@ -22,13 +23,13 @@ mod world;
 #[pyo3::pymodule]
 mod _core {
     #[pymodule_export]
-    use super::agreement::{PyAgreement, agreement, held_out_gain};
+    use super::agreement::{PyAgreement, PyHeldOutGain, agreement, held_out_gain};
     #[pymodule_export]
-    use super::alignment::{align, polish, sensitivity};
+    use super::alignment::{PyAligned, PyPolished, PySensitivity, align, polish, sensitivity};
     #[pymodule_export]
     use super::anchored::PyAnchoredPoints;
     #[pymodule_export]
-    use super::camera::{PyCamera, land};
+    use super::camera::{PyCamera, PyProjected, project_points};
     #[pymodule_export]
     use super::labels::{
         PyClassShares, despeckle, read_class_shares, read_label_images, read_label_thumbnails,
@@ -42,15 +43,15 @@ mod _core {
     #[pymodule_export]
     use super::poses::quaternion;
     #[pymodule_export]
-    use super::registration::{PyHypothesis, register, sample_correspondences};
+    use super::registration::{PyCorrespondences, PyHypothesis, register, sample_correspondences};
     #[pymodule_export]
-    use super::semantic_distance::PySemanticDistance;
+    use super::semantic_distance::{PyDistanceMinimum, PySemanticDistance};
     #[pymodule_export]
-    use super::spherical::{PySphericalImages, estimate_grid, scan_grid, spherical_image};
+    use super::spherical::{PyGrid, PySphericalImages, estimate_grid, scan_grid};
     #[pymodule_export]
     use super::statistics::student_quantile;
     #[pymodule_export]
     use super::threads::set_num_threads;
     #[pymodule_export]
-    use super::world::{PyRenderer, synthetic_classes};
+    use super::world::{PyRenderedFrame, PyRenderer, synthetic_classes};
 }

@@ -4,7 +4,6 @@ use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::arrays::to_array2;
-use super::errors::value_error;
 use super::observations::PyObservations;
 use super::poses::isometry;
 use super::spherical::PySphericalImages;
@@ -18,79 +17,55 @@ pub(super) struct PyHypothesis(pub(super) Hypothesis);
 
 #[pymethods]
 impl PyHypothesis {
-    /// Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames.
     #[getter]
     fn num_pairs(&self) -> usize {
         self.0.num_pairs as usize
     }
 }
 
+#[pyclass(name = "Correspondences", frozen, get_all)]
+pub(super) struct PyCorrespondences {
+    points: Py<PyArray2<f64>>,
+    pixels: Py<PyArray2<f64>>,
+}
+
+impl PyCorrespondences {
+    fn new(py: Python<'_>, pairs: &[Correspondence]) -> PyResult<Self> {
+        let points: Vec<[f64; 3]> = pairs.iter().map(|pair| pair.point.map(f64::from)).collect();
+        let pixels: Vec<[f64; 2]> = pairs.iter().map(|pair| [pair.pixel.x, pair.pixel.y]).collect();
+        Ok(Self { points: to_array2(py, &points)?.unbind(), pixels: to_array2(py, &pixels)?.unbind() })
+    }
+}
+
 #[pyfunction]
-#[pyo3(signature = (observations, images, *, zoom, coarse_cell, fine_cell, max_roll, roll_step, around, min_cells_of_most,
-                    num_hypotheses, separation))]
-#[allow(clippy::too_many_arguments)]
+#[pyo3(signature = (observations, images, config, around=None))]
 pub(super) fn register(
     py: Python<'_>,
     observations: &PyObservations,
     images: &PySphericalImages,
-    zoom: &str,
-    coarse_cell: f64,
-    fine_cell: f64,
-    max_roll: f64,
-    roll_step: f64,
+    config: RegistrationConfig,
     around: Option<(PyReadonlyArray2<f64>, f64)>,
-    min_cells_of_most: f64,
-    num_hypotheses: usize,
-    separation: f64,
 ) -> PyResult<Vec<PyHypothesis>> {
     let around = match &around {
         Some((pose, angle)) => Some((isometry(pose)?.rotation.to_rotation_matrix(), *angle)),
         None => None,
     };
-    let config = RegistrationConfig {
-        zoom: parse_zoom(zoom)?,
-        coarse_cell,
-        fine_cell,
-        max_roll,
-        roll_step,
-        around,
-        min_cells_of_most,
-        num_hypotheses,
-        separation,
-    };
-    let found = detached(py, || registration::register(&observations.0, &images.0, &config))?;
+    let found = detached(py, || registration::register(&observations.0, &images.0, &config, around))?;
     Ok(found.into_iter().map(PyHypothesis).collect())
 }
 
-/// Points (N, 3) and the pixels (N, 2) they correspond to.
-pub(super) type PairArrays<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
-
 #[pyfunction]
-pub(super) fn sample_correspondences<'py>(
-    py: Python<'py>,
+pub(super) fn sample_correspondences(
+    py: Python<'_>,
     observations: &PyObservations,
     images: &PySphericalImages,
-    zoom: &str,
-    hypotheses: Vec<PyRef<'py, PyHypothesis>>,
+    zoom: Zoom,
+    hypotheses: Vec<PyRef<'_, PyHypothesis>>,
     count: usize,
     seed: u64,
-) -> PyResult<Vec<PairArrays<'py>>> {
-    let zoom = parse_zoom(zoom)?;
+) -> PyResult<Vec<PyCorrespondences>> {
     let hypotheses: Vec<Hypothesis> = hypotheses.iter().map(|h| h.0.clone()).collect();
     let samples =
         detached(py, || correspondences::sample(&observations.0, &images.0, zoom, &hypotheses, count, seed))?;
-    let arrays = |pairs: Vec<Correspondence>| {
-        let points: Vec<[f64; 3]> = pairs.iter().map(|c| c.point.map(f64::from)).collect();
-        let pixels: Vec<[f64; 2]> = pairs.iter().map(|c| [c.pixel.x, c.pixel.y]).collect();
-        Ok((to_array2(py, &points)?, to_array2(py, &pixels)?))
-    };
-    samples.into_iter().map(arrays).collect()
-}
-
-pub(super) fn parse_zoom(zoom: &str) -> PyResult<Zoom> {
-    match zoom {
-        "exact" => Ok(Zoom::Exact),
-        "paper" => Ok(Zoom::Paper),
-        other => Err(value_error(format!("zoom '{other}' is not known, needs exact or paper"))),
-    }
+    samples.iter().map(|pairs| PyCorrespondences::new(py, pairs)).collect()
 }

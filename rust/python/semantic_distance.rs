@@ -12,6 +12,15 @@ use super::poses::{isometry, matrix};
 use super::threads::detached;
 use crate::semantic_distance::{ClassInFrame, DescentConfig, SemanticDistance};
 
+#[pyclass(name = "DistanceMinimum", frozen, get_all)]
+pub(super) struct PyDistanceMinimum {
+    #[pyo3(name = "T_camera_lidar")]
+    t_camera_lidar: Py<PyArray2<f64>>,
+    cost_px: f64,
+    num_evaluations: usize,
+    converged: bool,
+}
+
 #[pyclass(name = "SemanticDistance", frozen)]
 pub(super) struct PySemanticDistance(pub(super) SemanticDistance);
 
@@ -41,26 +50,22 @@ impl PySemanticDistance {
         Ok(detached(py, || self.0.at(&pose)))
     }
 
-    #[pyo3(signature = (t_camera_lidar, *, step_rad, step_m, tolerance, max_rounds, max_restarts, max_points))]
-    #[allow(clippy::too_many_arguments)]
-    fn minimize<'py>(
+    fn minimize(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         t_camera_lidar: PyReadonlyArray2<f64>,
-        step_rad: f64,
-        step_m: f64,
-        tolerance: f64,
-        max_rounds: usize,
-        max_restarts: usize,
-        max_points: usize,
-    ) -> PyResult<(Bound<'py, PyArray2<f64>>, f64, usize, bool)> {
-        if max_points == 0 {
+        config: DescentConfig,
+    ) -> PyResult<PyDistanceMinimum> {
+        if config.max_points == 0 {
             return Err(value_error("max_points needs to be at least 1"));
         }
         let start = isometry(&t_camera_lidar)?;
-        let step = (step_rad, step_m);
-        let config = DescentConfig { step, tolerance, max_rounds, max_restarts, max_points };
         let found = detached(py, || self.0.minimize(&start, &config))?;
-        Ok((matrix(py, &found.pose)?, found.cost, found.num_evaluations, found.converged))
+        Ok(PyDistanceMinimum {
+            t_camera_lidar: matrix(py, &found.pose)?.unbind(),
+            cost_px: found.cost_px,
+            num_evaluations: found.num_evaluations,
+            converged: found.converged,
+        })
     }
 }

@@ -6,10 +6,11 @@
 use std::f64::consts::{FRAC_PI_2, TAU};
 use std::ops::Range;
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::{Downsampled, RegistrationConfig, downsampled};
+use super::config::{Around, RegistrationConfig};
+use super::downsampled::{Downsampled, downsampled};
 use crate::error::{Error, Result};
 use crate::observation::Observations;
 use crate::spherical::{LabelledReturn, SphericalGrid, SphericalImages, to_f64};
@@ -33,14 +34,15 @@ pub(super) fn search(
     spherical: &SphericalImages,
     coarse: &SphericalGrid,
     config: &RegistrationConfig,
+    around: Option<Around>,
 ) -> Result<Vec<Candidate>> {
     let rings = rings(observations, spherical, coarse);
     let images = downsampled(observations, zoomed, coarse.cell_height);
     let most = observations.frames.len() * coarse.rows * coarse.columns;
     let n_log_n: Vec<f64> = (0..=most).map(|n| n as f64 * (n.max(1) as f64).ln()).collect();
     let empty = Counts::new(observations, &n_log_n);
-    let narrowed = Narrowed::new(coarse, config);
-    let candidates: Vec<Candidate> = upright_placements(zoomed, coarse, config)
+    let narrowed = Narrowed::new(coarse, config, around);
+    let candidates: Vec<Candidate> = upright_placements(zoomed, coarse, config, around)
         .par_iter()
         .flat_map_iter(|upright| {
             let shifts: Vec<usize> = (0..coarse.columns)
@@ -65,9 +67,14 @@ pub(super) fn search(
 }
 
 /// The (elevation, roll) pairs at azimuth zero whose picture can overlap the sweep.
-fn upright_placements(zoomed: &Zoomed, grid: &SphericalGrid, config: &RegistrationConfig) -> Vec<Placement> {
+fn upright_placements(
+    zoomed: &Zoomed,
+    grid: &SphericalGrid,
+    config: &RegistrationConfig,
+    around: Option<Around>,
+) -> Vec<Placement> {
     let mut placements = Vec::new();
-    for roll in rolls(config) {
+    for roll in rolls(config, around.is_some()) {
         let (above, below) = zoomed.above_below(roll);
         let highest = (grid.top + below).min(FRAC_PI_2);
         let lowest = (grid.bottom() - above).max(-FRAC_PI_2);
@@ -80,18 +87,17 @@ fn upright_placements(zoomed: &Zoomed, grid: &SphericalGrid, config: &Registrati
         }));
     }
     // However narrow the search, the rotation that it is narrowed to is tried.
-    let given =
-        config.around.map(|(rotation, _)| Placement { azimuth: 0.0, ..Placement::of_rotation(&rotation) });
+    let given = around.map(|(rotation, _)| Placement { azimuth: 0.0, ..Placement::of_rotation(&rotation) });
     placements.extend(given);
     placements
 }
 
 /// The in-plane rotations, each once. A search that is narrowed to a rotation tries them all: where the camera looks far
 /// up or down, a turn in azimuth and one in the picture are nearly the same.
-fn rolls(config: &RegistrationConfig) -> Vec<f64> {
+fn rolls(config: &RegistrationConfig, is_narrowed: bool) -> Vec<f64> {
     let num_around = (TAU / config.roll_step).round();
     let steps = (config.max_roll / config.roll_step).ceil();
-    if config.around.is_some() || 2.0 * steps + 1.0 >= num_around {
+    if is_narrowed || 2.0 * steps + 1.0 >= num_around {
         return (0..num_around as usize).map(|i| i as f64 / num_around * TAU).collect();
     }
     let step = config.max_roll / steps.max(1.0);
@@ -105,12 +111,12 @@ fn shifted(upright: &Placement, shift: usize, columns: usize) -> Placement {
 }
 
 /// What a search is narrowed to: rotations within an angle of one, and half a step of the search more.
-struct Narrowed(Option<(Rotation3<f64>, f64)>);
+struct Narrowed(Option<Around>);
 
 impl Narrowed {
-    fn new(grid: &SphericalGrid, config: &RegistrationConfig) -> Self {
+    fn new(grid: &SphericalGrid, config: &RegistrationConfig, around: Option<Around>) -> Self {
         let steps = Vector3::new(grid.cell_height, TAU / grid.columns as f64, config.roll_step);
-        Self(config.around.map(|(rotation, angle)| (rotation, angle + 0.5 * steps.norm())))
+        Self(around.map(|(rotation, angle)| (rotation, angle + 0.5 * steps.norm())))
     }
 
     fn allows(&self, placement: &Placement) -> bool {
@@ -254,6 +260,7 @@ mod tests {
     use crate::observation::Frame;
     use crate::spherical::from_angles;
     use crate::zoom::Zoom;
+    use nalgebra::Rotation3;
     use proptest::prelude::*;
 
     const CONFIG: RegistrationConfig = RegistrationConfig {
@@ -262,7 +269,6 @@ mod tests {
         fine_cell: 0.03,
         max_roll: 0.26,
         roll_step: 0.087,
-        around: None,
         min_cells_of_most: 0.1,
         num_hypotheses: 8,
         separation: 0.26,
@@ -292,10 +298,10 @@ mod tests {
     #[test]
     fn every_roll_is_tried_once() {
         let all = RegistrationConfig { max_roll: std::f64::consts::PI, ..CONFIG };
-        assert_eq!(rolls(&CONFIG).len(), 7);
-        let few = rolls(&RegistrationConfig { max_roll: 0.1, ..CONFIG });
+        assert_eq!(rolls(&CONFIG, false).len(), 7);
+        let few = rolls(&RegistrationConfig { max_roll: 0.1, ..CONFIG }, false);
         assert_eq!(few, [-0.1, -0.05, 0.0, 0.05, 0.1]);
-        assert_eq!(rolls(&all).len(), 72);
+        assert_eq!(rolls(&all, false).len(), 72);
     }
 
     #[test]
@@ -303,9 +309,8 @@ mod tests {
         let grid = SphericalGrid::from_scan(64, 1024, 0.2, -0.5).expect("a valid scan").coarsened(0.05);
         for elevation in [0.0, 1.0, -1.3] {
             let given = Placement { azimuth: 1.0, elevation, roll: 1.5, scale: 1.0 };
-            let config = RegistrationConfig { around: Some((given.rotation(), 0.3)), ..CONFIG };
-            let narrowed = Narrowed::new(&grid, &config);
-            assert_eq!(rolls(&config).len(), 72);
+            let narrowed = Narrowed::new(&grid, &CONFIG, Some((given.rotation(), 0.3)));
+            assert_eq!(rolls(&CONFIG, true).len(), 72);
             for axis in [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()] {
                 let turned = |angle| Rotation3::from_axis_angle(&axis, angle) * given.rotation();
                 assert!(narrowed.allows(&Placement::of_rotation(&turned(0.29))));
@@ -337,7 +342,7 @@ mod tests {
         let zoomed = Zoomed::new(&observations.camera, Zoom::Exact).expect("a picture");
         let num_cells = |min_cells_of_most| {
             let config = RegistrationConfig { min_cells_of_most, ..CONFIG };
-            let found = search(&observations, &zoomed, &images, &images.grid.coarsened(0.05), &config);
+            let found = search(&observations, &zoomed, &images, &images.grid.coarsened(0.05), &config, None);
             found.expect("an overlap").iter().map(|c| c.num_cells).collect::<Vec<_>>()
         };
         let (all, enough) = (num_cells(0.0), num_cells(0.1));

@@ -5,7 +5,9 @@ use std::f64::consts::PI;
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
-use super::{Downsampled, Hypothesis, RegistrationConfig, downsampled};
+use super::config::RegistrationConfig;
+use super::downsampled::{Downsampled, downsampled};
+use super::hypothesis::Hypothesis;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::powell::{PowellConfig, minimize};

@@ -5,20 +5,24 @@
 //! exhaustively on coarse cells; the best placements that lie well apart are then refined by Powell's method on finer
 //! ones.
 
+mod config;
+mod downsampled;
 mod exhaustive;
+mod hypothesis;
 mod local;
 
-use nalgebra::{Point2, Rotation3};
+use nalgebra::Rotation3;
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::label_image::LabelImage;
-use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::spherical::SphericalImages;
-use crate::zoom::{Placement, Zoom, Zoomed, majority};
+use crate::zoom::{Placement, Zoomed};
 use exhaustive::Candidate;
 use local::Level;
+
+pub use config::{Around, RegistrationConfig};
+pub use hypothesis::Hypothesis;
 
 /// Cells are small enough for so many across the picture: in the exhaustive search, and in Powell's.
 const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
@@ -27,43 +31,7 @@ const REACH: f64 = 1.5;
 /// Hypotheses may lie close enough for so many across the picture.
 const SEPARATIONS_ACROSS: f64 = 4.0;
 
-/// How the registration searches. Angles in radians.
-#[derive(Clone, Copy, Debug)]
-pub struct RegistrationConfig {
-    /// How the picture is brought to the angular grid.
-    pub zoom: Zoom,
-    /// Cell of the exhaustive search.
-    pub coarse_cell: f64,
-    /// Block of the pictures in the refinement.
-    pub fine_cell: f64,
-    /// In-plane rotations from minus this to plus this are searched.
-    pub max_roll: f64,
-    /// Step between the in-plane rotations.
-    pub roll_step: f64,
-    /// Where the search is narrowed to: rotations (of `T_camera_lidar`) within an angle of one.
-    pub around: Option<(Rotation3<f64>, f64)>,
-    /// A placement counts only if it overlaps at least this share of the cells of the best overlapping one.
-    pub min_cells_of_most: f64,
-    /// Hypotheses refined and returned.
-    pub num_hypotheses: usize,
-    /// Smallest rotation between two hypotheses.
-    pub separation: f64,
-}
-
-/// A placement of the picture on the sphere, and how well labels agree there.
-#[derive(Clone, Debug)]
-pub struct Hypothesis {
-    /// Where the picture lies.
-    pub placement: Placement,
-    /// Mutual information of the pooled histogram, nats, less its bias.
-    pub mutual_information: f64,
-    /// Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames.
-    pub num_pairs: f64,
-    /// The pooled histogram.
-    pub joint: JointHistogram,
-}
-
-/// Finds the best well-separated placements, best first.
+/// Finds the best well-separated placements, best first, of all or of those around one.
 ///
 /// # Errors
 /// No placement overlaps labelled points with labelled pixels.
@@ -71,13 +39,13 @@ pub fn register(
     observations: &Observations,
     images: &SphericalImages,
     config: &RegistrationConfig,
+    around: Option<Around>,
 ) -> Result<Vec<Hypothesis>> {
     let zoomed = Zoomed::new(&observations.camera, config.zoom)?;
-    let around = config.around.map(|(rotation, angle)| (zoomed.onto_axis(&rotation), angle));
-    let config = &RegistrationConfig { around, ..*config };
+    let around = around.map(|(rotation, angle)| (zoomed.onto_axis(&rotation), angle));
     let cell = config.coarse_cell.min(zoomed.horizontal_fov() / CELLS_ACROSS.0);
     let coarse = images.grid.coarsened(cell);
-    let candidates = exhaustive::search(observations, &zoomed, images, &coarse, config)?;
+    let candidates = exhaustive::search(observations, &zoomed, images, &coarse, config, around)?;
     let of = |c: &Candidate| (c.placement, c.mutual_information);
     let separation = config.separation.min(zoomed.horizontal_fov() / SEPARATIONS_ACROSS);
     let starts = separate(candidates, separation, config.num_hypotheses, of);
@@ -108,27 +76,6 @@ fn separate<T>(
         apart
     };
     found.into_iter().filter(is_apart).take(limit).collect()
-}
-
-/// Label images in blocks about as wide as a cell at the middle of the picture, and the block's size.
-struct Downsampled {
-    factor: usize,
-    images: Vec<LabelImage<u8>>,
-}
-
-impl Downsampled {
-    #[inline]
-    fn class(&self, frame: usize, pixel: &Point2<f64>) -> u8 {
-        let block = |x: f64| (x + 0.5) as usize / self.factor;
-        self.images[frame].at(block(pixel.x), block(pixel.y))
-    }
-}
-
-fn downsampled(observations: &Observations, zoomed: &Zoomed, cell: f64) -> Downsampled {
-    let pixels_per_radian = observations.camera.width as f64 / zoomed.horizontal_fov();
-    let factor = ((pixels_per_radian * cell).round() as usize).max(1);
-    let images = observations.frames.par_iter().map(|f| majority(&f.image_classes, factor)).collect();
-    Downsampled { factor, images }
 }
 
 #[cfg(test)]

@@ -186,6 +186,18 @@ mod tests {
 
     proptest! {
         #[test]
+        fn every_pixel_has_its_nearest_return(points in prop::collection::vec(prop::array::uniform3(-8f32..8f32), 1..300)) {
+            let grid = grid().coarsened(0.3);
+            for (pixel, &index) in grid.project(&points).iter().enumerate() {
+                let cell = Some((pixel / grid.columns, pixel % grid.columns));
+                let inside = (0..points.len()).filter(|&i| grid.cell(&to_f64(&points[i])) == cell);
+                let range = |i: &usize| to_f64(&points[*i]).norm_squared();
+                let nearest = inside.min_by(|a, b| range(a).total_cmp(&range(b)));
+                prop_assert_eq!(nearest.map_or(EMPTY, |i| i as u32), index);
+            }
+        }
+
+        #[test]
         fn a_cells_centre_lies_in_it(row in 0usize..64, column in 0usize..1024) {
             prop_assert_eq!(grid().cell(&grid().direction(row, column)), Some((row, column)));
         }

@@ -3,23 +3,21 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion};
-use parry3d::math::Vec2;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::mesh::{Builder, Place};
 use super::scene::Scene;
 use super::shading::Light;
+use super::site::{REACH, Site, near_branch};
 use super::street::Street;
-use super::{FREE_RADIUS_M, barriers, cycles, furniture, ground, lots, people, traffic, vegetation};
+use super::{barriers, cycles, furniture, ground, lots, people, traffic, vegetation};
 
 /// The mounting height of the LiDAR above the road.
 const MOUNT_M: std::ops::Range<f64> = 1.7..1.9;
 /// The rig's heading off its lane's, and its inclination.
 const MAX_HEADING_OFF: f64 = 25.0;
 const MAX_INCLINATION_DEG: f64 = 2.0;
-/// Objects are placed along this much of the street, either way.
-pub const REACH: f32 = 80.0;
 /// A crown reaches this share of the tree's height to its sides; the rig stands under none.
 const CROWN_REACH: f32 = 0.7;
 /// The kerb is more crowded up to here.
@@ -32,53 +30,6 @@ pub struct Stage {
     pub t_world_lidar: Isometry3<f64>,
 }
 
-/// A scene under construction: the street, its triangles, and the ground that is taken.
-pub struct Site {
-    pub builder: Builder,
-    pub street: Street,
-    rig: Vec2,
-    taken: Vec<(Vec2, f32)>,
-}
-
-impl Site {
-    /// Takes a disc of ground, if all of it is free; `(s, d)` in street coordinates.
-    pub fn claim(&mut self, s: f32, d: f32, radius: f32) -> bool {
-        let spot = self.street.at(s, d);
-        let free = self.taken.iter().all(|(other, size)| spot.distance(*other) > radius + size);
-        if free {
-            self.taken.push((spot, radius));
-        }
-        free
-    }
-
-    /// Takes ground for something long, lying at `yaw` to the street.
-    ///
-    /// `gap` is what must lie between it and the rig.
-    pub fn claim_long(
-        &mut self,
-        s: f32,
-        d: f32,
-        yaw: f32,
-        [half_length, half_width]: [f32; 2],
-        gap: f32,
-    ) -> bool {
-        let steps = (half_length / half_width).ceil() as i32;
-        let spots: Vec<_> = (-steps..=steps)
-            .map(|i| (half_length - half_width).max(0.0) * i as f32 / steps as f32)
-            .map(|along| (self.street.at(s + along * yaw.cos(), d + along * yaw.sin()), half_width))
-            .collect();
-        let free = |(spot, size): &(Vec2, f32)| {
-            let clear = self.taken.iter().all(|(other, radius)| spot.distance(*other) > size + radius);
-            clear && spot.distance(self.rig) > size + gap
-        };
-        let all_free = spots.iter().all(free);
-        if all_free {
-            self.taken.extend(spots);
-        }
-        all_free
-    }
-}
-
 /// Builds the stage of one frame from its own generator.
 pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
     let street = Street::random(&mut rng);
@@ -87,7 +38,7 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
     let rig_d = street.lane_center(lane) + rng.random_range(-0.4..0.4);
     let t_world_lidar = rig_pose(&mut rng, &street, lane, rig_d, tilt_deg);
     let rig = street.at(0.0, rig_d);
-    let mut site = Site { builder: Builder::new(rng, rig), rig, taken: vec![(rig, FREE_RADIUS_M)], street };
+    let mut site = Site::new(Builder::new(rng, rig), street, rig);
     ground::build(&mut site.builder, &site.street);
     traffic::moving(&mut site);
     for side in [0, 1] {
@@ -221,9 +172,4 @@ fn place_at(
     if !near_branch(&site.street, side, s, radius) && site.claim(s, d, radius) {
         make(&mut site.builder, &site.street.place(s, d, yaw));
     }
-}
-
-/// Whether `s` lies in the mouth of the side street, or within a margin of it.
-pub fn near_branch(street: &Street, side: usize, s: f32, margin: f32) -> bool {
-    street.branch(side).is_some_and(|branch| (s - branch.s).abs() < branch.half_width + margin)
 }

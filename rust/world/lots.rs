@@ -5,8 +5,8 @@ use std::f32::consts::{FRAC_PI_2, PI};
 use rand::RngExt;
 
 use super::buildings::{self, Size};
-use super::layout::{Site, near_branch};
 use super::mesh::Place;
+use super::site::{Site, near_branch};
 use super::{barriers, cycles, furniture, people, vegetation};
 
 /// Lots are laid out along this much of the street, either way.

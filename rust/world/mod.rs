@@ -37,6 +37,7 @@ mod render;
 mod scene;
 mod sensors;
 mod shading;
+mod site;
 mod street;
 mod surface;
 mod traffic;

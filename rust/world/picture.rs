@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use super::classes::{Class, UNLABELED};
 use super::layout::Stage;
 use super::mesh::GROUND;
-use super::render::to_f32;
+use super::scene::to_f32;
 use super::shading::Spot;
 
 /// The camera sees no farther.

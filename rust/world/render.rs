@@ -1,7 +1,6 @@
 //! One frame of a rig: its LiDAR's returns and its camera's picture.
 
 use nalgebra::{Point2, Point3, Vector3};
-use parry3d::math::Vec3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -10,6 +9,7 @@ use rayon::prelude::*;
 use super::layout::{self, Stage};
 use super::mesh::GROUND;
 use super::picture::{self, Pixel};
+use super::scene::to_f32;
 use super::sensors::Rig;
 use crate::error::Result;
 
@@ -43,7 +43,7 @@ pub struct Frame {
     /// The colour picture, row-major; black where the lens does not reach.
     pub image_rgb: Vec<[u8; 3]>,
     /// Distinct objects in the picture or among the returns; the ground is none.
-    pub objects_in_view: usize,
+    pub num_objects: usize,
 }
 
 /// Renders the frames of one rig.
@@ -84,7 +84,7 @@ impl Renderer {
         let pixels = picture::take(&stage, &t_world_camera, &self.pixel_rays, self.rig.camera.width);
         let returns = self.scan(&stage, seed, number);
         Frame {
-            objects_in_view: count_objects(&pixels, &returns),
+            num_objects: count_objects(&pixels, &returns),
             image_labels: pixels.iter().map(|pixel| pixel.label).collect(),
             image_rgb: pixels.iter().map(|pixel| pixel.rgb).collect(),
             points: returns.iter().map(|hit| hit.point).collect(),
@@ -162,11 +162,6 @@ fn count_objects(pixels: &[Pixel], returns: &[Return]) -> usize {
     }
     seen[usize::from(GROUND)] = false;
     seen.into_iter().filter(|&seen| seen).count()
-}
-
-/// For the ray caster.
-pub fn to_f32(v: &Vector3<f64>) -> Vec3 {
-    Vec3::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
 #[cfg(test)]
@@ -252,7 +247,7 @@ mod tests {
                 let points = frame.point_labels.iter().map(|&label| label as u8);
                 let classes: BTreeSet<u8> = image.chain(points).collect();
                 assert!(classes.len() >= 12, "seed {seed} frame {number}: {classes:?}");
-                assert!(frame.objects_in_view >= 40, "seed {seed} frame {number}");
+                assert!(frame.num_objects >= 40, "seed {seed} frame {number}");
                 let count = |what| frame.point_visibility.iter().filter(|&&v| v == what).count();
                 let (hidden, visible) = (count(Visibility::Hidden), count(Visibility::Visible));
                 hidden_shares.push(hidden as f64 / (hidden + visible) as f64);

@@ -1,5 +1,6 @@
 //! A finished scene: what a ray meets first.
 
+use nalgebra::Vector3;
 use parry3d::bounding_volume::Aabb;
 use parry3d::math::{Vec3, Vec3A};
 use parry3d::partitioning::{Bvh, BvhBuildStrategy, BvhNode};
@@ -17,6 +18,11 @@ pub struct Hit {
     pub triangle: u32,
     /// Metres from the ray's origin.
     pub range: f32,
+}
+
+/// A vector of the rig's geometry, for the ray caster.
+pub fn to_f32(v: &Vector3<f64>) -> Vec3 {
+    Vec3::new(v.x as f32, v.y as f32, v.z as f32)
 }
 
 /// Triangles under a bounding volume hierarchy.

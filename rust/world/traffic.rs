@@ -4,8 +4,8 @@ use std::f32::consts::PI;
 
 use rand::RngExt;
 
-use super::layout::{REACH, Site, near_branch};
 use super::mesh::{Builder, Place};
+use super::site::{REACH, Site, near_branch};
 use super::{FREE_RADIUS_M, cycles, vehicles};
 
 /// Cars, and lorries and buses, keep this far from the rig: one beside it would fill the picture.

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.uncertainty import REGIONS_ACROSS, Sensitivity, is_determined, sandwich
+from semcal_cli.assessment.uncertainty import SensitivityConfig, influences_of, is_determined, sandwich
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -49,9 +49,8 @@ MIN_CLOCK_GAIN = 0.2
 """With pictures so much later or earlier, labels agree better by no more than so many standard errors. On a small
 drive, at one steady speed, it was at most 0.04."""
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
-INTRINSICS_BLOCK_PX = 4
-"""Wrong intrinsics show in blocks of so many pixels: errors are larger than one."""
-INTRINSICS_POINTS = 150_000
+AROUND_INTRINSICS = SensitivityConfig(factor=4, edge_band_px=0, max_points=150_000, with_intrinsics=True)
+"""Wrong intrinsics show in blocks of this many pixels: errors are larger than one."""
 MAX_INTRINSICS_CHI2 = 12.83
 """Of five degrees of freedom: one right camera in 40 is beyond, and most of those for less than the next figure. On 45
 calibrations of six development drives it was at most 8 where that was exceeded, with K wrong by 10 % at least 16."""
@@ -90,7 +89,7 @@ def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[s
     """Count the classes of the points in the picture and of its pixels, the rarer the less."""
     camera = core_camera(observations.camera)
     inside = [
-        cloud.classes[np.isfinite(_core.land(camera, cloud.points, T_camera_lidar)[1])]
+        cloud.classes[np.isfinite(_core.project_points(camera, cloud.points, T_camera_lidar).ranges)]
         for cloud in observations.clouds
     ]
     pixels = [image.classes.ravel() for image in observations.images]
@@ -249,26 +248,17 @@ def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay
 
 def _wrong_intrinsics(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Free fx, fy, cx, cy and k1 beside the pose: a step of Newton's method, and whether it is more than chance."""
-    found = _core.sensitivity(
-        observations.core,
-        T_camera_lidar,
-        factor=INTRINSICS_BLOCK_PX,
-        edge_band=0,
-        max_points=INTRINSICS_POINTS,
-        with_intrinsics=True,
-        regions_across=REGIONS_ACROSS,
-    )
-    if found is None:
+    around = _core.sensitivity(observations.core, T_camera_lidar, AROUND_INTRINSICS)
+    if around is None:
         return []
-    around = Sensitivity(*found)
-    pose = Sensitivity(around.curvature[:6, :6], around.scores[:, :6], around.motions[:6, :6])
+    pose = _core.Sensitivity(around.curvature[:6, :6], around.scores[:, :6], around.motions[:6, :6])
     if not is_determined(pose):
         return []
-    step = around.influences().sum(axis=0)
+    step = influences_of(around).sum(axis=0)
     covariance, _ = sandwich(around, observations.num_frames)
     chi2 = float(step[6:] @ np.linalg.solve(covariance[6:, 6:], step[6:]))
     moved = step.copy()
-    moved[:6] -= pose.influences().sum(axis=0)
+    moved[:6] -= influences_of(pose).sum(axis=0)
     moved_px = float(np.sqrt(moved @ around.motions @ moved))
     if chi2 <= MAX_INTRINSICS_CHI2 or moved_px <= MAX_INTRINSICS_PX:
         return []

@@ -20,7 +20,6 @@ from semcal_cli import _core
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.uncertainty import (
     Matrix,
-    Sensitivity,
     is_determined,
     scatter,
     sensitivity,
@@ -127,7 +126,7 @@ def _iterate(
     observations: Observations,
     T_start: Pose,
     priors: Sequence[Prior],
-    around: Sensitivity | None,
+    around: _core.Sensitivity | None,
     is_alone: bool,
     edge_band_px: int,
 ) -> tuple[Pose, _Fit | None]:
@@ -184,7 +183,7 @@ class _Known(NamedTuple):
     sigmas: npt.NDArray[np.float64]
 
 
-def _labels(around: Sensitivity, num_frames: int) -> _Labels:
+def _labels(around: _core.Sensitivity, num_frames: int) -> _Labels:
     scale = 1.0 / np.sqrt(np.diag(around.motions))
     bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
     bend = bends > LEAST_BEND * max(bends[-1], 0.0)

@@ -16,7 +16,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import motion_error_px
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
@@ -99,7 +99,7 @@ def inspect(drive: Drive) -> DriveReport:
     return DriveReport(
         drive=str(drive.path),
         frames=tuple(map(_report, drive.frames, contents)),
-        pattern=_pattern(drive, points),
+        pattern=_pattern(points),
         elevations_deg=elevations,
         azimuths_deg=azimuths,
         field_of_view_deg=_field_of_view(drive),
@@ -194,23 +194,14 @@ def _side_suspicions(side: str, counts: Mapping[str, int] | None, num_ignored: i
     return found
 
 
-def _pattern(drive: Drive, points: Sequence[npt.NDArray[np.float32]]) -> str:
-    blank = LabelledImage(np.zeros((drive.camera.height, drive.camera.width), np.uint8))
-    clouds = [LabelledCloud(cloud, np.zeros(len(cloud), np.uint8)) for cloud in points]
-    unlabelled = Observations(
-        camera=drive.camera,
-        lidar=drive.lidar,
-        frames=tuple(FrameObservation(cloud, blank) for cloud in clouds),
-        point_class_names=["any"],
-        image_class_names=["any"],
-    )
+def _pattern(points: Sequence[npt.NDArray[np.float32]]) -> str:
     try:
-        rows, columns, _, cell_height = _core.estimate_grid(unlabelled.core)
+        grid = _core.estimate_grid(points)
     except CalibrationError as error:
         return str(error)
-    if columns == round(math.tau / cell_height):
-        return f"no channels; its points fill cells of {math.degrees(cell_height):.2f} degrees"
-    return f"{rows} channels of about {columns:,} returns a turn"
+    if grid.columns == round(math.tau / grid.cell_height):
+        return f"no channels; its points fill cells of {math.degrees(grid.cell_height):.2f} degrees"
+    return f"{grid.rows} channels of about {grid.columns:,} returns a turn"
 
 
 def _field_of_points(points: Sequence[npt.NDArray[np.float32]]) -> tuple[tuple[float, float], float]:

@@ -13,7 +13,7 @@ What all frames have in common, more frames do not cure: `SHARED_FRAMES`, and wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -49,19 +49,18 @@ CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 """A pixel and the four around it."""
 
 
-class Sensitivity(NamedTuple):
-    """How the mutual information depends on parameters, of which the first six are a twist on the left of the pose."""
+@dataclass(frozen=True)
+class SensitivityConfig:
+    """Where and how closely the core looks around a pose."""
 
-    curvature: Matrix
-    """(n, n) minus the second derivative, nats."""
-    scores: Matrix
-    """(parts, n) shares of the gradient."""
-    motions: Matrix
-    """(n, n) mean products of the pixels by which the parameters move the points."""
-
-    def influences(self) -> Matrix:
-        """(parts, n) by how much each part moves the optimum."""
-        return np.asarray(np.linalg.solve(self.curvature, self.scores.T).T)
+    factor: int = 1
+    """Side of a block of the label images, pixels."""
+    edge_band_px: int = EDGE_BAND_PX
+    max_points: int = 2**62
+    """Points, over all frames and directions, that are looked at."""
+    with_intrinsics: bool = False
+    """Whether fx, fy, cx, cy and k1 are parameters beside the pose."""
+    regions_across: int = REGIONS_ACROSS
 
 
 def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
@@ -77,18 +76,10 @@ def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
 
 def sensitivity(
     observations: Observations, T_camera_lidar: Pose, *, edge_band_px: int = EDGE_BAND_PX
-) -> Sensitivity | None:
+) -> _core.Sensitivity | None:
     """Look around a pose, in full resolution; None where nothing changes the information."""
-    found = _core.sensitivity(
-        observations.core,
-        T_camera_lidar,
-        factor=1,
-        edge_band=edge_band_px,
-        max_points=2**62,
-        with_intrinsics=False,
-        regions_across=REGIONS_ACROSS,
-    )
-    return None if found is None else Sensitivity(*found)
+    config = SensitivityConfig(edge_band_px=edge_band_px)
+    return _core.sensitivity(observations.core, T_camera_lidar, config)
 
 
 def estimate_uncertainty(
@@ -108,16 +99,21 @@ def estimate_uncertainty(
     return Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom)
 
 
-def is_determined(around: Sensitivity) -> bool:
+def is_determined(around: _core.Sensitivity) -> bool:
     """Tell whether information falls in every direction from the pose."""
     scale = 1.0 / np.sqrt(np.diag(around.motions))
     bends = np.linalg.eigvalsh(around.curvature * np.outer(scale, scale))
     return bool(bends[0] > 0.0 and len(around.scores) > len(bends))
 
 
-def sandwich(around: Sensitivity, num_frames: int) -> tuple[Matrix, npt.NDArray[np.float64]]:
+def influences_of(around: _core.Sensitivity) -> Matrix:
+    """Tell by how much each part of the pictures moves the optimum, (parts, n)."""
+    return np.asarray(np.linalg.solve(around.curvature, around.scores.T).T)
+
+
+def sandwich(around: _core.Sensitivity, num_frames: int) -> tuple[Matrix, npt.NDArray[np.float64]]:
     """Give the covariance (n, n) of all parameters, and Satterthwaite's degrees of freedom (n,)."""
-    covariance, influences = scatter(around.influences(), num_frames)
+    covariance, influences = scatter(influences_of(around), num_frames)
     squares = influences**2
     return covariance, squares.sum(axis=0) ** 2 / (squares**2).sum(axis=0)
 
@@ -146,16 +142,16 @@ def label_bleed(
         How far the camera moves; None where one of the two does not settle.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), BLEED_FRAMES))
-    as_they_are, moved_px, inverse_curvature = newton(few, T_camera_lidar, config)
+    as_they_are = newton(few, T_camera_lidar, config)
     labels = bled([image.classes for image in few.images])
     bleeding = few.with_images(
         image.without_shares().with_classes(classes)
         for image, classes in zip(few.images, labels, strict=True)
     )
-    after, moved_after_px, _ = newton(bleeding, as_they_are, config, inverse_curvature)
-    if max(moved_px, moved_after_px) > config.settled_px:
+    after = newton(bleeding, as_they_are.T_camera_lidar, config, as_they_are.inverse_curvature)
+    if max(as_they_are.moved_px, after.moved_px) > config.settled_px:
         return None
-    difference = compare_poses(after, as_they_are)
+    difference = compare_poses(after.T_camera_lidar, as_they_are.T_camera_lidar)
     # A translation in the camera frame moves the camera's centre the other way.
     twist = np.concatenate(
         [-0.01 * np.array(difference.camera_center_xyz_cm), np.radians(difference.rotation_xyz_deg)]

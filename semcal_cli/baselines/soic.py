@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -28,16 +27,6 @@ from semcal_cli.initialization.pnp import solve_pnp
 
 BINS_PER_SECTOR = 4
 """Sectors overlap, and are made of so narrow ones."""
-
-
-@dataclass(frozen=True)
-class Settled:
-    """Where the cost is least."""
-
-    T_camera_lidar: Pose
-    cost_px: float
-    num_evaluations: int
-    converged: bool
 
 
 class Soic:
@@ -94,24 +83,13 @@ class Soic:
             )
         return min(found, key=self.cost)
 
-    def minimize(self, T_init: Pose) -> Settled:
+    def minimize(self, T_init: Pose) -> _core.DistanceMinimum:
         """Minimise the cost from a pose.
 
         Raises:
             CalibrationError: no point lands in the picture there.
         """
-        config = self.config
-        return Settled(
-            *self.distance.minimize(
-                T_init,
-                step_rad=math.radians(config.step_deg),
-                step_m=config.step_m,
-                tolerance=config.tolerance,
-                max_rounds=config.max_rounds,
-                max_restarts=config.max_restarts,
-                max_points=config.max_points,
-            )
-        )
+        return self.distance.minimize(T_init, self.config)
 
     def _parts(self, frame: int) -> Iterator[tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
         """Number, points and distance field of each class that a frame has on both sides."""

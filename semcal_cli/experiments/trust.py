@@ -144,7 +144,7 @@ def _behind(observations: Observations, scene: Scene, rng: np.random.Generator) 
     camera = core_camera(observations.camera)
     clouds = []
     for cloud in observations.clouds:
-        pixels, _, _ = _core.land(camera, cloud.points, scene.truth)
+        pixels = _core.project_points(camera, cloud.points, scene.truth).pixels
         outside = ~np.isfinite(pixels).all(axis=1)
         clouds.append(LabelledCloud(cloud.points[outside], cloud.classes[outside]))
     return observations.with_clouds(clouds)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,10 +18,6 @@ from semcal_cli.geometry.poses import Pose, camera_center, rotation_error_deg
 from semcal_cli.initialization.pnp import solve_pnp
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
-
-Grid: TypeAlias = tuple[int, int, float, float]
-"""Rows, columns, elevation of the upper border and height of a cell of a spherical image; radians."""
-
 
 MIN_RUNNER_UP_MARGIN = 2.0
 """An answer is trusted only if other mounting directions are this many standard errors of mutual information behind."""
@@ -163,15 +159,17 @@ def _candidates(
             cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
         )
     images = _core.SphericalImages(observations.core, grid)
-    placements = _register(observations, images, config, around)
+    placements = _core.register(observations.core, images, config, around)
     samples = _core.sample_correspondences(
         observations.core, images, config.zoom, placements, config.num_correspondences, seed
     )
     found: list[_Candidate] = []
     complaint = "no placement of the picture"
-    for placement, (points, pixels) in zip(placements, samples, strict=True):
+    for placement, pairs in zip(placements, samples, strict=True):
         try:
-            T_camera_lidar, num_inliers = solve_pnp(points, pixels, observations.camera, config.pnp)
+            T_camera_lidar, num_inliers = solve_pnp(
+                pairs.points, pairs.pixels, observations.camera, config.pnp
+            )
         except CalibrationError as error:
             complaint = str(error)
             continue
@@ -215,24 +213,20 @@ def _align(
         aligned = _core.align(
             observations.core,
             [candidate.T_camera_lidar for candidate in candidates],
+            levels,
             factor=2 ** int(math.log2(max(min(width / blocks_across, height), 1.0))),
-            edge_band=0,
             visible_only=False,
-            steps=levels.steps,
-            batch_size=levels.batch_size,
-            step_size=levels.step_size,
-            final_step=levels.final_step,
-            max_baseline=levels.max_baseline_m,
-            max_points=levels.max_points,
             seed=seed,
         )
-        most = max(num_points for _, _, num_points, _ in aligned)
+        most = max(end.num_points for end in aligned)
         ranked = sorted(
-            (-information, index)
-            for index, (_, information, num_points, _) in enumerate(aligned)
-            if num_points >= MIN_POINTS_OF_MOST * most
+            (-end.mutual_information, index)
+            for index, end in enumerate(aligned)
+            if end.num_points >= MIN_POINTS_OF_MOST * most
         )
-        moved = [replace(candidates[index], T_camera_lidar=aligned[index][0]) for _, index in ranked]
+        moved = [
+            replace(candidates[index], T_camera_lidar=aligned[index].T_camera_lidar) for _, index in ranked
+        ]
         candidates = _best_apart(moved, num_kept, config)
     return list(candidates)
 
@@ -259,45 +253,24 @@ def _angle_deg(a: _Candidate, b: _Candidate) -> float:
     return rotation_error_deg(a.T_camera_lidar, b.T_camera_lidar)
 
 
-def _grid(observations: Observations) -> Grid:
+def _grid(observations: Observations) -> _core.Grid:
     lidar = observations.lidar
     if lidar is None:
-        return _core.estimate_grid(observations.core)
+        return _core.estimate_grid([cloud.points for cloud in observations.clouds])
     fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
     grid = _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
     _check_field_of_view(observations, grid)
     return grid
 
 
-def _check_field_of_view(observations: Observations, grid: Grid) -> None:
-    rows, _, top, cell_height = grid
+def _check_field_of_view(observations: Observations, grid: _core.Grid) -> None:
     x, y, z = np.concatenate([cloud.points for cloud in observations.clouds]).T
     elevations = np.arctan2(z, np.hypot(x, y))
-    outside = float(np.mean((elevations > top) | (elevations < top - rows * cell_height)))
+    bottom = grid.top - grid.rows * grid.cell_height
+    outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
     if outside > MAX_SHARE_OUTSIDE:
         low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
         raise InputError(
             f"lidar.fov_down_deg, lidar.fov_up_deg: found {outside:.0%} of the points outside of them, needed at most "
             f"{MAX_SHARE_OUTSIDE:.0%}; the points lie from {low:.1f} to {high:.1f} degrees"
         )
-
-
-def _register(
-    observations: Observations,
-    images: _core.SphericalImages,
-    config: InitializationConfig,
-    around: tuple[Pose, float] | None,
-) -> Sequence[_core.Hypothesis]:
-    return _core.register(
-        observations.core,
-        images,
-        zoom=config.zoom,
-        coarse_cell=math.radians(config.coarse_cell_deg),
-        fine_cell=math.radians(config.fine_cell_deg),
-        max_roll=math.radians(config.max_roll_deg),
-        roll_step=math.radians(config.roll_step_deg),
-        around=around,
-        min_cells_of_most=config.min_cells_of_most,
-        num_hypotheses=config.num_hypotheses,
-        separation=math.radians(config.separation_deg),
-    )

@@ -148,7 +148,7 @@ def sample_shares(points: _core.AnchoredPoints, indices: Tensor, T_camera_lidar:
 class _Anchored(Protocol):
     """The points of a level at its anchor pose, which a step draws from."""
 
-    unit_motions: Tensor
+    preconditioner: Tensor
     """(6, 6): columns are twists that each move the points by one block, independently of one another."""
 
     def __len__(self) -> int:
@@ -171,7 +171,7 @@ class _LabelledPoints:
         self.network, self.points, self.device = network, points, device
         self.classes = torch.from_numpy(points.classes).long()
         self.weights = torch.from_numpy(points.weights)
-        self.unit_motions = torch.from_numpy(points.unit_motions)
+        self.preconditioner = torch.from_numpy(points.preconditioner)
         self.num_classes = len(observations.point_class_names)
 
     def __len__(self) -> int:
@@ -200,13 +200,13 @@ class _PointsWithVectors:
         network: torch.nn.Module,
         anchor: Pose,
         factor: int,
-        unit_motions: npt.NDArray[np.float64],
+        preconditioner: npt.NDArray[np.float64],
         device: torch.device,
         *,
         visible_only: bool,
     ) -> None:
         self.network, self.device = network, device
-        self.unit_motions = torch.from_numpy(unit_motions)
+        self.preconditioner = torch.from_numpy(preconditioner)
         self.projection = Projection(observations.camera)
         width = observations.camera.width
         vectors = _vectors(observations)
@@ -218,8 +218,8 @@ class _PointsWithVectors:
         self.y = torch.from_numpy(np.concatenate([each.reshape(-1, channels) for each in maps]))
         points, x, frames = [], [], []
         for frame, (cloud, (of_points, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
-            _, ranges, hidden = _core.land(core_camera(observations.camera), cloud.points, anchor)
-            seen = np.isfinite(ranges) & ~(hidden & visible_only)
+            projected = _core.project_points(core_camera(observations.camera), cloud.points, anchor)
+            seen = np.isfinite(projected.ranges) & ~(projected.is_hidden & visible_only)
             points.append(cloud.points[seen])
             x.append(of_points[seen])
             frames.append(np.full(seen.sum(), frame))
@@ -320,7 +320,7 @@ class MineClimb:
             observations.core,
             anchor,
             factor=factor,
-            edge_band=self.config.edge_band_px,
+            edge_band_px=self.config.edge_band_px,
             visible_only=visible_only,
         )
         if not observations.has_vectors:
@@ -330,7 +330,7 @@ class MineClimb:
             self.network,
             anchor,
             factor,
-            points.unit_motions,
+            points.preconditioner,
             self.device,
             visible_only=visible_only,
         )
@@ -340,7 +340,7 @@ class MineClimb:
         points = self._anchored(factor, T_start, visible_only)
         if len(points) < config.min_points:
             return Level(factor, T_start, 0.0, math.inf, len(points))
-        anchor, unit = torch.from_numpy(T_start), points.unit_motions
+        anchor, unit = torch.from_numpy(T_start), points.preconditioner
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
         pose = torch.optim.Adam([v], config.learning_rate_pose, betas=(0.9, 0.99))
         bounds, path = [], []

@@ -49,18 +49,21 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
         config: How Newton's method goes, and when its result is rejected.
     """
     kept, held_out = split(observations, config)
-    T_kept, moved_px, inverse_curvature = newton(kept, T_camera_lidar, config)
-    gain, sigma = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, T_kept)
+    polished = newton(kept, T_camera_lidar, config)
+    found = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, polished.T_camera_lidar)
+    gain, sigma = found.gain, found.sigma
     # Without a standard error, nothing speaks for it.
     is_accepted = math.isfinite(sigma) and gain >= -config.max_loss * sigma
     T_polished = T_camera_lidar
     if is_accepted:
-        T_polished, moved_px, _ = newton(observations, T_kept, config, inverse_curvature)
+        polished = newton(observations, polished.T_camera_lidar, config, polished.inverse_curvature)
+        T_polished = polished.T_camera_lidar
     check = HeldOut(
         accepted=is_accepted,
         held_out_gain_nats=gain,
         held_out_sigma_nats=sigma if math.isfinite(sigma) else None,
     )
+    moved_px = polished.moved_px
     is_settled = moved_px <= config.settled_px
     return Polish(
         T_camera_lidar=T_polished,
@@ -106,7 +109,7 @@ def newton(
     T_camera_lidar: Pose,
     config: PolishConfig,
     inverse_curvature: npt.NDArray[np.float64] | None = None,
-) -> tuple[Pose, float, npt.NDArray[np.float64] | None]:
+) -> _core.Polished:
     """Find the top from a pose that is about a pixel off by Newton's method, without held-out data.
 
     Args:
@@ -114,22 +117,8 @@ def newton(
         T_camera_lidar: (4, 4) to start at.
         config: How.
         inverse_curvature: (6, 6) of a run near by, which saves time.
-
-    Returns:
-        T_camera_lidar, how far the last round moved the points, pixels, and the inverse curvature, if there is one.
     """
-    return _core.polish(
-        observations.core,
-        T_camera_lidar,
-        factor=1,
-        edge_band=config.edge_band_px,
-        visible_only=True,
-        max_rounds=config.max_rounds,
-        max_steps=config.max_steps,
-        tolerance=config.tolerance_px,
-        max_baseline=config.max_baseline_m,
-        inverse_curvature=inverse_curvature,
-    )
+    return _core.polish(observations.core, T_camera_lidar, config, inverse_curvature)
 
 
 def _masked(observations: Observations, region: np.ndarray) -> Observations:

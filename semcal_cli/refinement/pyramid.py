@@ -69,22 +69,15 @@ class ExactClimb:
 
     def __call__(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Climb one level of the pyramid."""
-        config = self.config
-        ((T_camera_lidar, information, num_points, drift),) = _core.align(
+        (end,) = _core.align(
             self.observations.core,
             [T_start],
+            self.config,
             factor=factor,
-            edge_band=config.edge_band_px,
             visible_only=visible_only,
-            steps=config.steps,
-            batch_size=config.batch_size,
-            step_size=config.step_size,
-            final_step=config.final_step,
-            max_baseline=config.max_baseline_m,
-            max_points=config.max_points,
             seed=self.seed,
         )
-        return Level(factor, T_camera_lidar, information, drift, num_points)
+        return Level(factor, end.T_camera_lidar, end.mutual_information, end.drift, end.num_points)
 
 
 def refine(
@@ -93,7 +86,7 @@ def refine(
     climb: Climb,
     config: PyramidConfig,
     on_level: Callable[[Level, int], None] = lambda level, num_levels: None,
-    hold: Callable[[Pose], Pose] = lambda pose: pose,
+    clamp: Callable[[Pose], Pose] = lambda pose: pose,
 ) -> Refinement:
     """Refine a pose by maximising mutual information.
 
@@ -103,7 +96,7 @@ def refine(
         climb: The estimator.
         config: The pyramid.
         on_level: Called with each level when it ends, and with the number of levels.
-        hold: Brings the pose between levels back to where it may be.
+        clamp: Brings the pose between levels back to where it may be.
 
     Raises:
         CalibrationError: too few labelled points land on labelled pixels.
@@ -111,7 +104,7 @@ def refine(
     factors = pyramid_factors(observations.camera, config)
     block_deg = math.degrees(1.0 / core_camera(observations.camera).pixels_per_radian)
     levels: list[Level] = []
-    pose = hold(T_init)
+    pose = clamp(T_init)
     for factor in factors:
         level = climb(factor, pose, visible_only=factor * block_deg < config.hidden_below_block_deg)
         if level.num_points < config.min_points:
@@ -121,7 +114,7 @@ def refine(
                 f"needed {config.min_points}"
             )
         levels.append(level)
-        pose = hold(level.T_camera_lidar)
+        pose = clamp(level.T_camera_lidar)
         on_level(level, len(factors))
     converged = levels[-1].drift <= config.max_final_drift
     return Refinement(

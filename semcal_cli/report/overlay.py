@@ -156,10 +156,12 @@ class Seen(NamedTuple):
 
 def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
     """Find the points (N, 3), metres, LiDAR frame, that land in the picture, and tell which of them are hidden."""
-    pixels, ranges, hidden = _core.land(core_camera(camera), points, T_camera_lidar)
+    projected = _core.project_points(core_camera(camera), points, T_camera_lidar)
+    ranges = projected.ranges
     seen = np.flatnonzero(np.isfinite(ranges))
     seen = seen[np.argsort(-ranges[seen], kind="stable")]
-    return Seen(seen, np.rint(pixels[seen]).astype(np.intp), ranges[seen], hidden[seen])
+    pixels = np.rint(projected.pixels[seen]).astype(np.intp)
+    return Seen(seen, pixels, ranges[seen], projected.is_hidden[seen])
 
 
 def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Picture:

@@ -217,19 +217,7 @@ def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:
     Raises:
         InputError: the camera is too far from the LiDAR, or the LiDAR has no rays.
     """
-    return _core.Renderer(
-        core_camera(make_camera(config)),
-        T_camera_lidar,
-        pattern=config.pattern,
-        channels=config.channels,
-        columns=config.columns,
-        fov_up_deg=config.fov_up_deg,
-        fov_down_deg=config.fov_down_deg,
-        range_noise_m=config.range_noise_m,
-        dropout=config.dropout,
-        max_range_m=config.max_range_m,
-        tilt_deg=config.lidar_tilt_deg,
-    )
+    return _core.Renderer(core_camera(make_camera(config)), T_camera_lidar, config)
 
 
 def image_ids(config: SynthConfig) -> Labels:
@@ -260,7 +248,8 @@ def _write_frame(
     camera: int,
     number: int,
 ) -> _Written:
-    points, labels, _, image_labels, image, _ = renderer.frame(config.seed, number)
+    frame = renderer.frame(config.seed, number)
+    points, labels, image_labels = frame.points, frame.point_labels, frame.image_labels
     path = {folder: out / name for folder, name in _file_names(number).items()}
     try:
         if sweeps is None:
@@ -272,7 +261,7 @@ def _write_frame(
     rng = _generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
     noisy = mislabel(image_labels, config.label_noise, _class_ids(), rng, UNLABELED)
     write_image(ids[noisy], path["image_labels"])
-    write_image(image[..., ::-1], path["images"])
+    write_image(frame.image_rgb[..., ::-1], path["images"])
     classes = np.union1d(labels & 0xFFFF, image_labels)
     return _Written(len(points), frozenset(classes.tolist()))
 

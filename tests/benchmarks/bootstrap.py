@@ -54,12 +54,13 @@ def ratios(
     observations: Observations, T_start: Pose, num_resamples: int, rng: np.random.Generator
 ) -> np.ndarray:
     """(6,) the stated standard error over that of the resamples, for each axis."""
-    T, _, inverse_curvature = newton(observations, T_start, CONFIG)
+    polished = newton(observations, T_start, CONFIG)
+    T = polished.T_camera_lidar
     stated = estimate_uncertainty(observations, T)
     if stated is None:
         return np.full(6, np.nan)
     found = [
-        twist(newton(resampled(observations, rng), T, CONFIG, inverse_curvature)[0], T)
+        twist(newton(resampled(observations, rng), T, CONFIG, polished.inverse_curvature).T_camera_lidar, T)
         for _ in range(num_resamples)
     ]
     sigmas = np.concatenate([stated.sigma_camera_center_m, stated.sigma_rotation_deg])

@@ -56,11 +56,13 @@ def synthetic_frames(lens: Lens, num_seeds: int, num_frames: int) -> Iterator[tu
         T_camera_lidar = mounting(config)
         renderer = make_renderer(config, T_camera_lidar)
         for number in range(num_frames):
-            points, labels, visibility, image_labels, _, num_objects = renderer.frame(seed, number)
-            observations = _observe(config, points, labels, image_labels)
+            frame = renderer.frame(seed, number)
+            observations = _observe(config, frame.points, frame.point_labels, frame.image_labels)
             figures, shares = describe_frame(observations, T_camera_lidar)
-            hidden, visible = (np.count_nonzero(visibility == value) for value in (HIDDEN, VISIBLE))
-            figures["objects in view"] = num_objects
+            hidden, visible = (
+                np.count_nonzero(frame.point_visibility == value) for value in (HIDDEN, VISIBLE)
+            )
+            figures["objects in view"] = frame.num_objects
             figures[HIDDEN_EXACTLY] = hidden / (hidden + visible)
             yield figures, shares
 
@@ -79,7 +81,8 @@ def describe_frame(frame: Observations, T_camera_lidar: Pose) -> tuple[Figures, 
     """Give the figures of a frame, and each class's share of the points in the picture."""
     agreement = _core.agreement(frame.core, T_camera_lidar)
     classes = frame.clouds[0].classes
-    _, ranges, _ = _core.land(core_camera(frame.camera), frame.clouds[0].points, T_camera_lidar)
+    points = frame.clouds[0].points
+    ranges = _core.project_points(core_camera(frame.camera), points, T_camera_lidar).ranges
     inside = classes[np.isfinite(ranges) & (classes != NO_CLASS)]
     counts = np.bincount(inside, minlength=len(frame.point_class_names))
     in_picture = _names(frame.image_class_names, frame.images[0].classes)

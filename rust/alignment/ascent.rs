@@ -8,7 +8,9 @@ use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use super::{Counted, Level, within_baseline};
+use super::level::Level;
+use super::pose::within_baseline;
+use super::sample::Counted;
 use crate::observation::Observations;
 use crate::se3;
 
@@ -18,15 +20,11 @@ const ADAM_EPSILON: f64 = 1e-12;
 /// A level with fewer points than this tells nothing; the pose stays as it is.
 const MIN_POINTS: usize = 50;
 
-/// How the climb goes.
+/// How an ascent goes.
 #[derive(Clone, Copy, Debug)]
 pub struct AlignmentConfig {
-    /// Side of a block of the label images, pixels.
-    pub factor: usize,
     /// Pixels less than this from one of another class count little.
-    pub edge_band: usize,
-    /// Which points count.
-    pub counted: Counted,
+    pub edge_band_px: usize,
     /// Steps to go.
     pub steps: usize,
     /// Points drawn for each step.
@@ -35,53 +33,56 @@ pub struct AlignmentConfig {
     pub step_size: f64,
     /// Share of the step length that is left at the end.
     pub final_step: f64,
-    /// The camera stays within this distance of the LiDAR, metres: where labels hardly tell the translation, a climb would
+    /// The camera stays within this distance of the LiDAR, metres: where labels hardly tell the translation, an ascent would
     /// otherwise leave the rig.
-    pub max_baseline: f64,
+    pub max_baseline_m: f64,
     /// The points are thinned to at most this number, over all frames and directions.
     pub max_points: usize,
 }
 
-/// Where a climb ended.
+/// Where an ascent ended.
 #[derive(Clone, Copy, Debug)]
 pub struct Aligned {
     /// `T_camera_lidar`.
     pub pose: Isometry3<f64>,
     /// Mutual information of points and blocks there, nats, less its bias.
     pub mutual_information: f64,
-    /// Blocks between the mean poses of the last two quarters of the climb: how far it was from settled.
+    /// Blocks between the mean poses of the last two quarters of the ascent: how far it was from settled.
     pub drift: f64,
     /// Labelled points on labelled blocks there.
     pub num_points: usize,
 }
 
-/// Climbs the mutual information of all frames from each of the poses.
+/// Ascends the mutual information of all frames from each of the poses, on blocks of `factor` pixels.
 pub fn align(
     observations: &Arc<Observations>,
     starts: &[Isometry3<f64>],
+    factor: usize,
+    counted: Counted,
     config: &AlignmentConfig,
     seed: u64,
 ) -> Vec<Aligned> {
-    let level = Level::new(Arc::clone(observations), config.factor, config.edge_band, config.max_points);
-    let climb = |start| {
-        let (pose, drift) = climb(&level, start, config, seed);
-        let samples = level.samples(&pose, config.counted);
+    let level = Level::new(Arc::clone(observations), factor, config.edge_band_px, config.max_points);
+    let align = |start| {
+        let (pose, drift) = ascend(&level, start, counted, config, seed);
+        let samples = level.samples(&pose, counted);
         let joint = level.joint(&samples, &pose);
         let mutual_information = joint.mutual_information() - joint.bias();
         Aligned { pose, mutual_information, drift, num_points: samples.len() }
     };
-    starts.par_iter().map(climb).collect()
+    starts.par_iter().map(align).collect()
 }
 
 /// The pose at the end, and the drift.
-fn climb(
+fn ascend(
     level: &Level,
     start: &Isometry3<f64>,
+    counted: Counted,
     config: &AlignmentConfig,
     seed: u64,
 ) -> (Isometry3<f64>, f64) {
-    let mut pose = within_baseline(start, config.max_baseline);
-    let mut samples = level.samples(&pose, config.counted);
+    let mut pose = within_baseline(start, config.max_baseline_m);
+    let mut samples = level.samples(&pose, counted);
     if samples.len() < MIN_POINTS {
         return (pose, 0.0);
     }
@@ -89,21 +90,21 @@ fn climb(
     // All of one size, or nearly: a last one with a handful of points would be noise.
     let num_batches = samples.len().div_ceil(config.batch_size);
     let mut batches = samples.chunks(samples.len().div_ceil(num_batches)).cycle();
-    let Some(motions) = level.unit_motions(&samples, &pose) else {
+    let Some(preconditioner) = level.preconditioner(&samples, &pose) else {
         return (pose, f64::INFINITY);
     };
     let constant = level.empty_joint();
     let mut adam = Adam::default();
-    // The way so far in unit motions, and its sums over the last two quarters.
+    // The way so far in the preconditioner's motions, and its sums over the last two quarters.
     let (mut way, mut sums) = (Vector6::zeros(), [Vector6::zeros(); 2]);
     let quarter = config.steps / 4;
     for step in 0..config.steps {
         let Some(batch) = batches.next() else { break };
-        let gradient = level.slope(batch, &constant, &pose).gradient;
+        let (_, gradient) = level.joint_and_gradient(batch, &constant, &pose);
         let cosine = 0.5 * (1.0 + (std::f64::consts::PI * step as f64 / config.steps as f64).cos());
         let length = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine);
-        let by = adam.step(&motions.tr_mul(&gradient)) * length;
-        pose = within_baseline(&(se3::exp(&(motions * by)) * pose), config.max_baseline);
+        let by = adam.step(&preconditioner.tr_mul(&gradient)) * length;
+        pose = within_baseline(&(se3::exp(&(preconditioner * by)) * pose), config.max_baseline_m);
         way += by;
         match config.steps - step {
             left if left <= quarter => sums[1] += way,
@@ -136,29 +137,25 @@ impl Adam {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::scene;
+    use super::super::scene::scene;
     use super::*;
 
-    fn config() -> AlignmentConfig {
-        AlignmentConfig {
-            factor: 4,
-            edge_band: 0,
-            counted: Counted::All,
-            steps: 60,
-            batch_size: 500,
-            step_size: 0.2,
-            final_step: 0.05,
-            max_baseline: 1.0,
-            max_points: 10_000,
-        }
-    }
+    const CONFIG: AlignmentConfig = AlignmentConfig {
+        edge_band_px: 0,
+        steps: 60,
+        batch_size: 500,
+        step_size: 0.2,
+        final_step: 0.05,
+        max_baseline_m: 1.0,
+        max_points: 10_000,
+    };
 
     #[test]
-    fn a_climb_finds_the_way_back() {
+    fn an_ascent_finds_the_way_back() {
         let observations = scene(0.0);
-        let config = AlignmentConfig { factor: 2, steps: 150, ..config() };
+        let config = AlignmentConfig { steps: 150, ..CONFIG };
         let start = se3::exp(&Vector6::new(0.15, -0.1, 0.1, 0.03, -0.04, 0.05));
-        let aligned = &align(&observations, &[start], &config, 0)[0];
+        let aligned = &align(&observations, &[start], 2, Counted::All, &config, 0)[0];
         let error = |pose: &Isometry3<f64>| (pose.rotation.angle(), pose.translation.vector.norm());
         let ((angle, distance), (start_angle, start_distance)) = (error(&aligned.pose), error(&start));
         assert!(angle < 0.25 * start_angle && distance < 0.5 * start_distance, "{angle} {distance}");
@@ -168,8 +165,8 @@ mod tests {
     fn the_camera_stays_within_the_baseline() {
         let observations = scene(0.0);
         let start = Isometry3::translation(0.3, 0.0, 0.0);
-        let near = AlignmentConfig { max_baseline: 0.1, ..config() };
-        let pose = align(&observations, &[start], &near, 0)[0].pose;
+        let near = AlignmentConfig { max_baseline_m: 0.1, ..CONFIG };
+        let pose = align(&observations, &[start], 4, Counted::All, &near, 0)[0].pose;
         assert!(pose.translation.vector.norm() <= 0.1 + 1e-12);
     }
 }

@@ -1,0 +1,260 @@
+//! One level of the label pyramid: which points count, and mutual information with its gradient at a pose.
+
+use std::sync::Arc;
+
+use nalgebra::{Isometry3, Point2, Vector3, Vector6};
+use rayon::prelude::*;
+
+use super::pose::to_camera;
+use super::sample::{Counted, ProjectedSample, Sample};
+use crate::classes::NO_CLASS;
+use crate::mutual_information::JointHistogram;
+use crate::observation::{Frame, Observations};
+use crate::pyramid::{Sampled, ShareMap};
+use crate::spherical::to_f64;
+use crate::thinning::{stride, thinned};
+use crate::visibility::{hidden, project_points};
+
+/// Pairs that a batch has not seen count as so many points: their pointwise mutual information has to be finite.
+pub(super) const LEAST_WEIGHT: f64 = 0.1;
+/// Points that one task sums up: whatever the number of threads, sums are in this order.
+const CHUNK: usize = 8192;
+
+/// The label images of all frames in blocks, and the points that may land on them.
+#[derive(Clone, Debug)]
+pub struct Level {
+    pub(super) observations: Arc<Observations>,
+    /// Of each frame.
+    pub(super) maps: Vec<ShareMap>,
+    /// Side of a block, pixels.
+    pub(super) factor: usize,
+    /// One point of so many is looked at.
+    stride: usize,
+}
+
+impl Level {
+    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. Points
+    /// are thinned to at most `max_points` over all frames and directions.
+    pub fn new(
+        observations: Arc<Observations>,
+        factor: usize,
+        edge_band_px: usize,
+        max_points: usize,
+    ) -> Self {
+        let frames = &observations.frames;
+        let map = |frame: &Frame| {
+            ShareMap::new(&frame.image_classes, frame.image_shares.as_deref(), factor, edge_band_px)
+        };
+        let maps = frames.par_iter().map(map).collect();
+        let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
+        let stride = stride(num_points, max_points);
+        Self { observations, maps, factor, stride }
+    }
+
+    /// The labelled points on labelled pixels, with their weights: the anchor.
+    pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
+        let to_camera = to_camera(pose);
+        let camera = &self.observations.camera;
+        let of_frame = |(index, frame): (usize, &Frame)| {
+            let hidden = match counted {
+                Counted::All => Vec::new(),
+                Counted::Visible => hidden(camera, &project_points(camera, &frame.points, pose)),
+            };
+            let seen = |i: &usize| frame.point_classes[*i] != NO_CLASS && !hidden.get(*i).is_some_and(|h| *h);
+            let mut samples = Vec::new();
+            for i in thinned(frame.points.len(), self.stride).filter(seen) {
+                let position = to_f64(&frame.points[i]);
+                let pixel = camera.project(&to_camera(&position)).filter(|pixel| camera.contains(pixel));
+                let weight = pixel.map_or(0.0, |pixel| self.maps[index].at(&pixel).total() as f32);
+                let sample = Sample { position, class: frame.point_classes[i], frame: index as u32, weight };
+                match &frame.point_shares {
+                    _ if weight <= 0.0 => {}
+                    None => samples.push(sample),
+                    // The joint histogram is linear in a point's shares: one sample for each of its classes.
+                    Some(shares) => samples.extend(shares.at(i).iter().map(|share| {
+                        let weight = f32::from(share.amount) / 255.0 * weight;
+                        Sample { class: share.class, weight, ..sample }
+                    })),
+                }
+            }
+            samples
+        };
+        let frames: Vec<_> = self.observations.frames.par_iter().enumerate().map(of_frame).collect();
+        frames.concat()
+    }
+
+    /// Takes out the points that lie amid one class, whose pairs do not change while they move by less than `radius`
+    /// blocks, and returns those pairs.
+    pub fn take_constant(
+        &self,
+        samples: &mut Vec<Sample>,
+        pose: &Isometry3<f64>,
+        radius: usize,
+    ) -> JointHistogram {
+        let to_camera = to_camera(pose);
+        let is_constant = |sample: &Sample| {
+            let pixel = self.observations.camera.project(&to_camera(&sample.position));
+            pixel.is_some_and(|pixel| self.maps[sample.frame as usize].is_amid_one_class(&pixel, radius))
+        };
+        let constant: Vec<bool> = samples.par_iter().map(is_constant).collect();
+        let of = |wanted: bool| {
+            let pairs = samples.iter().zip(&constant).filter(move |&(_, &is_constant)| is_constant == wanted);
+            pairs.map(|(sample, _)| *sample).collect::<Vec<_>>()
+        };
+        let (taken, left) = (of(true), of(false));
+        *samples = left;
+        self.joint(&taken, pose)
+    }
+
+    /// The joint histogram of the points' classes and the blocks on which they land.
+    pub fn joint(&self, samples: &[Sample], pose: &Isometry3<f64>) -> JointHistogram {
+        self.joint_and_mixed(samples, self.projection(pose), at_anchor, |_| ()).0
+    }
+
+    /// The joint histogram of `constant` pairs and those of the points, and the gradient of its mutual information with
+    /// respect to a twist on the left of the pose, nats per metre and per radian.
+    ///
+    /// `d MI = sum_i w_i / N sum_y pmi(x_i, y) d share_y(u_i)`, where the shares of a point add up to one: the terms from
+    /// the marginals cancel.
+    pub fn joint_and_gradient(
+        &self,
+        samples: &[Sample],
+        constant: &JointHistogram,
+        pose: &Isometry3<f64>,
+    ) -> (JointHistogram, Vector6<f64>) {
+        let (mut joint, mixed) =
+            self.joint_and_mixed(samples, self.projection(pose), at_anchor, |projected| projected);
+        joint.merge(constant);
+        let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
+        let of_chunk = |chunk: &Vec<ProjectedSample>| {
+            let mut gradient = Vector6::zeros();
+            for ProjectedSample { class, frame, weight, p_camera, pixel } in chunk {
+                if let Sampled::Mixed(shares) = self.maps[*frame as usize].at(pixel) {
+                    let per_pixel = shares.gradient(&pointwise[joint.index(*class, 0)..]);
+                    let jacobian = self.observations.camera.jacobian(p_camera);
+                    let force: Vector3<f64> = jacobian.tr_mul(&per_pixel) * f64::from(*weight);
+                    let torque = p_camera.cross(&force);
+                    gradient += Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+                }
+            }
+            gradient
+        };
+        let chunks: Vec<Vector6<f64>> = mixed.par_iter().map(of_chunk).collect();
+        let gradient = chunks.iter().sum::<Vector6<f64>>() / f64::max(joint.total(), 1.0);
+        (joint, gradient)
+    }
+
+    /// Where a sample lies in the camera frame, and its pixel.
+    fn projection(
+        &self,
+        pose: &Isometry3<f64>,
+    ) -> impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync {
+        let to_camera = to_camera(pose);
+        move |sample| {
+            let p_camera = to_camera(&sample.position);
+            self.observations.camera.project(&p_camera).map(|pixel| (p_camera, pixel))
+        }
+    }
+
+    /// The joint histogram of points weighed by `weigh`, and in chunks what `keep` makes of those on several classes, by
+    /// which it changes.
+    pub(super) fn joint_and_mixed<T: Send>(
+        &self,
+        samples: &[Sample],
+        projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
+        weigh: impl Fn(&Sample, &Sampled) -> f32 + Sync,
+        keep: impl Fn(ProjectedSample) -> T + Sync,
+    ) -> (JointHistogram, Vec<Vec<T>>) {
+        let of_chunk = |chunk: &[Sample]| {
+            let (mut joint, mut mixed) = (self.empty_joint(), Vec::new());
+            for sample in chunk {
+                let Some((p_camera, pixel)) = projection(sample) else { continue };
+                let &Sample { class, frame, .. } = sample;
+                let sampled = self.maps[frame as usize].at(&pixel);
+                let weight = weigh(sample, &sampled);
+                sampled.add_to(joint.row_mut(class), f64::from(weight));
+                if matches!(&sampled, Sampled::Mixed(shares) if shares.total() > 0.0) {
+                    mixed.push(keep(ProjectedSample { class, frame, weight, p_camera, pixel }));
+                }
+            }
+            (joint, mixed)
+        };
+        let (chunks, mixed): (Vec<JointHistogram>, Vec<Vec<T>>) =
+            samples.par_chunks(CHUNK).map(of_chunk).unzip();
+        let mut joint = self.empty_joint();
+        chunks.iter().for_each(|chunk| joint.merge(chunk));
+        (joint, mixed)
+    }
+
+    #[inline]
+    pub(super) fn sampled(&self, sample: &Sample, p_camera: &Vector3<f64>) -> Option<Sampled<'_>> {
+        let pixel = self.observations.camera.project(p_camera)?;
+        Some(self.maps[sample.frame as usize].at(&pixel))
+    }
+
+    /// A histogram without pairs.
+    pub fn empty_joint(&self) -> JointHistogram {
+        JointHistogram::new(self.observations.num_point_classes, self.observations.num_image_classes)
+    }
+}
+
+/// A sample's weight at the anchor pose, wherever it lands.
+fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
+    sample.weight
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::scene::scene;
+    use super::*;
+    use crate::se3;
+    use proptest::prelude::*;
+
+    const FACTOR: usize = 4;
+
+    proptest! {
+        #[test]
+        fn the_gradient_is_that_of_finite_differences(twist in prop::array::uniform6(-0.02..0.02f64)) {
+            const STEP: f64 = 1e-7;
+            // Points that cross the middle of a block within the step are left out: there the slope jumps.
+            const FROM_MIDDLE: f64 = 1e-4;
+            const TOLERANCE: f64 = 1e-4;
+            let observations = scene(0.3);
+            let level = Level::new(Arc::clone(&observations), FACTOR, 0, usize::MAX);
+            let pose = se3::exp(&Vector6::from(twist));
+            let mut samples = level.samples(&pose, Counted::All);
+            samples.retain(|sample| {
+                let pixel = observations.camera.project(&to_camera(&pose)(&sample.position)).expect("in front");
+                [pixel.x, pixel.y].iter().all(|x| {
+                    let place = ((x + 0.5) / level.factor as f64 - 0.5).rem_euclid(1.0);
+                    place > FROM_MIDDLE && place < 1.0 - FROM_MIDDLE
+                })
+            });
+            let value = |pose: &Isometry3<f64>| level.joint(&samples, pose).mutual_information();
+            let gradient = level.joint_and_gradient(&samples, &level.empty_joint(), &pose).1;
+            for axis in 0..6 {
+                let mut step = Vector6::zeros();
+                step[axis] = STEP;
+                let slope = (value(&(se3::exp(&step) * pose)) - value(&(se3::exp(&-step) * pose))) / (2.0 * STEP);
+                prop_assert!((slope - gradient[axis]).abs() < TOLERANCE * (1.0 + gradient.norm()), "{axis}: {slope} {gradient}");
+            }
+        }
+    }
+
+    #[test]
+    fn points_amid_one_class_are_summed_up_once() {
+        let observations = scene(0.0);
+        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
+        let pose = Isometry3::identity();
+        let all = level.samples(&pose, Counted::All);
+        let mut left = all.clone();
+        let constant = level.take_constant(&mut left, &pose, 2);
+        assert!(left.len() < all.len() && constant.total() > 0.0);
+        // A third of a pixel away, nothing of what was taken out has changed.
+        let nearby = se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)) * pose;
+        let (whole, whole_gradient) = level.joint_and_gradient(&all, &level.empty_joint(), &nearby);
+        let (split, split_gradient) = level.joint_and_gradient(&left, &constant, &nearby);
+        assert!((whole.mutual_information() - split.mutual_information()).abs() < 1e-12);
+        assert!((whole_gradient - split_gradient).norm() < 1e-9);
+    }
+}

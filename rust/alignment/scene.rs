@@ -1,0 +1,40 @@
+//! A small scene for tests.
+
+use std::sync::Arc;
+
+use crate::camera::Camera;
+use crate::label_image::LabelImage;
+use crate::observation::{Frame, Observations};
+
+const WIDTH: usize = 64;
+const HEIGHT: usize = 48;
+
+/// A picture of blobs, and points before it that carry the classes of their pixels at the identity.
+pub(super) fn scene(shift: f64) -> Arc<Observations> {
+    let k = [[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]];
+    let camera =
+        Camera::new("plumb_bob", (WIDTH, HEIGHT), k, &[0.05, -0.01, 0.001, 0.002]).expect("a valid camera");
+    let class = |u: f64, v: f64| {
+        u8::from((u / 9.0 + shift).sin() + (v / 7.0).cos() > 0.2) + u8::from((u * v / 300.0).sin() > 0.6)
+    };
+    let pixels = (0..HEIGHT).flat_map(|v| (0..WIDTH).map(move |u| (u as f64, v as f64)));
+    let ids = pixels.map(|(u, v)| class(u, v)).collect();
+    let (mut points, mut point_classes) = (Vec::new(), Vec::new());
+    for i in 0..900 {
+        let pixel = nalgebra::Point2::new(f64::from(i % 30) * 2.1 + 0.3, f64::from(i / 30) * 1.55 + 0.4);
+        if let Some(ray) = camera.unproject(&pixel) {
+            let point = ray * (4.0 + f64::from(i % 7));
+            points.push([point.x as f32, point.y as f32, point.z as f32]);
+            point_classes.push(class(pixel.x, pixel.y));
+        }
+    }
+    let image_classes = LabelImage { width: WIDTH, height: HEIGHT, ids };
+    let frame = Frame {
+        points: points.into(),
+        point_classes: point_classes.into(),
+        image_classes: image_classes.into(),
+        point_shares: None,
+        image_shares: None,
+    };
+    Arc::new(Observations::new(camera, vec![frame], 3, 3).expect("valid observations"))
+}
