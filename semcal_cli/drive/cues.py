@@ -94,7 +94,7 @@ def summed(first: Observations, second: Observations) -> Observations:
 
 
 def _shifted(frame: FrameObservation, by_point: int, by_image: int) -> FrameObservation:
-    """The same frame, whose classes come after so many others on either side."""
+    """Move the classes of a frame's points and pixels behind those of another cue."""
     cloud, image = frame.cloud, frame.image
     of_points, of_pixels = _table(by_point), _table(by_image)
     shifted_cloud = replace(

@@ -31,11 +31,11 @@ class Compensated(NamedTuple):
     points: npt.NDArray[np.float32]
     """(N, 3) metres, in the LiDAR frame at `image_stamp`."""
     twist_per_s: list[float] | None
-    """(6,) how the LiDAR moves then, metres and radians a second in its own frame; None if not known."""
+    """(6,) twist of the LiDAR at that moment, metres and radians a second in its own frame; None if it is unknown."""
 
 
 def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compensated]:
-    """Compensate the motion of the LiDAR in the sweep of each frame: see `rust/motion.rs`.
+    """Compensate the motion of the LiDAR in the sweep of each frame (see `rust/motion.rs`).
 
     Points stay where they are if the drive gives no motion with a direction.
 
