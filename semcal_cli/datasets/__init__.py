@@ -1,6 +1,6 @@
-"""Data sets: one module each, that finds a recording in the native tree; `writing` makes a drive of it.
+"""Data sets: each has a module that finds a recording in its native tree, and `writing` makes a drive of it.
 
-Nothing heavy is imported here: the command line lists the data sets from this table alone.
+This module imports nothing heavy, because the command line lists the data sets from its table.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ DATASETS = {
     "rellis-3d": "RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin; one camera, pylon_camera_node.",
     "nuscenes": "nuScenes keyframes: ROOT/v1.0-mini, samples, lidarseg; sequences are scenes, as scene-0061, "
     "cameras channels, CAM_FRONT if not given.",
-    "carla": "CARLA, as `save_to_disk` writes: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
+    "carla": "CARLA, as `save_to_disk` writes it: ROOT/ID/000001.ply and .png, and the rig in ROOT/sensors.json.",
     "opencalib": "OpenCalib's road frames: ROOT/1/calib.pcd, calib.txt and calib.png or .jpg.",
 }
-"""Every data set with its one line of help."""
+"""One line of help for each data set."""
 
 
 class Dataset(Protocol):
-    """What a module of a data set offers."""
+    """Interface of a data set's module."""
 
     def read(self, request: Request) -> Recording:
         """Find the frames, the camera and the reference in the native tree.

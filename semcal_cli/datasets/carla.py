@@ -1,8 +1,8 @@
 """CARLA's sensors as `save_to_disk` writes them: ROOT/ID/000001.ply and ROOT/ID/000001.png, named by frame.
 
 The rig is in ROOT/sensors.json, the list that a leaderboard agent's `sensors()` returns: `id`, `type`, `x y z` in
-metres, `roll pitch yaw` in degrees, and of a camera `width height fov`. All of it, clouds included, is in Unreal's
-left-handed frame (x forward, y right, z up), so that clouds are written anew with y negated.
+metres, `roll pitch yaw` in degrees, and for a camera `width height fov`. Everything, clouds included, is in Unreal's
+left-handed frame (x forward, y right, z up), so the import writes copies of the clouds with y negated.
 """
 
 from __future__ import annotations
@@ -31,9 +31,10 @@ SEGMENTATION, IMAGE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
 MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
 OLD_TAGS, NEW_TAGS = (0, 9, 10), (0, 9, 14)
-"""The first releases of the two tables; the second has Cityscapes' train order. Before, tags were others still."""
+"""First releases of the two class tables. The second table has Cityscapes' train order. Tags before the first differ
+from both."""
 NUM_PROBED = 5
-"""Label images that tell tags in red from colours: one black picture is both."""
+"""Number of label images that are read to tell tags in red from colours. One black image fits both."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +44,16 @@ class Sensor:
     name: str
     type: str
     T_vehicle_sensor: Pose
-    """Right-handed: x forward, y left, z up on both sides."""
+    """(4, 4), metres, between right-handed frames: x forward, y left, z up."""
     settings: dict[str, Any]
 
 
 def read(request: Request) -> Recording:
-    """Find the frames that a segmentation camera and a LiDAR share."""
+    """Find the frames that a segmentation camera and a LiDAR share.
+
+    Raises:
+        InputError: the release, a sensor or a file is missing or wrong, or no frame is shared.
+    """
     ontology = read_ontology(_table(request.version))
     sensors = request.root / "sensors.json"
     rig = _read_rig(sensors)
@@ -70,10 +75,20 @@ def read(request: Request) -> Recording:
 
 
 def pose_from_unreal(x: float, y: float, z: float, roll: float, pitch: float, yaw: float) -> Pose:
-    """Turn a CARLA transform into a right-handed one.
+    """Convert a CARLA transform to right-handed frames (`GetMatrix` in LibCarla/source/carla/geom/Transform.h).
 
-    LibCarla/source/carla/geom/Transform.h (`GetMatrix`): yaw, pitch, roll in degrees, left-handed. Mirroring y on both
-    sides keeps roll and negates pitch and yaw.
+    Mirroring y on both sides keeps roll and negates pitch and yaw.
+
+    Args:
+        x: Metres forward.
+        y: Metres to the right.
+        z: Metres up.
+        roll: Degrees.
+        pitch: Degrees.
+        yaw: Degrees.
+
+    Returns:
+        T_parent_sensor (4, 4), metres; both frames have x forward, y left, z up.
     """
     (sr, sp, sy), (cr, cp, cy) = (f(np.radians([roll, pitch, yaw])) for f in (np.sin, np.cos))
     T = np.eye(4)
@@ -100,7 +115,7 @@ def _table(version: str | None) -> str:
 
 
 def _read_rig(path: Path) -> list[Sensor]:
-    """The sensors that data sets are made of: others, as of speed, have no place."""
+    """Read the cameras and LiDARs of a rig; other sensors, such as a speedometer, have no pose."""
     kinds = (SEGMENTATION, IMAGE, LIDAR, SEMANTIC_LIDAR)
     return [
         _sensor(path, index, settings)
@@ -124,7 +139,7 @@ def _key(path: Path, settings: dict[str, Any], key: str) -> str:
 
 
 def _lidars(rig: list[Sensor]) -> list[str]:
-    """Semantic ones if there are any."""
+    """Name the semantic LiDARs, or the plain ones if there is no semantic one."""
     kinds = [[sensor.name for sensor in rig if sensor.type == kind] for kind in (SEMANTIC_LIDAR, LIDAR)]
     return kinds[0] or kinds[1]
 
@@ -134,14 +149,17 @@ def _named(rig: list[Sensor], name: str) -> Sensor:
 
 
 def _camera_from_vehicle(camera: Sensor) -> Pose:
-    """T_camera_vehicle of the optical frame."""
+    """T_camera_vehicle (4, 4) of the camera's optical frame."""
     T_body_optical = np.eye(4)
     T_body_optical[:3, :3] = OPTICAL_AXES
     return inverse(camera.T_vehicle_sensor @ T_body_optical)
 
 
 def _pinhole(path: Path, camera: Sensor) -> dict[str, Any]:
-    """The renderer's pinhole: the optical axis meets the picture's middle, which lies between pixel centres."""
+    """Camera block of the renderer's pinhole camera.
+
+    The optical axis meets the middle of the image, which lies between pixel centres.
+    """
     where = {key: _key(path, camera.settings, key) for key in ("width", "height", "fov")}
     width, height = (image_side(where[key], camera.settings.get(key)) for key in ("width", "height"))
     fov_deg = number(where["fov"], camera.settings.get("fov"), *FOV_DEG)
@@ -171,7 +189,7 @@ def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> lis
 
 
 def _looks_alike(other: Sensor, camera: Sensor) -> bool:
-    """Whether a picture camera has the place and the lens of the segmentation camera."""
+    """Whether a colour camera has the pose and the lens of the segmentation camera."""
     keys = ("width", "height", "fov")
     same_lens = all(other.settings.get(key) == camera.settings.get(key) for key in keys)
     return other.type == IMAGE and same_lens and np.allclose(other.T_vehicle_sensor, camera.T_vehicle_sensor)
@@ -183,7 +201,7 @@ def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
 
 
 def _convert(path: Path) -> Cloud:
-    """Mirror a cloud into a right-handed frame; `ObjTag` becomes the label."""
+    """Mirror a cloud into a right-handed frame; `ObjTag` becomes the label of a point."""
     (cloud,) = _core.read_point_clouds([(need_file(path), None)])
     points = np.zeros((len(cloud.points), 4), dtype=np.float32)
     points[:, :3] = cloud.points * np.array([1.0, -1.0, 1.0], np.float32)
@@ -193,7 +211,7 @@ def _convert(path: Path) -> Cloud:
 
 
 def _are_raw(label_images: list[Path]) -> bool:
-    """Whether label images hold tags in the red channel, and not the colours of CityScapesPalette."""
+    """Whether label images hold tags in the red channel and not the colours of CityScapesPalette."""
     from semcal_cli.files.images import read_image
 
     return not any(read_image(path)[..., :2].any() for path in evenly_spaced(label_images, NUM_PROBED))

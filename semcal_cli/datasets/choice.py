@@ -1,4 +1,4 @@
-"""Which frames of a recording become frames of the drive."""
+"""Choice of the frames of a recording that become frames of the drive."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.errors import InputError
 
 SPREAD_FRAMES = 20
-"""Frames that `spread` chooses if no other number is given."""
+"""Number of frames that `spread` chooses by default."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """Which frames to keep."""
+    """Frames to keep."""
 
     frames: slice = field(default_factory=lambda: slice(None))
-    """Of those that there are, in order of time."""
+    """Slice of all frames in order of time."""
     max_frames: int | None = None
-    """At most so many: evenly spaced, or as `spread` says."""
+    """Largest number of frames: evenly spaced ones, or those that `spread` chooses."""
     spread: bool = False
-    """Keep the slower half of the frames, and of these the ones whose label images differ most."""
+    """Whether to keep the slower half of the frames, and of these the ones whose label images differ most."""
     max_gap_s: float | None = None
-    """Leave out pairs whose stamps are farther apart."""
+    """Largest time between the two stamps of a pair, in seconds."""
 
 
 def narrowed(recording: Recording, choice: Choice) -> Recording:
-    """Leave out pairs too far apart in time, then keep the frames that were asked for.
+    """Leave out pairs that are too far apart in time, then keep the chosen frames.
 
     Raises:
-        InputError: none are left.
+        InputError: no frame is left.
     """
     near = [frame for frame in recording.frames if _gap_s(frame) <= (choice.max_gap_s or np.inf)]
     remarks = list(recording.remarks)
@@ -58,15 +58,18 @@ def narrowed(recording: Recording, choice: Choice) -> Recording:
 
 
 def most_varied(drive: Drive, recording: Recording, choice: Choice) -> Sequence[int]:
-    """Indices of the frames whose label images differ most; all if `spread` was not asked for.
+    """Find the frames whose label images differ most.
 
     Args:
-        drive: The drive that all frames would make; its folder need not be there yet.
-        recording: Its frames, where they lie.
-        choice: How many.
+        drive: The drive that all frames would make; its folder need not exist yet.
+        recording: The frames with the paths of their files.
+        choice: How many frames to keep; without `spread` all are kept.
+
+    Returns:
+        Indices of the frames, in ascending order.
 
     Raises:
-        InputError: a frame has no label image, or one is wrong.
+        InputError: a frame has no label image, or a label image cannot be read.
     """
     sources = recording.frames
     if not choice.spread:
@@ -87,7 +90,7 @@ def most_varied(drive: Drive, recording: Recording, choice: Choice) -> Sequence[
 
 
 def slowest(frames: Sequence[SourceFrame], count: int) -> list[SourceFrame]:
-    """Keep the slower half of the frames, but at least `count`; all where a speed is not known."""
+    """Keep the slower half of the frames and at least `count`; keep all frames if a speed is unknown."""
     speeds = [frame.speed_mps for frame in frames]
     if any(speed is None for speed in speeds):
         return list(frames)

@@ -1,4 +1,4 @@
-"""Files of a data set's tree: what there is, and complaints that say so."""
+"""Files and folders of a data set's tree, and the errors for missing ones."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from semcal_cli.files.reading import is_folder, read_bytes
 
 
 def need_file(path: Path) -> Path:
-    """Give the path of a regular file that is there.
+    """Check that a regular file exists, and return its path.
 
     Raises:
-        InputError: it is not, or it cannot be read.
+        InputError: the file does not exist or cannot be read.
     """
     read_bytes(path, 0)
     return path
 
 
 def need_folder(path: Path) -> Path:
-    """Give the path of a folder that is there.
+    """Check that a folder exists, and return its path.
 
     Raises:
-        InputError: it is not, or its name is none that a folder may have.
+        InputError: the folder does not exist, or no folder can have this name.
     """
     if is_folder(path):
         return path
@@ -39,10 +39,10 @@ def need_folder(path: Path) -> Path:
 
 
 def inside(root: Path, name: object, where: str) -> Path:
-    """Locate what a data set's own table names, which lies inside its folder; it need not be there.
+    """Locate a file that a data set's own table names inside its folder; the file need not exist.
 
     Raises:
-        InputError: the name is none that a file inside `root` may have.
+        InputError: no file inside `root` can have this name.
     """
     path = Path(name) if isinstance(name, str) else Path()
     if path == Path() or path.is_absolute() or ".." in path.parts or not _is_writable(str(name)):
@@ -51,10 +51,10 @@ def inside(root: Path, name: object, where: str) -> Path:
 
 
 def writable_name(path: Path, name: str) -> str:
-    """Give the name that a drive.yaml shall have for a file.
+    """Check that a drive.yaml can hold the name of a file, and return the name.
 
     Raises:
-        InputError: it is not text.
+        InputError: the name is not valid UTF-8.
     """
     if not _is_writable(name):
         raise InputError(f"{str(path)!a}: found name {name!a}, needed UTF-8")
@@ -62,15 +62,17 @@ def writable_name(path: Path, name: str) -> str:
 
 
 def folders(root: Path) -> list[str]:
-    """Names of the folders in a folder, sorted."""
+    """List the names of the folders in a folder, sorted."""
     return [path.name for path in _content(root) if is_folder(path)]
 
 
 def files_by_stem(folder: Path, *suffixes: str) -> dict[str, Path]:
-    """Files of a folder by their names without the suffix, sorted; of two with the same stem the first suffix wins.
+    """List the files of a folder by their names without the suffix, sorted.
+
+    Of two files with the same stem, the one with the earlier suffix is kept.
 
     Raises:
-        InputError: there is no such folder.
+        InputError: the folder does not exist.
     """
     found: dict[str, Path] = {}
     content = _content(folder)
@@ -82,7 +84,7 @@ def files_by_stem(folder: Path, *suffixes: str) -> dict[str, Path]:
 
 
 def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
-    """Those of `files_by_stem` that are named by a number in plain digits."""
+    """List the files of a folder whose stems are numbers in plain digits, as `files_by_stem` does."""
     files = files_by_stem(folder, *suffixes)
     return {stem: path for stem, path in files.items() if stem.isascii() and stem.isdecimal()}
 
@@ -90,10 +92,17 @@ def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
 def pick(
     kind: str, wanted: str | None, known: Sequence[str], where: Path, *, usual: str | None = None
 ) -> str:
-    """Choose one of what there is: the one that is wanted; if none is, the usual one, or the only one.
+    """Choose a sequence, a camera or the like: the wanted one, else the usual one, else the only one.
+
+    Args:
+        kind: What is chosen, as messages call it.
+        wanted: The name that the user gives, if any.
+        known: All names.
+        where: The file or folder that messages name.
+        usual: The name that is taken if none is wanted.
 
     Raises:
-        InputError: it is not there, or there are several and none is wanted.
+        InputError: the wanted name does not exist, or there are several and none is wanted.
     """
     choice = usual if wanted is None else wanted
     if choice in known:

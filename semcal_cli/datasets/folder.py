@@ -1,4 +1,4 @@
-"""Own data: clouds, labels and pictures found by patterns, and paired by the times in their names or by the names."""
+"""A user's own data: clouds, labels and images found by patterns, and paired by time or by name."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from semcal_cli.geometry.poses import Pose
 
 @dataclass(frozen=True)
 class Folder:
-    """Where one's own data lies. Patterns are relative to the working folder; `**` is any folders."""
+    """Patterns and files of a user's own data. A pattern starts in the working folder; `**` matches any folders."""
 
     points: str
     camera_info: Path
@@ -30,21 +30,23 @@ class Folder:
     point_labels: str | None = None
     images: str | None = None
     camera: str | None = None
-    """Which camera of a Kalibr camchain; None: the only one."""
+    """Name of a camera in a Kalibr camchain; None for the only one."""
     model: str | None = None
-    """The camera model, if the file of the intrinsics does not tell it or tells another."""
+    """Camera model, if the file of the intrinsics names none or a wrong one."""
     reference: Path | None = None
-    """A transform to compare with."""
+    """File of a transform to compare with."""
 
 
 @dataclass(frozen=True)
 class Partners:
-    """Files of one kind that belong to clouds."""
+    """Files of one kind that are paired with clouds."""
 
     of_cloud: dict[Path, Path] = field(default_factory=dict)
+    """The file of each cloud that has one."""
     stamps_s: dict[Path, float] = field(default_factory=dict)
-    """Times of the files whose names hold one."""
+    """Times of the files whose names hold one, in seconds."""
     remarks: tuple[str, ...] = ()
+    """Sentences that the user should read."""
 
 
 def read(folder: Folder) -> Recording:
@@ -99,7 +101,7 @@ def _find(option: str, pattern: str) -> list[Path]:
 
 
 def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: float) -> Partners:
-    """Pair one kind of files with the clouds, and say how many are left alone."""
+    """Pair one kind of files with the clouds, and count the unpaired ones."""
     if pattern is None:
         return Partners()
     files = _find(option, pattern)

@@ -1,4 +1,4 @@
-"""What an image's file says of it."""
+"""Size and kind of an image from the header of its file."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from semcal_cli.formats.values import image_side
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_HEADER_SIZE = 26
 TRUE_COLORS = (2, 6)
-"""Colour types of PNG that hold colours, without and with alpha; the others hold one number a pixel."""
+"""Colour types of PNG with colours, without and with alpha. The other types have one number a pixel."""
 
 
 def image_size(path: Path) -> tuple[int, int]:
-    """Give width and height of an image.
+    """Read the width and height of an image, in pixels.
 
     Raises:
-        InputError: there is no such file, or it is no image, or one without pixels.
+        InputError: the file does not exist, or is no image, or has no pixels.
     """
     width, height = _size(path)
     return image_side(f"{path}: width", width), image_side(f"{path}: height", height)
@@ -34,7 +34,7 @@ def _size(path: Path) -> tuple[int, int]:
 
 
 def holds_colors(path: Path) -> bool:
-    """Whether a label image is a PNG of colours, so that its pixels are no ids."""
+    """Whether a label image is a PNG of colours, whose pixels are not ids."""
     header = _header(path)
     return header.startswith(PNG_SIGNATURE) and len(header) == PNG_HEADER_SIZE and header[25] in TRUE_COLORS
 

@@ -1,7 +1,7 @@
-"""Intrinsics from what calibration tools write: a ROS camera_info, a Kalibr camchain, an OpenCV FileStorage.
+"""Intrinsics from the files of calibration tools: a ROS camera_info, a Kalibr camchain, an OpenCV FileStorage.
 
-Each becomes the `camera:` block of a drive. It is the camera of the raw pictures: of a camera_info K and D are taken,
-not R and P, which belong to the rectified ones.
+Each becomes the `camera:` block of a drive, for the raw images. K and D of a camera_info are used; its R and P belong
+to the rectified images.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ROS_MODELS = {
     "fisheye": "fisheye",
     "kannala_brandt": "fisheye",
 }
-"""sensor_msgs/distortion_models.h, image_geometry, and names that drivers use for the same."""
+"""Camera model of each distortion_model (sensor_msgs/distortion_models.h, image_geometry, names that drivers use)."""
 KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"}
 OPENCV_MODELS = {
     4: "plumb_bob",
@@ -37,14 +37,14 @@ OPENCV_MODELS = {
     12: "thin_prism",
     14: "thin_prism",
 }
-"""By the count of coefficients, if the lens is no fisheye."""
+"""Camera model of each number of coefficients, if the lens is no fisheye."""
 NAMES = {
     "K": ("camera_matrix", "cameraMatrix", "CameraMatrix", "K", "k"),
     "distortion": ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d"),
     "width": ("image_width", "width"),
     "height": ("image_height", "height"),
 }
-"""What ROS and OpenCV call the keys of a camera block, the first that is there."""
+"""Names of the keys of a camera block in files of ROS and OpenCV; the first that is found counts."""
 KALIBR_KEYS = {"K": "intrinsics", "distortion": "distortion_coeffs", "parameters": "intrinsics"}
 MEI_KEYS = {
     "K": "projection_parameters",
@@ -62,8 +62,8 @@ def read_intrinsics(path: Path, camera: str | None = None, model: str | None = N
 
     Args:
         path: The file.
-        camera: Which of a camchain's cameras; None: the only one.
-        model: The camera model, which an OpenCV FileStorage does not always tell; it goes before what the file says.
+        camera: Name of a camera in a camchain; None for the only one.
+        model: Camera model, which overrides that of the file; an OpenCV FileStorage does not always name one.
 
     Raises:
         InputError: the file is of no known kind, a key is missing or wrong, or `camera` or `model` does not fit.
@@ -73,7 +73,7 @@ def read_intrinsics(path: Path, camera: str | None = None, model: str | None = N
 
 
 def _read(path: Path, camera: str | None, model: str | None) -> tuple[dict[str, Any], dict[str, str]]:
-    """The block, unchecked, and the file's own names of its keys."""
+    """Read the block without checks, and the file's own names of its keys."""
     text = read_text(path)
     if is_storage(text):
         _refuse_camera(path, camera)
@@ -97,7 +97,7 @@ def _read(path: Path, camera: str | None, model: str | None) -> tuple[dict[str, 
 
 
 def _first_document(text: str) -> str:
-    """Cut off what follows the first message of `ros2 topic echo`, which ends each in `---`."""
+    """Keep the first message of `ros2 topic echo`, which ends each message with `---`."""
     lines = text.split("\n")
     started = False
     for index, line in enumerate(lines):
@@ -113,7 +113,7 @@ def _refuse_camera(path: Path, camera: str | None) -> None:
 
 
 def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:
-    """Take K and the coefficients as those of another model."""
+    """Replace the camera model and keep K and the coefficients."""
     counts = next((counts for name, counts in DISTORTION_COUNTS.items() if name == model), None)
     if counts is None:
         raise InputError(f"--model: found {model!r}, needed one of: {', '.join(DISTORTION_COUNTS)}")
@@ -128,7 +128,11 @@ def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]
 
 
 def read_mei(path: Path) -> dict[str, Any]:
-    """Read the omnidirectional camera of Mei and Rives as camodocal and KITTI-360 write it."""
+    """Read an omnidirectional camera (Mei and Rives) as camodocal and KITTI-360 write it.
+
+    Raises:
+        InputError: the file is no OpenCV FileStorage, or a key is missing or wrong.
+    """
     return camera_block(path, _mei(Storage(path)), MEI_KEYS)
 
 
@@ -147,9 +151,9 @@ def _mei(storage: Storage) -> dict[str, Any]:
 
 
 def _ros(path: Path, document: dict[Any, Any]) -> dict[str, Any]:
-    """sensor_msgs/CameraInfo: as camera_calibration_parsers write it, or as `ros2 topic echo` prints it.
+    """Read a sensor_msgs/CameraInfo, as camera_calibration_parsers write it or as `ros2 topic echo` prints it.
 
-    K is for the full picture (CameraInfo.msg), so one that is binned or cut out of it is refused.
+    K is for the full image (CameraInfo.msg), so binned and cropped images are refused.
     """
     model = ROS_MODELS.get(str(document["distortion_model"]))
     if model is None:
@@ -173,7 +177,7 @@ def _ros(path: Path, document: dict[Any, Any]) -> dict[str, Any]:
 
 
 def _refuse_parts(path: Path, document: dict[Any, Any], width: Any, height: Any) -> None:
-    """Refuse a picture that is binned or cut out: 0 is the default, and the same as 1 or the full picture."""
+    """Refuse binned and cropped images. The default 0 means a binning of 1, or the full width or height."""
     roi = document.get("roi") or {}
     if not isinstance(roi, dict):
         raise InputError(f"{path}: roi: found {describe(roi)}, needed a mapping")
@@ -189,7 +193,7 @@ def _refuse_parts(path: Path, document: dict[Any, Any], width: Any, height: Any)
 
 
 def _kalibr(path: Path, camera: dict[Any, Any]) -> dict[str, Any]:
-    """A camera of a Kalibr camchain (github.com/ethz-asl/kalibr/wiki/yaml-formats)."""
+    """Read a camera of a Kalibr camchain (github.com/ethz-asl/kalibr/wiki/yaml-formats)."""
     read = _KALIBR_MODELS.get(str(camera["camera_model"]))
     if read is None:
         raise _unknown(path, "camera_model", camera["camera_model"], _KALIBR_MODELS)
@@ -236,7 +240,7 @@ _KALIBR_MODELS: dict[str, Callable[[Path, dict[Any, Any]], dict[str, Any]]] = {
 
 
 def _opencv(storage: Storage, model: str | None) -> dict[str, Any]:
-    """What OpenCV's calibration samples write, and their usual variants."""
+    """Read a file of OpenCV's calibration samples, or one of its usual variants."""
     K = storage.first(("camera_matrix", "cameraMatrix", "CameraMatrix", "K"))
     if len(K) != 9:
         raise InputError(f"{storage.path}: camera_matrix: found {len(K)} numbers, needed 9 by rows")
@@ -251,7 +255,7 @@ def _opencv(storage: Storage, model: str | None) -> dict[str, Any]:
 
 
 def _opencv_model(storage: Storage, num_coefficients: int) -> str:
-    """Tell the model by the count of coefficients; four are as well those of cv2.fisheye."""
+    """Derive the camera model from the number of coefficients; cv2.fisheye, too, has four."""
     if "fisheye_model" in storage.document:
         if storage.number("fisheye_model"):
             return "fisheye"
@@ -266,12 +270,12 @@ def _opencv_model(storage: Storage, num_coefficients: int) -> str:
 
 
 def _names(document: Mapping[Any, Any]) -> dict[str, str]:
-    """The file's own names of the keys of the block."""
+    """Find the file's own names of the keys of the block."""
     return {key: next((name for name in names if name in document), key) for key, names in NAMES.items()}
 
 
 def _data(path: Path, document: dict[Any, Any], *names: str) -> Any:
-    """A matrix's numbers: under `data`, or directly."""
+    """Find the numbers of a matrix: under its key `data`, or directly under its name."""
     value = _first(path, document, *names)
     if isinstance(value, dict):
         value = _first(path, value, "data")

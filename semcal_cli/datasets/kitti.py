@@ -1,8 +1,8 @@
-"""What KITTI's data sets have in common: rectified cameras, and how their calibration files chain up.
+"""Calibration files of KITTI's data sets: rectified cameras and the chain of their transforms.
 
-Geiger, Lenz, Stiller, Urtasun, *Vision meets Robotics: The KITTI Dataset*, 2013, eqs. 3 to 8: a LiDAR point lands at
-`P_k R_rect T_camera0_lidar p`, with `P_k = K [I | inv(K) P_k[:, 3]]`, whose last column is the way from camera 0 to
-camera k, along the baseline.
+Geiger, Lenz, Stiller, Urtasun, *Vision meets Robotics: The KITTI Dataset*, 2013, eqs. 3 to 8: a LiDAR point projects to
+`P_k R_rect T_camera0_lidar p` with `P_k = K [I | inv(K) P_k[:, 3]]`. The last column is the translation of
+T_camera_k_camera_0, along the baseline.
 """
 
 from __future__ import annotations
@@ -19,14 +19,23 @@ from semcal_cli.formats.values import camera_block, numbers, read_keyed, rigid, 
 from semcal_cli.geometry.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
-"""Velodyne HDL-64E, 10 turns a second."""
+"""Scan pattern of the Velodyne HDL-64E at 10 turns a second."""
 
 
 def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[str, Any], Pose]:
     """Read a calib.txt of KITTI odometry (`Tr`), or of KITTI object (`R0_rect` and `Tr_velo_to_cam`).
 
+    Args:
+        path: The file.
+        camera: Number k of the camera.
+        width: Columns of its images.
+        height: Rows of its images.
+
     Returns:
-        The block of camera k, whose pictures have a size, and its T_camera_lidar.
+        The `camera:` block of camera k, and its T_camera_lidar (4, 4), metres.
+
+    Raises:
+        InputError: a key is missing or wrong.
     """
     keyed = read_keyed(path)
     if "Tr" in keyed:
@@ -41,15 +50,19 @@ def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[
 
 
 def projection(path: Path, keyed: dict[str, str], key: str) -> npt.NDArray[np.float64]:
-    """Read a projection (3, 4)."""
+    """Read a projection matrix (3, 4), pixels.
+
+    Raises:
+        InputError: the key is missing, or does not hold 12 numbers.
+    """
     return numbers(path, keyed, key, 12).reshape(3, 4)
 
 
 def rotation(path: Path, keyed: dict[str, str], key: str) -> Pose:
-    """Read a transform that turns only, of nine numbers.
+    """Read a pure rotation of nine numbers as a transform (4, 4).
 
     Raises:
-        InputError: it is not there, or no rotation.
+        InputError: the key is missing, or its numbers are no rotation.
     """
     T = np.eye(4)
     T[:3, :3] = numbers(path, keyed, key, 9).reshape(3, 3)
@@ -57,10 +70,10 @@ def rotation(path: Path, keyed: dict[str, str], key: str) -> Pose:
 
 
 def translated(path: Path, key: str, translation: npt.ArrayLike) -> Pose:
-    """Make a transform that moves only.
+    """Make a transform (4, 4) that is a pure translation, in metres.
 
     Raises:
-        InputError: it is too far.
+        InputError: the translation is too long.
     """
     T = np.eye(4)
     T[:3, 3] = translation
@@ -68,23 +81,23 @@ def translated(path: Path, key: str, translation: npt.ArrayLike) -> Pose:
 
 
 def beside_camera0(path: Path, key: str, P: npt.NDArray[np.float64]) -> Pose:
-    """T_camera_camera0 of a rectified camera from its projection (3, 4).
+    """Derive T_camera_camera0 (4, 4) of a rectified camera from its projection matrix (3, 4).
 
     Raises:
-        InputError: K cannot be inverted, or the camera is too far.
+        InputError: K is singular, or the camera is too far away.
     """
     try:
         with np.errstate(all="ignore"):
             return translated(path, key, np.linalg.solve(P[:, :3], P[:, 3]))
     except np.linalg.LinAlgError:
-        raise InputError(f"{path}: {key}: found {P.tolist()}, needed a left 3 x 3 to invert") from None
+        raise InputError(f"{path}: {key}: found {P.tolist()}, needed an invertible left 3 x 3") from None
 
 
 def pinhole(path: Path, key: str, P: npt.NDArray[np.float64], width: int, height: int) -> dict[str, Any]:
-    """The camera block of a rectified camera, from its projection (3, 4).
+    """Make the camera block of a rectified camera from its projection matrix (3, 4).
 
     Raises:
-        InputError: the projection has no such K.
+        InputError: the left 3 x 3 of the matrix is no intrinsic matrix.
     """
     block = {"model": "plumb_bob", "width": width, "height": height, "K": P[:, :3].tolist()}
     return camera_block(path, block, {"K": key})

@@ -1,8 +1,9 @@
-"""KITTI-360: the accumulated points of ROOT/data_3d_semantics cut around each pose, or the raw sweeps.
+"""KITTI-360: accumulated points of ROOT/data_3d_semantics cut around each pose, or the raw sweeps.
 
-calib_cam_to_velo.txt is camera 0 to LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt vehicle to
-world. Camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0), turned by R_rect for the perspective pair
-(autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py, devkits/commons/loadCalibration.py).
+calib_cam_to_velo.txt maps camera 0 to the LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt the
+vehicle to the world. T_camera_lidar of camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0); for the
+perspective pair, R_rect is applied after it (autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py,
+devkits/commons/loadCalibration.py).
 """
 
 from __future__ import annotations
@@ -32,13 +33,17 @@ IMAGE_FOLDERS = {
     "image_02": "data_rgb",
     "image_03": "data_rgb",
 }
-"""The folder of the pictures of each camera: 0 and 1 are rectified, 2 and 3 fisheyes that look to the sides."""
+"""Folder of the images of each camera: 0 and 1 are the rectified pair, 2 and 3 are fisheyes that look to the sides."""
 PARTS = ("train", "test")
 MAX_FRAME = 10**9
 
 
 def read(request: Request) -> Recording:
-    """Find the frames of a drive, with labelled points out of the windows if these are there."""
+    """Find the frames of a drive, with labelled points from the accumulated windows if these exist.
+
+    Raises:
+        InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
+    """
     root = request.root
     sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
     sequence = pick("sequence", request.sequence, sequences, root)
@@ -72,7 +77,7 @@ def read(request: Request) -> Recording:
 
 
 def _sequences(folder: Path) -> list[str]:
-    """Drives under a folder, or under its parts."""
+    """List the drives in a folder and in its parts."""
     names = folders(folder) if folder.is_dir() else []
     inner = [name for part in PARTS if part in names for name in folders(folder / part)]
     return [name for name in names + inner if name.endswith("_sync")]
@@ -87,7 +92,7 @@ def _windows_folder(root: Path, sequence: str) -> Path | None:
 
 
 def _camera(folder: Path, camera: str) -> tuple[dict[str, Any], Pose]:
-    """The camera block, and T_camera_camera0 of what it sees: rectified, or the fisheye itself."""
+    """Read the camera block and T_camera_camera0, of the rectified camera or of the fisheye itself."""
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
     if IMAGE_FOLDERS[camera] == "data_rgb":
         return read_mei(_fisheye(folder, camera)), T
@@ -109,7 +114,7 @@ def _camera_to_pose(folder: Path, camera: str) -> Pose:
 
 
 def _camera_to_velodyne(path: Path) -> Pose:
-    """T_velo_camera0: twelve numbers without a key."""
+    """Read T_velo_camera0, twelve numbers without a key."""
     key = "camera 0 to LiDAR"
     return pose_from_rows(f"{path}: {key}", parse_numbers(path, key, read_text(path), 12))
 
@@ -160,7 +165,7 @@ def _window_frames(
 def _image_files(
     root: Path, sequence: str, camera: str
 ) -> tuple[dict[str, Path], dict[str, Path], dict[int, float]]:
-    """Pictures, their labels and their stamps."""
+    """Find the images, their label images and their stamps."""
     folder = root / "data_2d_raw" / sequence / camera
     images = folder / IMAGE_FOLDERS[camera]
     semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in PARTS]
@@ -173,7 +178,7 @@ def _image_files(
 
 
 def _read_poses(path: Path) -> dict[int, Pose]:
-    """T_world_pose of the frames that have one: their number and 12 numbers a line."""
+    """Read T_world_pose of each frame that has one; a line holds the frame's number and 12 numbers."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     return dict(_numbered_pose(path, f"line {i}", line) for i, line in enumerate(lines, start=1))
 

@@ -1,8 +1,8 @@
-"""KITTI-360's accumulated points: a PLY for some 240 frames, labelled, in world coordinates.
+"""KITTI-360's accumulated points: labelled PLY files in world coordinates, one for about 240 frames.
 
-kitti360scripts/evaluation/semantic_3d/README.md: vertices of x y z red green blue semantic instance visible confidence;
-`visible` is 0 for points that no picture of the perspective pair shows. Files are named after their frames, as
-0000000002_0000000385.ply.
+kitti360scripts/evaluation/semantic_3d/README.md: vertices have x y z red green blue semantic instance visible
+confidence; `visible` is 0 for points that no image of the perspective pair shows. Files are named after their first and
+last frame, as 0000000002_0000000385.ply.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose
 
 RADIUS_M = 60.0
-"""Farther points are left out."""
+"""Largest distance of a point from the LiDAR that is kept."""
 CELL_DEG = 0.2
-"""Of the points in one direction the nearest is kept: others were seen from elsewhere, through walls from here."""
+"""Side of a cell of directions. Only the nearest point in a cell is kept; farther ones, seen from other places, are
+hidden from here."""
 
 
 class Windows:
-    """The windows of a drive."""
+    """All windows of accumulated points of a drive."""
 
     def __init__(self, folder: Path, *, visible_only: bool):
         self._ranges = {_frames(path): path for path in sorted(folder.glob("*.ply"))}
@@ -38,9 +39,14 @@ class Windows:
         return any(frame in numbers for numbers in self._ranges)
 
     def around(self, frame: int, T_world_lidar: Pose) -> Conversion:
-        """Cut the points around the LiDAR out of the window in whose middle a frame is."""
-        holding = [numbers for numbers in self._ranges if frame in numbers]
-        nearest = min(holding, key=lambda numbers: abs(numbers[0] + numbers[-1] - 2 * frame))
+        """Cut the points around the LiDAR out of a window.
+
+        Args:
+            frame: Number of the frame; of two windows that hold it, the one with the nearer middle is used.
+            T_world_lidar: (4, 4), metres.
+        """
+        containing = [numbers for numbers in self._ranges if frame in numbers]
+        nearest = min(containing, key=lambda numbers: abs(numbers[0] + numbers[-1] - 2 * frame))
         cut = partial(_cut, self._ranges[nearest], T_world_lidar, self._visible_only)
         return Conversion(cut, has_labels=True, file=self._ranges[nearest], in_order=False)
 
@@ -59,7 +65,7 @@ def _cut(path: Path, T_world_lidar: Pose, visible_only: bool) -> Cloud:
 
 
 def _nearest_in_each_direction(points: npt.NDArray[np.float64]) -> npt.NDArray[np.int64]:
-    """Indices of the points (N, 3) that a LiDAR at the origin would see, in ascending order."""
+    """Find the points (N, 3) that a LiDAR at the origin would see; indices in ascending order."""
     ranges = np.linalg.norm(points, axis=1)
     azimuth = np.arctan2(points[:, 1], points[:, 0])
     elevation = np.arctan2(points[:, 2], np.hypot(points[:, 0], points[:, 1]))
@@ -74,11 +80,11 @@ def _nearest_in_each_direction(points: npt.NDArray[np.float64]) -> npt.NDArray[n
 def _read_window(
     path: Path,
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.uint32], npt.NDArray[np.bool_]]:
-    """Read points in the world, their ids, and whether a picture shows them."""
+    """Read points in the world (N, 3), their ids (N,), and whether an image shows them (N,)."""
     vertices = read_vertices(path)
     points = np.stack([vertex_column(path, vertices, axis, np.float64) for axis in "xyz"], axis=1)
     semantic = vertex_column(path, vertices, "semantic", np.int64)
-    # -1 is a licence plate, which has no id.
+    # -1 means a licence plate, which has no id.
     ids = np.where(semantic < 0, 0, semantic).astype(np.uint32)
     return points, ids, vertex_column(path, vertices, "visible", np.int64) != 0
 

@@ -1,4 +1,4 @@
-"""KITTI odometry: ROOT/sequences/00 with velodyne, image_2, calib.txt, times.txt; ROOT/poses/00.txt."""
+"""KITTI odometry: velodyne, image_2, calib.txt and times.txt in ROOT/sequences/00, and ROOT/poses/00.txt."""
 
 from __future__ import annotations
 
@@ -20,7 +20,11 @@ USUAL_CAMERA = "image_2"
 
 
 def read(request: Request) -> Recording:
-    """Find the frames of a sequence that have a sweep and a picture; they have no labels."""
+    """Find the frames of a sequence that have a sweep and an image; the data set has no labels.
+
+    Raises:
+        InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
+    """
     sequences = request.root / "sequences"
     sequence = pick("sequence", request.sequence, folders(sequences), sequences)
     folder = sequences / sequence
@@ -61,7 +65,7 @@ def _frames(folder: Path, camera: str, poses: Path) -> list[SourceFrame]:
 
 
 def _stamps(path: Path) -> dict[int, float]:
-    """Seconds since the first frame, a line each; the pictures are triggered when the sweep looks ahead."""
+    """Read the seconds since the first frame, one line a frame; the sweep triggers the image when it looks ahead."""
     if not path.exists():
         return {}
     lines = read_text(path).split()

@@ -1,6 +1,6 @@
 """KITTI raw, synchronised and rectified: ROOT/2011_09_26/2011_09_26_drive_0001_sync and the day's calibration files.
 
-calib_velo_to_cam.txt is LiDAR to the camera 0 that is not rectified, so that R_rect_00 follows it.
+calib_velo_to_cam.txt maps the LiDAR to the unrectified camera 0, so R_rect_00 is applied after it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,15 @@ from semcal_cli.geometry.poses import Pose
 
 USUAL_CAMERA = "image_02"
 FORWARD_SPEED = 8
-"""Column of an oxts packet: metres a second along the vehicle (dataformat.txt)."""
+"""Column of the forward velocity in an oxts packet, metres a second (dataformat.txt)."""
 
 
 def read(request: Request) -> Recording:
-    """Find the frames of a drive that have a sweep and a picture; they have no labels."""
+    """Find the frames of a drive that have a sweep and an image; the data set has no labels.
+
+    Raises:
+        InputError: the drive, the camera or a file is missing or wrong, or no frame is complete.
+    """
     drives = sorted(path.name for path in request.root.glob("*/*_sync") if path.is_dir())
     drive = pick("sequence", request.sequence, drives, request.root)
     day = request.root / drive[: len("2011_09_26")]
@@ -49,10 +53,10 @@ def _calibrated(day: Path, camera: str, frames: list[SourceFrame]) -> Recording:
 
 
 def rectified_size(path: Path, keyed: dict[str, str], camera: str) -> tuple[int, int]:
-    """Width and height of a rectified camera's pictures.
+    """Read the width and height of a rectified camera's images, in pixels.
 
     Raises:
-        InputError: they are not there, or no whole numbers of pixels.
+        InputError: the key is missing, or its values are no whole numbers of pixels.
     """
     key = f"S_rect_{camera}"
     width, height = (image_side(f"{path}: {key}", side) for side in numbers(path, keyed, key, 2).tolist())
@@ -86,7 +90,14 @@ def _frames(folder: Path, camera: str) -> list[SourceFrame]:
 
 
 def read_stamps(path: Path) -> dict[int, float]:
-    """Unix seconds of `2011-09-26 13:02:25.951199337`, a line each frame; an empty line is a frame that is missing."""
+    """Read Unix seconds from a file with one time a line; an empty line stands for a missing frame.
+
+    Returns:
+        Seconds by the index of the line; empty if the file does not exist.
+
+    Raises:
+        InputError: a line holds no time.
+    """
     if not path.exists():
         return {}
     lines = read_text(path).splitlines()
@@ -94,10 +105,10 @@ def read_stamps(path: Path) -> dict[int, float]:
 
 
 def parse_stamp(path: Path, number: int, line: str) -> float:
-    """Unix seconds of a line, taken as UTC.
+    """Convert a line such as `2011-09-26 13:02:25.951199337`, taken as UTC, to Unix seconds.
 
     Raises:
-        InputError: it is no time.
+        InputError: the line holds no time.
     """
     whole, _, fraction = line.strip().partition(".")
     try:
@@ -113,7 +124,7 @@ def parse_stamp(path: Path, number: int, line: str) -> float:
 
 
 def _speed(path: Path) -> float | None:
-    """Speed of a frame from its inertial packet, if there is one."""
+    """Read the speed at a frame from its inertial packet, metres a second; None without a packet."""
     if not path.exists():
         return None
     values = read_text(path).split()

@@ -1,4 +1,4 @@
-"""Labels that a network wrote, beside the frames of a data set."""
+"""Labels that a network wrote for the frames of a data set."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".
 
 
 def with_labels(recording: Recording, side: Side, folder: Path) -> Recording:
-    """Take the labels of one side from a folder: files named as the frame, its picture or its cloud.
+    """Take the labels of points or of images from a folder, in files named after the frame, its image or its cloud.
 
-    The labels and classes of the data set are forgotten: the classes are whatever the network writes.
+    They replace the labels and the classes of the data set.
 
     Raises:
-        InputError: no frame has a file there, or the clouds are made so that no file can fit.
+        InputError: no frame has a file there, or the points of the clouds have no order that a file could follow.
     """
     files = files_by_stem(folder, *SUFFIXES[side])
     frames = [_without_labels(frame, side, folder) for frame in recording.frames]
@@ -46,10 +46,10 @@ def with_labels(recording: Recording, side: Side, folder: Path) -> Recording:
 
 
 def labelled(recording: Recording) -> Recording:
-    """Leave out frames that lack the labels that others have, and say how many.
+    """Leave out frames that lack labels which other frames have, and count them in a remark.
 
     Raises:
-        InputError: some frames have labels of points, others of pictures, and none has both.
+        InputError: some frames have labels of points, others have label images, and none has both.
     """
     frames = list(recording.frames)
     num_points = sum(frame.has_point_labels for frame in frames)
@@ -76,7 +76,7 @@ def labelled(recording: Recording) -> Recording:
 
 
 def _without_labels(frame: SourceFrame, side: Side, folder: Path) -> SourceFrame:
-    """Forget the labels that a conversion makes."""
+    """Drop the point labels that a conversion would write."""
     if side == "image_labels" or not isinstance(frame.points, Conversion):
         return frame
     if not frame.points.in_order:
@@ -88,7 +88,7 @@ def _without_labels(frame: SourceFrame, side: Side, folder: Path) -> SourceFrame
 
 
 def _stems(frame: SourceFrame) -> Iterator[str]:
-    """Names, without suffix, that a label file of a frame may have."""
+    """List the names, without suffix, that a label file of a frame may have."""
     yield frame.name
     if frame.image is not None:
         yield frame.image.stem

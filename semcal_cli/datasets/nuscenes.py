@@ -1,7 +1,8 @@
-"""nuScenes: the keyframes of a scene, from the tables in ROOT/v1.0-mini.
+"""nuScenes: keyframes of a scene, from the tables in ROOT/v1.0-mini.
 
-Quaternions are w first. Sensor poses are sensor to vehicle, vehicle poses vehicle to world, at the time of each sensor:
-T_camera_lidar = inv(T_ego_camera) inv(T_world_ego at the picture) (T_world_ego at the sweep) T_ego_lidar.
+Quaternions have w first. Sensor poses map the sensor to the vehicle, vehicle poses map the vehicle to the world at the
+time of each sensor:
+T_camera_lidar = inv(T_ego_camera) inv(T_world_ego at the image) (T_world_ego at the sweep) T_ego_lidar.
 Predictions are named after the token of the sweep, as <token>_lidarseg.bin (nuscenes-devkit, eval/lidarseg/README.md).
 """
 
@@ -35,12 +36,16 @@ from semcal_cli.geometry.poses import Pose, inverse
 LIDAR_CHANNEL = "LIDAR_TOP"
 USUAL_CAMERA = "CAM_FRONT"
 LIDAR = {"channels": 32, "columns": 1084, "fov_up_deg": 10.67, "fov_down_deg": -30.67}
-"""Velodyne HDL-32E, 20 turns a second."""
+"""Scan pattern of the Velodyne HDL-32E at 20 turns a second."""
 MICROSECONDS = 1e-6
 
 
 def read(request: Request) -> Recording:
-    """Find the keyframes of a scene, each with its own transform by way of the vehicle's poses."""
+    """Find the keyframes of a scene, each with its own T_camera_lidar through the poses of the vehicle.
+
+    Raises:
+        InputError: the scene, the camera, a row or a file is missing or wrong, or no keyframe is complete.
+    """
     versions = [name for name in folders(request.root) if name.startswith("v1.0")]
     tables = Tables(request.root / pick("version", request.version, versions, request.root))
     sensors = tables.rows("calibrated_sensor", CalibratedSensor)
@@ -77,7 +82,7 @@ def read(request: Request) -> Recording:
 def _keyframes(
     tables: Tables, sensors: list[CalibratedSensor], request: Request
 ) -> list[tuple[SampleData, SampleData]]:
-    """Sweep and image of each sample of the scene that has both, in order of time."""
+    """Find the sweep and the image of each sample of the scene that has both, in order of time."""
     samples = _samples(tables, request)
     names = {row.token: row.channel for row in tables.rows("sensor", Sensor)}
     channels = {row.token: names.get(row.sensor_token, "") for row in sensors}
@@ -104,7 +109,7 @@ def _samples(tables: Tables, request: Request) -> set[str]:
 
 
 def _sensor_poses(tables: Tables, rows: list[SampleData]) -> dict[str, Pose]:
-    """T_world_sensor at the time of each file."""
+    """Compute T_world_sensor (4, 4) at the time of each file, by the token of its row."""
     T_ego_sensor = tables.poses(
         "calibrated_sensor", CalibratedSensor, {row.calibrated_sensor_token for row in rows}
     )
@@ -121,7 +126,7 @@ def _speeds(keyframes: list[tuple[SampleData, SampleData]], T_world_sensor: dict
 
 
 def _camera(tables: Tables, image: SampleData, sensors: list[CalibratedSensor]) -> dict[str, Any]:
-    """The camera block; pictures of nuScenes come without distortion."""
+    """Make the camera block; images of nuScenes have no distortion."""
     sensor = next(row for row in sensors if row.token == image.calibrated_sensor_token)
     K = [list(values) for values in sensor.camera_intrinsic]
     row = f"{tables.path('sample_data')}: row {describe(image.token)}"
@@ -134,7 +139,7 @@ def _camera(tables: Tables, image: SampleData, sensors: list[CalibratedSensor]) 
 
 
 def _lidarseg(tables: Tables, root: Path) -> dict[str, Path]:
-    """Label files by the token of the sweep; none if nuScenes-lidarseg is not there."""
+    """Find the label files by the token of the sweep; none without nuScenes-lidarseg."""
     if not tables.path("lidarseg").exists():
         return {}
     return {

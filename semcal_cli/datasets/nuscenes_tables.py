@@ -1,4 +1,4 @@
-"""The tables of nuScenes (docs/schema_nuscenes.md of nutonomy/nuscenes-devkit): JSON lists of rows with tokens."""
+"""Tables of nuScenes: JSON lists of rows with tokens (docs/schema_nuscenes.md of nutonomy/nuscenes-devkit)."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Metres: TypeAlias = Annotated[float, Field(ge=-MAX_WORLD_M, le=MAX_WORLD_M)]
 
 
 class Row(BaseModel):
-    """A row; keys that are not needed may hold anything."""
+    """A row of a table; keys that are not needed may hold anything."""
 
     model_config = ConfigDict(strict=True, frozen=True, allow_inf_nan=False)
 
@@ -27,11 +27,11 @@ class Row(BaseModel):
 
 
 class Placed(Row):
-    """A row with a pose: sensor to vehicle, or vehicle to world."""
+    """A row with a pose, which maps a sensor to the vehicle or the vehicle to the world."""
 
     translation: Annotated[tuple[Metres, ...], length(3, 3)]
     rotation: Vector4
-    """w x y z."""
+    """Unit quaternion w x y z."""
 
 
 class CalibratedSensor(Placed):
@@ -42,43 +42,43 @@ class CalibratedSensor(Placed):
 
 
 class EgoPose(Placed):
-    """The vehicle at a time."""
+    """The pose of the vehicle at a time."""
 
 
 class Sensor(Row):
-    """A channel."""
+    """The name of a sensor's channel."""
 
     channel: str
 
 
 class Scene(Row):
-    """A sequence."""
+    """A scene, which is a sequence."""
 
     name: str
 
 
 class Sample(Row):
-    """A moment of a scene that has keyframes."""
+    """A moment of a scene with keyframes."""
 
     scene_token: str
 
 
 class SampleData(Row):
-    """A file of a sensor."""
+    """A file that a sensor recorded."""
 
     sample_token: str
     calibrated_sensor_token: str
     ego_pose_token: str
     filename: FileName
     timestamp: Annotated[int, Field(ge=0, le=int(MAX_STAMP_S * 1e6))]
-    """Microseconds."""
+    """Unix time in microseconds."""
     is_key_frame: bool
     width: int = 0
     height: int = 0
 
 
 class Lidarseg(Row):
-    """A file of labels."""
+    """A file of point labels."""
 
     sample_data_token: str
     filename: FileName
@@ -89,29 +89,29 @@ PlacedModel = TypeVar("PlacedModel", bound=Placed)
 
 
 class Tables:
-    """The tables of one version, in its folder."""
+    """The tables in the folder of one version."""
 
     def __init__(self, folder: Path):
         self.folder = folder
 
     def path(self, table: str) -> Path:
-        """The file of a table."""
+        """Locate the file of a table."""
         return self.folder / f"{table}.json"
 
     def rows(self, table: str, model: type[Model]) -> list[Model]:
-        """All rows of a table.
+        """Read all rows of a table.
 
         Raises:
-            InputError: there is no such table, or a row of it is wrong.
+            InputError: the table does not exist, or one of its rows is wrong.
         """
         path = self.path(table)
         return validate(RootModel[list[model]], read_list(path), path).root  # type: ignore[valid-type]
 
     def poses(self, table: str, model: type[PlacedModel], tokens: Collection[str]) -> dict[str, Pose]:
-        """The transforms of the rows with these tokens.
+        """Read the transforms (4, 4) of the rows with these tokens, metres.
 
         Raises:
-            InputError: a row is missing, or its quaternion is not of unit norm.
+            InputError: a row is missing, or its quaternion does not have unit norm.
         """
         rows = {row.token: row for row in self.rows(table, model) if row.token in tokens}
         missing = sorted(set(tokens) - rows.keys())

@@ -1,6 +1,6 @@
 """OpenCalib's road frames (PJLab-ADG/SensorsCalibration, lidar2camera): ROOT/1/calib.pcd, calib.txt, calib.png or .jpg.
 
-`T` of calib.txt is LiDAR to camera, 3 x 4 by rows; `D` is OpenCV's, four or five numbers.
+In calib.txt, `T` is T_camera_lidar, 3 x 4 by rows, and `D` has four or five numbers in OpenCV's order.
 """
 
 from __future__ import annotations
@@ -16,7 +16,11 @@ from semcal_cli.formats.values import camera_block, numbers, read_keyed, transfo
 
 
 def read(request: Request) -> Recording:
-    """Find the one frame of a folder."""
+    """Find the only frame of a folder.
+
+    Raises:
+        InputError: a file is missing or wrong.
+    """
     folder = _folder(request)
     calibration = folder / "calib.txt"
     keyed = read_keyed(calibration)

@@ -1,4 +1,4 @@
-"""Pairs of files: by the times in their names where all names hold one, else by the names themselves."""
+"""Pairs of files, by the times in their names if all names hold one, else by the names themselves."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from semcal_cli.formats.values import MAX_STAMP_S
 
 PLAIN_SECONDS = re.compile(r"\d+\.\d+")
 SPLIT_SECONDS = re.compile(r"(?<!\d)([1-9]\d{9})([._-])(\d{1,9})(?!\d)")
-"""Unix seconds, from 2001 on: 0000000005 is a number. Then their fraction, or nanoseconds."""
+"""Unix seconds from 2001 on, then their fraction or nanoseconds; 0000000005 is the number of a frame."""
 WHOLE_UNITS = re.compile(r"(?<!\d)([1-9](?:\d{18}|\d{15}|\d{12}|\d{9}))(?!\d)")
-"""Unix time in nanoseconds, microseconds, milliseconds or seconds, told by its digits; from 2001 on."""
+"""Unix time from 2001 on, whose number of digits tells nanoseconds, microseconds, milliseconds or seconds."""
 PADDED = (3, 6, 9)
-"""Digits of milliseconds, microseconds and nanoseconds."""
+"""Numbers of digits of milliseconds, microseconds and nanoseconds."""
 
 
 def stem(path: Path) -> str:
-    """A file's name without its suffix; of `.pcd.bin` without both."""
+    """Remove the suffix from a file's name; `.pcd.bin` counts as one suffix."""
     suffix = next((suffix for suffix in CLOUD_SUFFIXES if path.name.endswith(suffix)), path.suffix)
     return path.name.removesuffix(suffix)
 
 
 def stamps_s(files: Sequence[Path]) -> dict[Path, float]:
-    """The times in the names of one kind of files, in seconds; files without one are left out.
+    """Read the times in the names of one kind of files, in seconds; files without one are left out.
 
-    ROS's seconds and nanoseconds are often joined without zeros in front: 1581624663_98000000 is 1581624663.098. Only
+    ROS's seconds and nanoseconds are often joined without leading zeros: 1581624663_98000000 is 1581624663.098. Only
     the names of all files together tell this from a fraction.
 
     Raises:
@@ -47,7 +47,7 @@ def stamps_s(files: Sequence[Path]) -> dict[Path, float]:
 
 
 def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> bool:
-    """Whether what follows the seconds and a mark is nanoseconds without zeros in front, and no fraction."""
+    """Whether the digits after the seconds and a mark are nanoseconds without leading zeros, and not a fraction."""
     groups = {path: digits for path, (_, between, digits) in split.items() if between == mark}
     odd = next((path for path, digits in groups.items() if len(digits) not in PADDED), None)
     if odd is None:
@@ -65,7 +65,7 @@ def _are_nanoseconds(split: Mapping[Path, tuple[str, str, str]], mark: str) -> b
 
 
 def _plain_stamp_s(name: str) -> float | None:
-    """A name that is a decimal number, or the last whole Unix time in it."""
+    """Read a name that is a decimal number, or the last whole Unix time in a name; seconds."""
     if PLAIN_SECONDS.fullmatch(name):
         return stamp if (stamp := float(name)) <= MAX_STAMP_S else None
     if found := WHOLE_UNITS.findall(name):
@@ -79,12 +79,17 @@ def by_time(*sides: Sequence[Path]) -> bool:
 
 
 def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> dict[Path, Path]:
-    """Give each cloud the file that belongs to it; neither is used twice.
+    """Find the file that belongs to each cloud; no file is used twice.
 
-    By time, two files belong together if each is the nearest of the other, within `max_gap_s`.
+    By time, two files belong together if each is the nearest to the other, within `max_gap_s`.
+
+    Args:
+        clouds: Files of point clouds.
+        others: Files of another kind.
+        max_gap_s: Largest time between two files of a pair, in seconds.
 
     Raises:
-        InputError: two files of one side have the same name, or a time in a name is not clear.
+        InputError: two files of one kind have the same name, or a time in a name is ambiguous.
     """
     if not by_time(clouds, others):
         named = _by_name(others)
@@ -103,7 +108,7 @@ def pairs(clouds: Sequence[Path], others: Sequence[Path], max_gap_s: float) -> d
 
 
 def _nearest(stamps: np.ndarray, among: np.ndarray) -> list[int]:
-    """Index of the nearest of `among` for each stamp; the earlier of two."""
+    """Find the index of the nearest of `among` for each stamp; of two that are as near, the earlier."""
     order = np.argsort(among, kind="stable")
     after = np.clip(np.searchsorted(among[order], stamps), 0, len(among) - 1)
     before = np.maximum(after - 1, 0)

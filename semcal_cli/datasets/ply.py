@@ -1,7 +1,7 @@
-"""All columns of a binary PLY's vertices, for KITTI-360, whose windows also say which points the pictures show.
+"""All columns of a binary PLY's vertices, for KITTI-360, whose windows also tell which points the images show.
 
-Clouds to calibrate with are read by the core. Turk, *The PLY Polygon File Format*, 1994; only what that data set
-writes: vertices first, without lists.
+The core reads the clouds of a drive. This module reads only PLY files as KITTI-360 writes them, with the vertices first
+and without lists (Turk, *The PLY Polygon File Format*, 1994).
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ TYPES = {
 
 
 def read_vertices(path: Path) -> npt.NDArray[Any]:
-    """Read the vertices, a structured array (N,).
+    """Read the vertices as a structured array (N,).
 
     Raises:
-        InputError: there is no such file, or it is no PLY that begins with so many vertices of plain numbers.
+        InputError: the file does not exist, is too short, or does not begin with vertices of plain numbers.
     """
     content = read_bytes(path)
     end = END.search(content, 0, MAX_HEADER)
@@ -50,10 +50,10 @@ def read_vertices(path: Path) -> npt.NDArray[Any]:
 
 
 def vertex_column(path: Path, vertices: npt.NDArray[Any], name: str, dtype: type) -> npt.NDArray[Any]:
-    """Give one property of all vertices (N,).
+    """Read one property of all vertices, (N,).
 
     Raises:
-        InputError: there is no such property.
+        InputError: the vertices have no such property.
     """
     names = vertices.dtype.names or ()
     if name not in names:
@@ -62,7 +62,7 @@ def vertex_column(path: Path, vertices: npt.NDArray[Any], name: str, dtype: type
 
 
 def _parse_header(path: Path, lines: list[str]) -> tuple[int, np.dtype[Any]]:
-    """Number and layout of the vertices."""
+    """Read the number and the layout of the vertices."""
     words = [line.split() for line in lines[1:]]
     form = next((line[1] for line in words if line[:1] == ["format"] and len(line) == 3), "none")
     if form not in FORMATS:

@@ -1,4 +1,4 @@
-"""What is asked of a data set, and what it answers."""
+"""The request to a data set and the recording that it returns."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from semcal_cli.geometry.poses import Pose
 
 @dataclass(frozen=True)
 class Request:
-    """What a user asks for."""
+    """What the user asks of a data set."""
 
     root: Path
-    """The data set's folder."""
+    """Folder of the data set."""
     sequence: str | None = None
-    """None: the only one there is."""
+    """Name of the sequence; None for the only one."""
     camera: str | None = None
-    """None: the data set's usual one."""
+    """Name of the camera; None for the data set's usual one."""
     version: str | None = None
-    """The folder of nuScenes' tables; the release of CARLA."""
+    """Folder of nuScenes' tables, or release of CARLA."""
 
     def __post_init__(self) -> None:
-        """Check that there is such a folder.
+        """Check that the folder exists.
 
         Raises:
-            InputError: there is none.
+            InputError: the folder does not exist.
         """
         need_folder(self.root)
 
@@ -42,79 +42,85 @@ class Cloud:
     """A point cloud that had to be converted."""
 
     points: npt.NDArray[np.float32]
-    """(N, 4): metres in the LiDAR frame, and intensity, 0 where there is none."""
+    """(N, 4) x, y, z in metres in the LiDAR frame, and the intensity, 0 where it is not known."""
     labels: npt.NDArray[np.uint32] | None
-    """(N,) ids."""
+    """(N,) ids of the points; None without labels."""
 
 
 @dataclass(frozen=True)
 class Conversion:
-    """Makes a cloud that no file of the data set holds as a drive needs it."""
+    """Conversion of a cloud that no file of the data set holds in the form that a drive needs."""
 
     cloud: Callable[[], Cloud]
+    """Function that makes the cloud."""
     has_labels: bool
-    """Whether the cloud comes with labels that are to be written."""
+    """Whether the cloud has labels that are written with it."""
     file: Path
-    """Where the points come from."""
+    """File that the points come from."""
     in_order: bool
-    """Whether these are the points of the file in its order; else no file of labels can fit."""
+    """Whether the points are those of the file in its order. If not, no other file of labels can fit."""
 
 
 @dataclass(frozen=True)
 class SourceFrame:
-    """A sweep and the picture taken with it, where they lie."""
+    """A sweep and the image taken with it, as files of the data set."""
 
     name: str
-    """Number or name in the data set."""
+    """Number or name of the frame in the data set."""
     points: Path | Conversion
-    """The file of the cloud, or what makes it."""
+    """File of the cloud, or the conversion that makes it."""
     point_labels: Path | None = None
+    """File of the point labels."""
     image_labels: Path | None = None
+    """File of the label image."""
     image: Path | None = None
+    """File of the image."""
     points_stamp: float | None = None
-    """Seconds."""
+    """Time of the sweep, in seconds."""
     image_stamp: float | None = None
-    """Seconds."""
+    """Time of the image, in seconds."""
     speed_mps: float | None = None
-    """How fast the rig moves."""
+    """Speed of the rig, in metres a second."""
     T_camera_lidar: Pose | None = None
-    """Reference of this frame alone, where motion between sweep and picture is in it."""
+    """Reference transform (4, 4) of this frame, if it includes the motion between sweep and image."""
     label_names: tuple[str, ...] = ()
-    """Names, without suffix, of label files of this data set that do not follow from the frame's files."""
+    """Further names, without suffix, that a label file of this frame may have."""
 
     @property
     def cloud_file(self) -> Path | None:
-        """The file that holds the points in their order, if there is one."""
+        """The file that holds the points in their order; None without such a file."""
         if isinstance(self.points, Conversion):
             return self.points.file if self.points.in_order else None
         return self.points
 
     @property
     def has_point_labels(self) -> bool:
-        """Whether its points have labels, in a file or by the conversion."""
+        """Whether the points have labels, in a file or from the conversion."""
         converted = isinstance(self.points, Conversion) and self.points.has_labels
         return converted or self.point_labels is not None
 
 
 @dataclass(frozen=True)
 class Recording:
-    """One sequence through one camera."""
+    """One sequence of a data set as one of its cameras sees it."""
 
     camera: Mapping[str, Any]
     """The `camera:` block of a drive."""
     frames: Sequence[SourceFrame]
-    """In order of time."""
+    """Frames in order of time."""
     T_camera_lidar: Pose | None = None
-    """p_camera = T_camera_lidar * p_lidar; None if each frame has its own, or there is none."""
+    """Reference transform (4, 4), p_camera = T_camera_lidar * p_lidar; None if unknown or if each frame has its own."""
     lidar: Mapping[str, Any] | None = None
     """The `lidar:` block of a drive, if the scan pattern is known."""
     point_classes: Ontology | None = None
+    """Classes of the point labels."""
     image_classes: Ontology | None = None
+    """Classes of the label images."""
     ids_in_red: bool = False
     """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
     remarks: tuple[str, ...] = ()
-    """What the user should know, a sentence each."""
+    """Sentences that the user should read."""
     read: tuple[Path, ...] = ()
-    """Files of YAML that were read, so that no drive.yaml goes there."""
+    """YAML files that were read, which a drive.yaml must not overwrite."""
     labels_by: str = "DIR"
-    """What --point-labels and --image-labels take."""
+    """Placeholder of the values of --point-labels and --image-labels in messages."""

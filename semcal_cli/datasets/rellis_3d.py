@@ -1,7 +1,7 @@
-"""RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin and its neighbours (README of unmannedlab/RELLIS-3D).
+"""RELLIS-3D: ROOT/00000/os1_cloud_node_kitti_bin and the folders beside it (README of unmannedlab/RELLIS-3D).
 
-Sweep 000104 goes with picture frame000104-1581624663_149, whose name ends in its time, seconds and milliseconds.
-`transforms.yaml` maps camera to LiDAR and is inverted; see `formats/rellis3d.py`.
+Sweep 000104 belongs to image frame000104-1581624663_149, whose name ends with its time in seconds and milliseconds.
+`transforms.yaml` maps the camera to the LiDAR and is inverted; see `formats/rellis3d.py`.
 """
 
 from __future__ import annotations
@@ -25,14 +25,18 @@ from semcal_cli.geometry.poses import Pose
 CAMERA = "pylon_camera_node"
 WIDTH, HEIGHT = 1920, 1200
 DISTORTION = [-0.134313, -0.025905, 0.002181, 0.00084, 0.0]
-"""k1 k2 p1 p2 k3; camera_info.txt leaves them out, the project's own projection (utils/lidar2img.ipynb) has them."""
+"""Distortion k1 k2 p1 p2 k3 from the project's own projection (utils/lidar2img.ipynb); camera_info.txt has none."""
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 16.6, "fov_down_deg": -16.6}
-"""Ouster OS1-64, first generation."""
+"""Scan pattern of the Ouster OS1-64, first generation."""
 IMAGE_NAME = re.compile(r"frame([0-9]{6})-([0-9]{1,10})_([0-9]{3})")
 
 
 def read(request: Request) -> Recording:
-    """Find the frames of a sequence that have a sweep and a picture, or its labels."""
+    """Find the frames of a sequence that have a sweep and an image or a label image.
+
+    Raises:
+        InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
+    """
     sequences = [name for name in folders(request.root) if re.fullmatch("[0-9]{5}", name)]
     folder = request.root / pick("sequence", request.sequence, sequences, request.root)
     pick("camera", request.camera, [CAMERA], folder)
@@ -95,7 +99,7 @@ def _optional(folder: Path, *suffixes: str) -> dict[str, Path]:
 
 
 def _by_number(files: dict[str, Path]) -> dict[str, Path]:
-    """Pictures by their six digits, as sweeps are named."""
+    """Key images by the six digits of their names, which are the names of the sweeps."""
     return {_parse(path).group(1): path for path in files.values()}
 
 
@@ -112,7 +116,7 @@ def _parse(image: Path) -> re.Match[str]:
 
 
 def _speeds(path: Path, numbers: list[str]) -> dict[str, float]:
-    """Speed at each sweep, from the poses of the data set if they are there: a line each sweep, 10 a second."""
+    """Derive the speed at each sweep from the poses of the data set, a line for each sweep; empty without poses."""
     if not path.exists():
         return {}
     speeds = speeds_mps(read_positions(path), KITTI_PERIOD_S)

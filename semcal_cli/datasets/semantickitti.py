@@ -1,6 +1,6 @@
-"""SemanticKITTI: KITTI odometry with the labels of its points in ROOT/sequences/00/labels (www.semantic-kitti.org).
+"""SemanticKITTI: KITTI odometry with point labels in ROOT/sequences/00/labels (www.semantic-kitti.org).
 
-A label is 32 bits: the class in the lower 16, the instance in the upper 16.
+A label has 32 bits: the class in the lower 16, the instance in the upper 16.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ from semcal_cli.datasets.recording import Recording, Request
 
 
 def read(request: Request) -> Recording:
-    """Find the frames of a sequence, with the labels of their points."""
+    """Find the frames of a sequence, with the labels of their points.
+
+    Raises:
+        InputError: the sequence, the camera or a file is missing or wrong, or no frame is complete.
+    """
     recording = kitti_odometry.read(request)
     first = recording.frames[0].points
     assert isinstance(first, Path)

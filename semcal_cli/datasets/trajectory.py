@@ -1,4 +1,4 @@
-"""How a rig moved, from the poses of a data set."""
+"""Positions and speeds of a rig, from the poses of a data set."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from semcal_cli.files.reading import read_text
 from semcal_cli.formats.values import MAX_WORLD_M, number, parse_numbers
 
 KITTI_PERIOD_S = 0.1
-"""Between the sweeps of KITTI's, KITTI-360's and RELLIS-3D's LiDARs."""
+"""Time between two sweeps of KITTI's, KITTI-360's and RELLIS-3D's LiDARs."""
 
 
 def read_positions(path: Path) -> npt.NDArray[np.float64]:
-    """Read the positions (N, 3) of poses of 12 numbers a line, as KITTI odometry writes them.
+    """Read the positions (N, 3), metres, from poses of 12 numbers a line, as KITTI odometry writes them.
 
     Raises:
-        InputError: there is no such file, or a line holds something else.
+        InputError: the file does not exist, or a line does not hold 12 numbers.
     """
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     return np.array([_position(path, f"line {i}", line) for i, line in enumerate(lines, start=1)]).reshape(
@@ -34,10 +34,19 @@ def _position(path: Path, key: str, line: str) -> list[float]:
 def speeds_mps(
     positions: npt.NDArray[np.float64], period_s: float | npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Speed at each position (N, 3), by central differences; `period_s` lies between two of them."""
+    """Compute the speed at each position by central differences.
+
+    Args:
+        positions: (N, 3) metres.
+        period_s: Seconds from each position to the next, one value or (N - 1,).
+
+    Returns:
+        (N,) metres a second.
+    """
     if len(positions) < 2:
         return np.zeros(len(positions))
-    with np.errstate(divide="ignore", invalid="ignore"):  # two at one time: not a slow place
+    # Two positions at one time give an infinite speed, so they do not count as slow.
+    with np.errstate(divide="ignore", invalid="ignore"):
         steps = np.linalg.norm(np.diff(positions, axis=0), axis=1) / period_s
     speeds: npt.NDArray[np.float64] = 0.5 * (np.append(steps, steps[-1]) + np.insert(steps, 0, steps[0]))
     return speeds

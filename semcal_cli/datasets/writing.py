@@ -1,4 +1,4 @@
-"""The drive of a recording: a drive.yaml that points at the original files, and copies of what had to be converted."""
+"""The drive of a recording: a drive.yaml that names the original files, and copies of converted clouds."""
 
 from __future__ import annotations
 
@@ -27,45 +27,49 @@ from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 
 UNWRITTEN = Path("the drive that is to be written")
-"""Named by complaints about what no single file of the data set says."""
+"""Name in errors that no single file of the data set causes."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What a user adds to what the data set says."""
+    """The user's additions to a data set."""
 
     choice: Choice = field(default_factory=Choice)
+    """Frames to keep."""
     image_labels: Path | None = None
     """Folder of label images."""
     point_labels: Path | None = None
-    """Folder of labels of points."""
+    """Folder of point labels."""
     image_classes: str | None = None
-    """Name or file of the class table of the label images; None: the data set's."""
+    """Name or file of the class table of the label images; None for that of the data set."""
     point_classes: str | None = None
-    """Name or file of the class table of the points; None: the data set's."""
+    """Name or file of the class table of the points; None for that of the data set."""
 
 
 @dataclass(frozen=True)
 class Written:
-    """What was written."""
+    """Summary of a written drive."""
 
     path: Path
+    """The drive.yaml."""
     num_frames: int
+    """Number of frames."""
     num_converted: int
-    """Clouds that were written beside the drive.yaml."""
+    """Number of clouds that were written beside the drive.yaml."""
     remarks: tuple[str, ...]
+    """Sentences that the user should read."""
 
 
 def write_drive(recording: Recording, options: Options, out: Path) -> Written:
-    """Write a drive; drive.yaml comes last, each file as a whole or not at all.
+    """Write a drive. The drive.yaml is written last, and each file is written as a whole or not at all.
 
     Args:
-        recording: What the data set says.
+        recording: The sequence of the data set.
         options: Labels, classes and frames that the user asks for.
-        out: The drive's folder, or its drive.yaml.
+        out: Folder of the drive, or its drive.yaml.
 
     Raises:
-        InputError: no frame is left, a file cannot be written, or the data set says what no drive can hold.
+        InputError: no frame is left, a file cannot be written, or the recording makes no valid drive.
     """
     path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
     _check_overwrites_nothing(path, recording, options)
@@ -121,7 +125,7 @@ def _in_red(table: Ontology, options: Options) -> Ontology:
 
 
 def _document(recording: Recording, path: Path) -> dict[str, Any]:
-    """Make the content of a drive.yaml that lies at `path`."""
+    """Make the content of a drive.yaml at `path`."""
     document: dict[str, Any] = {"semcal_drive": 1, "camera": dict(recording.camera)}
     if recording.lidar is not None:
         document["lidar"] = dict(recording.lidar)
@@ -147,7 +151,7 @@ def _frame_document(frame: SourceFrame, folder: Path) -> dict[str, Any]:
 
 
 def _class_blocks(recording: Recording) -> dict[str, Any]:
-    """The `ignore:`, `classes:` and `palette:` blocks."""
+    """Make the `ignore:`, `classes:` and `palette:` blocks."""
     sides: dict[str, Ontology | None] = {"points": recording.point_classes, "image": recording.image_classes}
     coded = next((f.image_labels for f in recording.frames if f.image_labels), None)
     palette = None
@@ -166,7 +170,7 @@ def _class_blocks(recording: Recording) -> dict[str, Any]:
 
 
 def _reference(recording: Recording) -> Pose | None:
-    """The transform of the recording, or the mean of its frames'."""
+    """Choose the transform of the recording, or the mean of its frames' transforms."""
     poses = [frame.T_camera_lidar for frame in recording.frames if frame.T_camera_lidar is not None]
     if not poses:
         return recording.T_camera_lidar
@@ -176,7 +180,7 @@ def _reference(recording: Recording) -> Pose | None:
 
 
 def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
-    """Say how far the transforms of single frames are from their mean."""
+    """Say how far the transforms of the frames are from their mean."""
     poses = [frame.T_camera_lidar for frame in frames if frame.T_camera_lidar is not None]
     if len(poses) < 2:
         return []
@@ -190,7 +194,7 @@ def _motion_remarks(frames: Sequence[SourceFrame]) -> list[str]:
 
 
 def _converted(frame: SourceFrame, folder: Path) -> bool:
-    """Write the cloud of a frame anew, if it has to be; whether it has points."""
+    """Write the converted cloud of a frame if it needs one; return whether the frame has points."""
     if not isinstance(frame.points, Conversion):
         return True
     cloud = frame.points.cloud()
@@ -211,12 +215,12 @@ def _write_cloud(name: str, conversion: Conversion, cloud: Cloud, folder: Path) 
 
 
 def _copies(name: str) -> tuple[str, str]:
-    """Names of the converted cloud of a frame and its labels."""
+    """Name the files of a frame's converted cloud and of its labels."""
     return f"points/{name}.bin", f"point_labels/{name}.label"
 
 
 def _relative(path: Path, folder: Path) -> str:
-    """Name a file relative to the drive's real folder; on another drive of Windows that cannot be."""
+    """Name a file relative to the drive's real folder, or absolutely if it is on another drive of Windows."""
     real = Path(os.path.realpath(need_file(path).parent)) / path.name
     with suppress(ValueError):
         real = Path(os.path.relpath(real, os.path.realpath(folder)))

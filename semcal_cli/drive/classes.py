@@ -1,4 +1,4 @@
-"""Dense classes: what raw ids become before anything is counted."""
+"""Dense classes, from 0 on, that replace the raw ids of labels."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ MAX_CLASSES = NO_CLASS
 
 @dataclass(frozen=True)
 class ClassTable:
-    """Maps the raw ids of one side, points or image, to classes."""
+    """Table from the raw ids of points or of pixels to classes."""
 
     names: tuple[str, ...]
-    """The name of each class: that of drive.yaml, or the raw id."""
+    """Name of each class, from drive.yaml, or its raw id."""
     lookup: npt.NDArray[np.uint8]
-    """(65536,) the class of each raw id, or `NO_CLASS`."""
+    """(65536,) class of each raw id, or `NO_CLASS`."""
 
     def __call__(self, ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint8]:
-        """Classes of raw ids."""
+        """Look up the classes of raw ids."""
         return self.lookup[ids]
 
 
 def class_table(
     raw: Sequence[npt.NDArray[np.uint16]], named: Mapping[str, Sequence[int]], ignored: Sequence[int]
 ) -> ClassTable:
-    """Number the classes of one side.
+    """Number the classes of the points or of the pixels.
 
     Args:
-        raw: The raw ids of every frame.
-        named: Raw ids under each name; ids not listed carry no information. Empty: every id is its own class.
+        raw: Raw ids of every frame.
+        named: Raw ids of each name; ids not listed carry no information. If empty, every id is a class of its own.
         ignored: Raw ids that carry no information.
 
     Raises:

@@ -1,4 +1,4 @@
-"""What points and pixels are compared by: labels, intensity, both, or features."""
+"""Cues that points and pixels are compared by: labels, intensity, both, or features."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
 
 
 def load_cues(drive: Drive, cues: Sequence[Cue], sweeps: Sweeps | None = None) -> Observations:
-    """Load every frame of a drive, with what the cues say of points and pixels; sweeps are read once.
+    """Load every frame of a drive with the classes of one or several cues; each sweep is read once.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says, or a cue needs one that is not given.
-        CalibrationError: one side says nothing.
+        InputError: a file is missing or wrong, or a cue needs a file that the drive does not name.
+        CalibrationError: the points or the pixels carry no information.
     """
     sweeps = Sweeps() if sweeps is None else sweeps
     found = [_load(drive, cue, sweeps) for cue in cues]
@@ -39,10 +39,10 @@ def load_cues(drive: Drive, cues: Sequence[Cue], sweeps: Sweeps | None = None) -
 
 
 def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
-    """Keep at most so many frames of a drive: those whose label images differ most, without labels evenly spaced ones.
+    """Keep at most `max_frames` frames of a drive: those whose label images differ most, or evenly spaced ones.
 
     Raises:
-        InputError: a label image is missing or is not what its name or the drive says.
+        InputError: a label image is missing or wrong.
     """
     if "labels" in cues:
         return select_frames(drive, max_frames)
@@ -50,13 +50,13 @@ def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
 
 
 def files_of(cues: Sequence[Cue]) -> list[str]:
-    """Name the files of a frame that cues need beside clouds and labels."""
+    """List the keys of a frame's files that cues need besides clouds and labels."""
     names = {"intensity": ["image"], "features": ["point_features", "image_features"]}
     return [name for cue in cues for name in names.get(cue, [])]
 
 
 def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:
-    """Tell the cues, and their settings."""
+    """Give the settings of each cue, by name."""
     settings = {"intensity": asdict(INTENSITY), "features": asdict(FEATURES)}
     return {cue: settings.get(cue, {}) for cue in cues}
 
@@ -72,14 +72,14 @@ def _load(drive: Drive, cue: Cue, sweeps: Sweeps) -> Observations:
 
 
 def summed(first: Observations, second: Observations) -> Observations:
-    """Put two cues of the same frames together, so that their mutual informations add up.
+    """Combine two cues of the same frames, so that their mutual information adds up.
 
-    Frames are there twice, once with the classes of each cue, and no class belongs to both. So the joint histogram has
-    a block for each cue, and its mutual information is the mean of theirs but for a constant (chain rule: which block
-    a pair is in tells which classes it may have, on either side).
+    Each frame occurs twice, once with the classes of each cue, and the cues share no class. So the joint histogram has
+    a block for each cue, and its mutual information is the mean of theirs plus a constant (chain rule: the block of a
+    pair determines its possible classes on both sides).
 
     Raises:
-        CalibrationError: there are too many classes for one histogram.
+        CalibrationError: the cues have too many classes for one histogram.
     """
     num_point, num_image = len(first.point_class_names), len(first.image_class_names)
     if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
@@ -94,7 +94,7 @@ def summed(first: Observations, second: Observations) -> Observations:
 
 
 def _shifted(frame: FrameObservation, by_point: int, by_image: int) -> FrameObservation:
-    """The same frame, whose classes come after so many others on either side."""
+    """Move the classes of a frame's points and pixels behind those of another cue."""
     cloud, image = frame.cloud, frame.image
     of_points, of_pixels = _table(by_point), _table(by_image)
     shifted_cloud = replace(
@@ -107,7 +107,7 @@ def _shifted(frame: FrameObservation, by_point: int, by_image: int) -> FrameObse
 
 
 def _table(by: int) -> Classes:
-    """Classes of the second cue come after those of the first."""
+    """Make the table (256,) that moves the classes of the second cue behind those of the first."""
     table = np.full(256, NO_CLASS, np.uint8)
     table[: NO_CLASS - by] = np.arange(by, NO_CLASS)
     return table

@@ -1,4 +1,4 @@
-"""The drive: what a calibration reads, described by its `drive.yaml`."""
+"""The drive: the input of a calibration, described by a `drive.yaml`."""
 
 import math
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from semcal_cli.geometry.poses import nearest_rigid
 
 DRIVE_FILE = "drive.yaml"
 RIG_FILE, RIG = "rig.yaml", "semcal_rig"
-"""Of several cameras: see `semcal_cli.rig`."""
+"""File and version key of a rig of several cameras; see `semcal_cli.rig`."""
 OF_CALIBRATE = "found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
 
 CameraModel: TypeAlias = Literal[
@@ -50,18 +50,22 @@ DISTORTION_COUNTS: dict[CameraModel, tuple[int, ...]] = {
     "fov": (1,),
     "double_sphere": (0,),
 }
-"""Coefficients that each camera model takes; 0 is a lens without distortion."""
+"""Allowed numbers of distortion coefficients of each camera model; 0 means a lens without distortion."""
 
 
 class Interval(NamedTuple):
-    """Values that a number may have."""
+    """Interval of allowed values; an open one excludes its ends."""
 
     low: float
     high: float
     is_open: bool = False
 
     def check(self, name: str, value: float) -> None:
-        """Raise a `ValueError` for a value outside."""
+        """Check that a value lies inside.
+
+        Raises:
+            ValueError: the value lies outside.
+        """
         inside = self.low < value < self.high or (not self.is_open and value in (self.low, self.high))
         if not inside:
             least, most = ("more than", "less than") if self.is_open else ("at least", "at most")
@@ -74,24 +78,24 @@ COEFFICIENTS: dict[CameraModel, dict[int, Interval]] = {
     "fov": {0: Interval(0.0, math.pi, is_open=True)},
     "thin_prism": {12: RIGHT_ANGLE, 13: RIGHT_ANGLE},
 }
-"""Coefficients that are angles, by their place."""
+"""Intervals of the coefficients that are angles, by their index."""
 
 PARAMETERS: dict[CameraModel, dict[str, Interval]] = {
     "omnidirectional": {"xi": Interval(0.0, 100.0)},
     "double_sphere": {"xi": Interval(-1.0, 1.0, is_open=True), "alpha": Interval(0.0, 1.0)},
 }
-"""What the models need beyond K and distortion."""
+"""Intervals of the parameters that a model needs beyond K and distortion."""
 
 Id = Annotated[int, Field(ge=0, le=0xFFFF)]
 Ids = Annotated[tuple[Id, ...], length(0)]
 ColorValue = Annotated[int, Field(ge=0, le=255)]
 Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
-PictureSide = Annotated[int, Field(gt=0, le=0xFFFF)]
+ImageSide = Annotated[int, Field(gt=0, le=0xFFFF)]
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
-"""Seconds: nanoseconds since 1970 are more."""
+"""Time in seconds. The limits refuse nanoseconds since 1970."""
 Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 
@@ -101,26 +105,27 @@ def _orthonormal(T: Transform) -> Transform:
 
 
 class Camera(StrictModel):
-    """Picture size, intrinsics and lens."""
+    """Image size, intrinsics and lens of a camera."""
 
     model: CameraModel
-    """plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are OpenCV's, omnidirectional is its
-    omnidir (Mei and Rives), fov is Devernay and Faugeras's, double_sphere that of Usenko, Demmel and Cremers."""
-    width: PictureSide
-    """Columns of the picture."""
-    height: PictureSide
-    """Rows of the picture."""
+    """Camera model. plumb_bob, rational_polynomial, thin_prism and fisheye (Kannala-Brandt) are OpenCV's,
+    omnidirectional is OpenCV's omnidir (Mei and Rives), fov is by Devernay and Faugeras, double_sphere is by Usenko,
+    Demmel and Cremers."""
+    width: ImageSide
+    """Columns of the image."""
+    height: ImageSide
+    """Rows of the image."""
     K: Matrix3
-    """Intrinsic matrix in pixels, zero skew; an integer pixel is a pixel centre. The focal lengths of an
-    equirectangular picture are pixels a radian, width / (2 pi) if it goes all round; its principal point is where z
-    points."""
+    """Intrinsic matrix in pixels, with zero skew; an integer pixel is a pixel centre. The focal lengths of an
+    equirectangular image are pixels per radian, width / (2 pi) for a full turn; its principal point is the direction of
+    the z axis."""
     distortion: Annotated[tuple[float, ...], length(0), Field(validate_default=True)] = ()
-    """Coefficients in OpenCV's order; absent means none. That of fov is w, in radians."""
+    """Distortion coefficients in OpenCV's order; absent means none. The coefficient of fov is w, in radians."""
     parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
-    """What a model needs beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
+    """Parameters of a model beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
 
     def zoomed(self, scale: float) -> "Camera":
-        """The same with other focal lengths."""
+        """Make the same camera with its focal lengths multiplied by a factor."""
         (fx, _, cx), (_, fy, cy), last_row = self.K
         return self.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
 
@@ -167,13 +172,13 @@ class Lidar(StrictModel):
     """The scan pattern of a spinning LiDAR."""
 
     channels: Annotated[int, Field(ge=2, le=4096)]
-    """Beams, the rows of the spherical image."""
+    """Number of beams, which is the number of rows of the spherical image."""
     columns: Annotated[int, Field(ge=4, le=0xFFFF)]
-    """Firings a turn."""
+    """Number of firings a turn."""
     fov_up_deg: ElevationDeg
-    """Elevation of the highest beam."""
+    """Elevation of the highest beam, in degrees."""
     fov_down_deg: ElevationDeg
-    """Elevation of the lowest beam, negative below the horizon."""
+    """Elevation of the lowest beam, in degrees, negative below the horizon."""
 
     @field_validator("fov_down_deg")
     @classmethod
@@ -185,27 +190,27 @@ class Lidar(StrictModel):
 
 
 class Frame(StrictModel):
-    """One sweep and the picture taken with it. Paths are relative to the drive."""
+    """One sweep and the image taken with it. Paths are relative to the drive."""
 
     points: FileName
-    """Point cloud."""
+    """File of the point cloud."""
     point_labels: FileName | None = None
-    """Ids or class probabilities of the points; when absent, the point cloud's own field of ids."""
+    """File of the ids or class probabilities of the points. Without it, the point cloud's own field of ids is used."""
     image_labels: FileName | None = None
-    """Ids or class probabilities of the pixels."""
+    """File of the ids or class probabilities of the pixels."""
     image: FileName | None = None
-    """The picture itself."""
+    """File of the camera's image."""
     points_stamp: Stamp | None = None
-    """Seconds."""
+    """Time of the sweep, in seconds."""
     image_stamp: Stamp | None = None
-    """Seconds."""
+    """Time of the image, in seconds."""
     point_features: FileName | None = None
-    """N x C values of the points."""
+    """File of the features of the points, N x C."""
     image_features: FileName | None = None
-    """H x W x C values of the pixels."""
+    """File of the features of the pixels, H x W x C."""
 
     def key(self, name: str) -> str:
-        """Name one of its keys in a complaint, whichever place it has among the frames that are used."""
+        """Name one of the frame's keys in an error, by its point cloud and not by its index."""
         return f"frames[{self.points}].{name}"
 
 
@@ -213,18 +218,18 @@ class Ignore(StrictModel):
     """Ids that carry no information."""
 
     points: Ids = ()
-    """Ids of points."""
+    """Ids of points that carry no information."""
     image: Ids = ()
-    """Ids of pixels."""
+    """Ids of pixels that carry no information."""
 
 
 class Classes(StrictModel):
-    """Names, and merging of raw ids: ids not listed are ignored, and a side without names keeps its ids."""
+    """Names of classes with the raw ids merged into each. Other ids are ignored; a side without names keeps its ids."""
 
     points: dict[str, Ids] = {}
-    """Raw ids of points under each name."""
+    """Raw ids of points for each class name."""
     image: dict[str, Ids] = {}
-    """Raw ids of pixels under each name."""
+    """Raw ids of pixels for each class name."""
 
     @field_validator("points", "image")
     @classmethod
@@ -234,25 +239,26 @@ class Classes(StrictModel):
 
 
 class Twist(StrictModel):
-    """A steady motion of the LiDAR, in its own frame."""
+    """Constant motion of the LiDAR, in its own frame."""
 
     linear_m_s: Annotated[tuple[Speed, ...], length(3, 3)]
-    """Velocity, metres a second."""
+    """Velocity, in metres a second."""
     angular_rad_s: Annotated[tuple[Rate, ...], length(3, 3)]
-    """Angular velocity, radians a second."""
+    """Angular velocity, in radians a second."""
 
 
 class Motion(StrictModel):
-    """How the LiDAR moves during a sweep, for clouds that have a time for each point: one of three."""
+    """Motion of the LiDAR during a sweep, for clouds with a time for each point: a twist, poses or a speed."""
 
     twist: Twist | None = None
-    """One motion in all frames."""
+    """Constant motion in all frames."""
     poses: FileName | None = None
-    """File of the LiDAR's poses in a fixed frame, a line each: seconds x y z qx qy qz qw (the TUM format)."""
+    """File of the LiDAR's poses in a fixed frame, one line each: seconds x y z qx qy qz qw (the TUM format)."""
     speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
-    """Has no direction, so that nothing is corrected; says how many pixels that may cost."""
+    """Speed of the LiDAR, in metres a second. It has no direction, so it corrects nothing and only tells how many
+    pixels the motion may cost."""
     point_times: Literal["relative", "absolute"] = "relative"
-    """Whether the times of points count from `points_stamp` on, or are on the clock of the stamps."""
+    """Whether the times of points are relative to `points_stamp`, or absolute on the clock of the stamps."""
 
     @model_validator(mode="after")
     def _check_one(self) -> "Motion":
@@ -264,26 +270,26 @@ class Motion(StrictModel):
 
 
 class Drive(StrictModel):
-    """A drive.yaml. It knows where it lies; the files it names are looked for when they are loaded."""
+    """Content of a drive.yaml. The files that it names are opened when they are loaded."""
 
     semcal_drive: Version
     """Version of this format."""
     camera: Camera
-    """Intrinsics are given and right."""
+    """Camera of the drive. Its intrinsics are taken as right."""
     lidar: Lidar | None = None
-    """Estimated from the points when absent."""
+    """Scan pattern of the LiDAR. Without it, the pattern is estimated from the points."""
     frames: Annotated[tuple[Frame, ...], length(1)]
-    """All frames of one rig."""
+    """Frames of one rig."""
     ignore: Ignore = Ignore()
     """Ids that carry no information."""
     classes: Classes | None = None
-    """Names, and merging of raw ids."""
+    """Names of classes and the raw ids merged into each."""
     palette: Annotated[dict[str, Color], length(1, 255)] | None = None
-    """Red, green, blue of each class in colour-coded label images; other colours carry no information."""
+    """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
-    """How the LiDAR moves during a sweep, for clouds that have a time for each point."""
+    """Motion of the LiDAR during a sweep, for clouds with a time for each point."""
     T_camera_lidar: Annotated[Transform, AfterValidator(_orthonormal)] | None = None
-    """Reference that only commands that compare use: p_camera = T_camera_lidar * p_lidar."""
+    """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
 
@@ -300,43 +306,43 @@ class Drive(StrictModel):
 
     @property
     def root(self) -> Path:
-        """The folder that paths are relative to."""
+        """The folder that the paths in the file are relative to."""
         return self._path.parent
 
     def input_files(self) -> Iterator[str]:
-        """Give the names of all files that a calibration reads."""
+        """List the names of all files that a calibration by labels reads."""
         for frame in self.frames:
             yield from filter(None, (frame.points, frame.point_labels, frame.image_labels))
         if self.motion and self.motion.poses:
             yield self.motion.poses
 
     def files(self) -> Iterator[str]:
-        """Give the names of all files that belong to the drive."""
+        """List the names of all files of the drive."""
         yield from self.input_files()
         for frame in self.frames:
             yield from filter(None, (frame.image, frame.point_features, frame.image_features))
 
     def resolve(self, relative: str) -> Path:
-        """Locate a file named in the drive. Absolute names stay; neither `~` nor `$VAR` is expanded."""
+        """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""
         return self.root / relative
 
 
 def first_stamp(drive: Drive) -> float | None:
-    """Give the stamp of a drive's first frame, seconds."""
+    """Return the stamp of a drive's first frame, in seconds; None without stamps."""
     frame = drive.frames[0]
     return frame.points_stamp if frame.points_stamp is not None else frame.image_stamp
 
 
 def drive_file(path: Path) -> Path:
-    """Locate the drive.yaml of a drive that is given as its folder or as the file."""
+    """Locate the drive.yaml of a drive that is given by its folder or by the file."""
     return path / DRIVE_FILE if is_folder(path) else path
 
 
 def read_drive(path: Path | str) -> Drive:
-    """Read and check a drive, given as its folder or as the file.
+    """Read and check a drive, given by its folder or by its drive.yaml.
 
     Raises:
-        InputError: the first complaint: file, key, what was found, what was needed.
+        InputError: the drive is wrong; the message names the file, the key, what was found and what was needed.
     """
     path = Path(path)
     file = drive_file(path)

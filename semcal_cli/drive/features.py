@@ -1,8 +1,8 @@
-"""The features cue: vectors of points and of pixels, as networks make them, instead of labels.
+"""The features cue: feature vectors of points and of pixels, as networks compute them, instead of labels.
 
-Nothing is known of what they mean, and the two sides need have nothing in common. The mutual information of vectors has
-no histogram; MINE bounds it (`semcal_cli.refinement.mine`). Where a histogram will do, to find where to begin, each
-side's vectors are replaced by codes, the nearest of some centres (k-means).
+The meaning of the vectors is not known, and the two sides need have nothing in common. Vectors have no histogram, so
+MINE bounds their mutual information (`semcal_cli.refinement.mine`). The initial calibration replaces each vector by the
+nearest of some centres (k-means) and uses the histogram of these codes.
 """
 
 from __future__ import annotations
@@ -28,16 +28,21 @@ from semcal_cli.files.point_clouds import Sweeps
 Vectors = npt.NDArray[np.float16]
 
 SAMPLES = 20_000
-"""So many vectors tell the centres."""
+"""Number of vectors from which the centres are computed."""
 MAX_CHANNELS = 4096
 
 
 def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None = None) -> Observations:
-    """Load every frame of a drive with its features, each channel scaled to unit variance, and their codes for classes.
+    """Load every frame of a drive with its features, scaled to unit variance, and with their codes as classes.
+
+    Args:
+        drive: The drive; each frame needs features of points and of pixels.
+        config: Settings of the cue.
+        sweeps: Sweeps that have already been read.
 
     Raises:
-        InputError: a file is missing or is not what the drive needs.
-        CalibrationError: one side's features are all the same.
+        InputError: a file is missing or wrong.
+        CalibrationError: the features of the points or of the pixels are all the same.
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
@@ -73,13 +78,13 @@ def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None
 
 
 def _labelled_image(drive: Drive, vectors: Vectors, codes: npt.NDArray[np.uint8]) -> LabelledImage:
-    """A picture of blocks with vectors (H / s, W / s, C) and codes (H / s, W / s)."""
+    """Make the label image of an image's vectors (H / s, W / s, C) and their codes (H / s, W / s)."""
     scale = drive.camera.width // vectors.shape[1]
     return LabelledImage(codes.repeat(scale, axis=0).repeat(scale, axis=1), vectors=vectors)
 
 
 def _of_points(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Vectors:
-    """Features (N, C) of the returns of a cloud, whose file has them of every entry."""
+    """Read the features (N, C) of the returns of a cloud; the file has a row for every entry of the cloud."""
     path, vectors = _read(drive, frame, "point_features")
     count = len(cloud.is_return)
     if vectors.ndim != 2 or len(vectors) != count:
@@ -90,7 +95,7 @@ def _of_points(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Vectors:
 
 
 def _of_image(drive: Drive, frame: Frame) -> Vectors:
-    """Features (H / s, W / s, C) of a picture."""
+    """Read the features (H / s, W / s, C) of an image, at 1 / s of its size."""
     path, vectors = _read(drive, frame, "image_features")
     height, width = drive.camera.height, drive.camera.width
     rows, columns = vectors.shape[:2] if vectors.ndim == 3 else (0, 0)
@@ -113,7 +118,7 @@ def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
         raise InputError(
             f"{path}: {(error.strerror or 'is damaged').lower()}, needed a NumPy array"
         ) from None
-    except Exception:  # Its header is Python, and fails in as many ways.
+    except Exception:  # The header of the file is Python, so it can fail in many ways.
         raise InputError(f"{path}: found no NumPy array, needed one") from None
     if not isinstance(vectors, np.ndarray) or vectors.dtype.kind not in "fiu":
         raise InputError(
@@ -127,7 +132,7 @@ def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
 def _coded(
     side: str, vectors: Sequence[Vectors], config: FeaturesConfig
 ) -> list[tuple[Vectors, npt.NDArray[np.uint8]]]:
-    """Scale the channels of all frames alike, and code each vector by its nearest centre."""
+    """Scale each channel to unit variance over all frames, and code each vector by its nearest centre."""
     rng = np.random.default_rng(0)
     share = max(1, SAMPLES // len(vectors))
     flat = [each.reshape(-1, each.shape[-1]) for each in vectors]
@@ -140,7 +145,7 @@ def _coded(
     spread[spread == 0.0] = 1.0
     some = (some - mean) / spread
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # A centre to which nothing is near stays where it is.
+        warnings.simplefilter("ignore")  # A centre that is nearest to no vector stays where it is.
         centres, _ = kmeans2(
             some, some[rng.permutation(len(some))[: config.num_codes]], config.iterations, minit="matrix"
         )

@@ -1,4 +1,4 @@
-"""Choice of frames: of a long drive, those that differ most in what they show, or evenly spaced ones."""
+"""Choice of frames from a long drive: those whose label images differ most, or evenly spaced ones."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ Item = TypeVar("Item")
 
 
 THUMBNAIL = 64, 36
-"""Columns and rows of the label images as they are compared."""
+"""Columns and rows of the thumbnails by which label images are compared."""
 
 
 def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
-    """Keep at most `count` items, the first among them, and the last if there may be two."""
+    """Keep at most `count` evenly spaced items, from the first to the last."""
     indices = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int)
     return [items[index] for index in indices]
 
 
 def select_frames(drive: Drive, max_frames: int) -> Drive:
-    """Keep the frames of a drive whose label images differ most, in their order, if there are more than `max_frames`.
+    """Keep at most `max_frames` frames of a drive, those whose label images differ most, in their order.
 
-    Label images are read once, one after the other, and compared as thumbnails by the share of pixels that differ. The
-    first frame is chosen, then again and again the one that is farthest from all that were (Gonzalez, *Clustering to
-    minimize the maximum intercluster distance*, 1985).
+    Label images are read one after the other and compared as thumbnails, by the share of pixels that differ. The first
+    frame is chosen, then repeatedly the frame that is farthest from all chosen ones (Gonzalez, *Clustering to minimize
+    the maximum intercluster distance*, 1985).
 
     Raises:
-        InputError: a label image is missing or is not what its name or the drive says.
+        InputError: a label image is missing or wrong.
     """
     if len(drive.frames) <= max_frames:
         return drive
@@ -46,10 +46,10 @@ def select_frames(drive: Drive, max_frames: int) -> Drive:
 
 
 def farthest_points(rows: npt.NDArray[np.uint16], count: int) -> list[int]:
-    """Choose rows (N, M) that differ in many places from one another; ties go to the lower index.
+    """Choose `count` rows of (N, M) that differ from one another in many columns; ties go to the lower index.
 
     Returns:
-        Indices of `count` rows, in ascending order.
+        Indices of the rows, in ascending order.
     """
     chosen = [0]
     nearest = np.count_nonzero(rows != rows[0], axis=1)

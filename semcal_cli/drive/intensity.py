@@ -1,10 +1,9 @@
-"""The intensity cue: what a LiDAR gets back against the grey values of pictures, as Pandey et al. register them.
+"""The intensity cue: the LiDAR's intensities against the grey values of the images.
 
-Pandey, McBride, Savarese, Eustice, *Automatic extrinsic calibration of vision and lidar by maximizing mutual
-information* (Journal of Field Robotics, 2015). Both sides are measured against their surroundings, a few degrees
-across: so what falls off with range and incidence, light and exposure, all of which vary slowly, goes, and edges of
-materials stay. Levels are equalised, so that each is as frequent. They take the place of classes, and everything else
-is as with labels.
+Source: Pandey, McBride, Savarese, Eustice, *Automatic extrinsic calibration of vision and lidar by maximizing mutual
+information* (Journal of Field Robotics, 2015). Each value is measured against its surroundings, a few degrees across.
+This removes the effects of range, incidence, light and exposure, which vary slowly, and keeps the edges of materials.
+The values are divided into equally frequent levels, which take the place of classes.
 """
 
 from __future__ import annotations
@@ -32,23 +31,28 @@ from semcal_cli.files.point_clouds import Sweeps
 Values = npt.NDArray[np.float64]
 
 CELL_DEG = 0.5
-"""Of the grid of directions on which the surroundings of points are summed up."""
+"""Side of a cell of directions in which the surroundings of points are summed up."""
 BLOCKS_A_SIGMA = 8.0
-"""The surroundings of pixels are summed up in blocks that are so small."""
+"""Blocks per standard deviation of the blur with which the surroundings of pixels are summed up."""
 MASK_STEP = 4
+"""Step, in pixels, at which the reach of the lens is tested."""
 LEAST_SPREAD = 0.02
-"""Of all values: surroundings that spread less say nothing but noise."""
+"""Smallest spread of surroundings, as a share of the spread of all values. Smaller spreads are noise."""
 SAMPLES = 200_000
-"""So many values tell the levels."""
+"""Number of values from which the limits of the levels are computed."""
 
 
 def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None) -> Observations:
-    """Load every frame of a drive, with levels of intensity for classes.
+    """Load every frame of a drive, with levels of intensity as classes.
+
+    Args:
+        drive: The drive; each frame needs an image, and each cloud needs intensities.
+        config: Settings of the cue.
+        sweeps: Sweeps that have already been read.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says, a frame has no picture or a cloud no
-            intensity.
-        CalibrationError: one side is the same everywhere.
+        InputError: a file is missing or wrong, a frame has no image, or a cloud has no intensity.
+        CalibrationError: the intensities or the grey values are nearly all the same.
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
@@ -63,7 +67,7 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
         )
     names = [str(level) for level in range(config.num_levels)]
     limits = _limits(drive, "intensity", np.concatenate(contrasts), config)
-    # Exposure is of each picture, intensity of the sensor.
+    # Each image has its own exposure; the sensor's intensity has one scale.
     images = []
     for image in grey:
         levels = np.digitize(image, _limits(drive, "grey", image[seen], config))
@@ -89,7 +93,7 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
 
 
 def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
-    """Tell which pixels (H, W) the lens reaches, to a few pixels: one in so many is asked along either side."""
+    """Find the pixels that the lens reaches, (H, W), from every `MASK_STEP`-th row and column."""
     v, u = np.mgrid[: camera.height : MASK_STEP, : camera.width : MASK_STEP]
     rays = core_camera(camera).unproject(np.column_stack([u.ravel(), v.ravel()]).astype(np.float64))
     reached = np.isfinite(rays).all(axis=1).reshape(u.shape)
@@ -109,13 +113,13 @@ def _intensity(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Values:
 
 
 def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: IntensityConfig) -> Values:
-    """Grey values (H, W) of an image against their surroundings."""
+    """Compute the contrast of an image's grey values (H, W) with their surroundings."""
     camera, image = drive.camera, read_frame_image(drive, frame)
     if image is None:
         raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
     sigma_px = np.radians(config.surroundings_deg) * core_camera(camera).pixels_per_radian
 
-    # What varies slowly needs few pixels.
+    # The surroundings vary slowly, so a small image is enough.
     factor = max(1.0, sigma_px / BLOCKS_A_SIGMA)
     size = max(1, round(camera.width / factor)), max(1, round(camera.height / factor))
 
@@ -132,7 +136,7 @@ def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: Inten
 
 
 def _of_points(config: IntensityConfig, points: npt.NDArray[np.float32], values: Values) -> Values:
-    """Intensities (N,) of points (N, 3) against those in nearby directions."""
+    """Compute the contrast of the intensities (N,) of points (N, 3) with those in nearby directions."""
     x, y, z = points.astype(np.float64).T
     azimuth, elevation = np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
     columns, rows = round(360.0 / CELL_DEG), round(180.0 / CELL_DEG)
@@ -141,7 +145,7 @@ def _of_points(config: IntensityConfig, points: npt.NDArray[np.float32], values:
 
     def around(summands: Values) -> Values:
         sums = np.bincount(row * columns + column, summands, rows * columns).reshape(rows, columns)
-        # The grid goes round.
+        # The columns of the grid cover a full turn.
         smooth = gaussian_filter(sums, config.surroundings_deg / CELL_DEG, mode=("nearest", "wrap"))
         return np.asarray(smooth[row, column])
 
@@ -151,7 +155,7 @@ def _of_points(config: IntensityConfig, points: npt.NDArray[np.float32], values:
 
 
 def _contrast(values: Values, weights: Values, sums: Values, squares: Values, spread: float) -> Values:
-    """Deviation from the mean of the surroundings, in their standard deviations."""
+    """Compute the deviation from the mean of the surroundings, in their standard deviations."""
     weights = np.maximum(weights, np.finfo(np.float64).tiny)
     mean = sums / weights
     variance = np.maximum(squares / weights - mean**2, (LEAST_SPREAD * spread) ** 2)
@@ -159,7 +163,7 @@ def _contrast(values: Values, weights: Values, sums: Values, squares: Values, sp
 
 
 def _limits(drive: Drive, side: str, values: Values, config: IntensityConfig) -> Sequence[float]:
-    """The limits between levels that are equally frequent."""
+    """Find the limits between equally frequent levels."""
     some = values[:: max(1, len(values) // SAMPLES)]
     limits: list[float] = np.quantile(some, np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1]).tolist()
     if not limits[0] < limits[-1]:

@@ -1,4 +1,4 @@
-"""Motion compensation (de-skew): sweeps as the LiDAR would have seen them at the moment of their picture."""
+"""Motion compensation (de-skew): sweeps as the LiDAR would have seen them at the time of their image."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from semcal_cli.files.reading import read_text
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion
 
 MAX_SWEEP_S = 1.0
-"""Times of points that are farther from their sweep's stamp are of another clock or unit."""
+"""Largest time between a point and its sweep's stamp; farther apart, they have different clocks or units."""
 MIN_SWEEP_S = 0.005
-"""Times that span less are of another unit: no LiDAR turns so fast."""
+"""Shortest time of a sweep; times that span less have another unit, for no LiDAR turns that fast."""
 MIN_RANGE_M = 0.1
 MEAN_SINE = math.pi / 4.0
-"""Of the angle between a motion of unknown direction and a line of sight."""
+"""Mean sine of the angle between a motion of unknown direction and a line of sight."""
 
 
 class Compensated(NamedTuple):
@@ -31,17 +31,17 @@ class Compensated(NamedTuple):
     points: npt.NDArray[np.float32]
     """(N, 3) metres, in the LiDAR frame at `image_stamp`."""
     twist_per_s: list[float] | None
-    """(6,) how the LiDAR moves then, metres and radians a second in its own frame; None if not known."""
+    """(6,) twist of the LiDAR at that moment, metres and radians a second in its own frame; None if it is unknown."""
 
 
 def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compensated]:
-    """Compensate the motion of the LiDAR in the sweep of each frame: see `rust/motion.rs`.
+    """Compensate the motion of the LiDAR in the sweep of each frame (see `rust/motion.rs`).
 
-    Points stay where they are if the drive does not say which way it moves.
+    Points stay where they are if the drive gives no motion with a direction.
 
     Raises:
-        InputError: a cloud has no times or a frame no stamps, times do not go with the stamps, or the poses are none
-            or do not reach.
+        InputError: a cloud has no times, a frame has no stamps, times do not match the stamps, or the poses are invalid
+            or do not cover the frame.
     """
     motion = drive.motion
     if motion is None or motion.speed_m_s is not None:
@@ -67,10 +67,13 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compen
 
 
 def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float | None:
-    """Tell how many pixels half of the points are displaced, at least, by a motion that is not compensated.
+    """Estimate the median displacement of the points, in pixels, by a motion that is not compensated.
 
-    None unless the drive gives a speed without a direction, and clouds have times. Without stamps that go with them
-    the picture is taken to be of the middle of the sweep. Turning, of which nothing is known, comes on top.
+    Without stamps that match the times of the points, the image is taken at the middle of the sweep. The rotation of
+    the LiDAR is unknown and not included.
+
+    Returns:
+        Pixels; None unless the drive gives a speed without a direction and clouds have times.
     """
     motion = drive.motion
     if motion is None or motion.speed_m_s is None:
@@ -93,7 +96,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
 
 
 def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
-    """When each point was measured, on the clock of the stamps."""
+    """Give the time of each point (N,), in seconds on the clock of the stamps."""
     path = drive.resolve(frame.points)
     if cloud.time is None:
         needed = "needed a field named time, t, timestamp or the like for motion"
@@ -115,7 +118,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) 
 
 
 def _moment(drive: Drive, frame: Frame) -> float:
-    """When the picture was taken, which is about when the sweep was."""
+    """Give the time of the image, in seconds; it lies within `MAX_SWEEP_S` of the sweep."""
     if frame.image_stamp is None:
         raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
     if frame.points_stamp is not None and abs(frame.image_stamp - frame.points_stamp) > MAX_SWEEP_S:

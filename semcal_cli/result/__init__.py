@@ -1,1 +1,1 @@
-"""The calibration: what semcal writes."""
+"""The calibration, which is the result file of semcal."""

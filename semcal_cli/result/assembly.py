@@ -1,4 +1,4 @@
-"""The calibration document, made of what the stages arrived at."""
+"""Assembly of the calibration from the results of the stages."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ def assemble(
     uncertainty: Uncertainty | None = None,
     repeatability: Repeatability | None = None,
 ) -> Calibration:
-    """Put what is known of a pose into a calibration.
+    """Make a calibration from the results of the stages.
 
     Args:
-        stages: Results of the stages by name, in order; the last one's pose is the answer.
-        findings: What speaks against the answer. It is trusted if nothing does and it was assessed.
+        stages: Results of the stages by name, in order. The pose of the last one is the answer.
+        findings: Findings against the answer, which is trusted if it was assessed and there are none.
         settings: Options that change the answer, by name.
         seed: Seed of every random choice.
         num_frames: Number of frames used.
-        input: What was read.
-        is_assessed: Whether everything was looked at that may speak against the pose.
-        hypotheses: Of the initial calibration, best first.
+        input: Files that were read.
+        is_assessed: Whether the last stage, the assessment, was run.
+        hypotheses: Hypotheses of the initial calibration, best first.
         runner_up_margin: Standard errors by which the runner-up is behind.
-        held_out: What held-out data said of the polish.
-        uncertainty: How sure the pose is.
-        repeatability: Where other seeds lead.
+        held_out: Test of the polish on held-out data.
+        uncertainty: Uncertainty of the pose.
+        repeatability: Results with other seeds.
 
     Raises:
         CalibrationError: the pose is not finite or not rigid.
@@ -87,7 +87,7 @@ def _rows(T: Pose) -> tuple[tuple[float, ...], ...]:
 
 
 def _plain(value: object) -> object:
-    """Tuples as lists, as both file formats read them back."""
+    """Convert tuples to lists, as which both file formats read them back."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

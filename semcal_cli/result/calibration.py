@@ -1,4 +1,4 @@
-"""The calibration: what semcal writes, as YAML or JSON with the same content."""
+"""The calibration, which semcal writes as YAML or JSON with the same content."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
@@ -32,101 +32,103 @@ from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.uncertainty import Uncertainty
 
 AGREEMENT_TOLERANCE = 1e-6
-"""Largest difference, metres or matrix entries, between the forms in which a file states one pose."""
+"""Largest difference between the forms in which a file states one pose, in metres or as matrix entries."""
 
 Status: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
 class Quality(StrictModel):
-    """How well the labels agree under the transform, over all frames."""
+    """Agreement of the labels under the transform, over all frames."""
 
     mutual_information_nats: float
-    """Mutual information of point labels and pixel labels, the plug-in estimate."""
+    """Mutual information of point labels and pixel labels, as the plug-in estimate."""
     bias_nats: float
-    """Miller and Madow's estimate of how far it is too high."""
+    """Miller and Madow's estimate of the bias by which the mutual information is too high."""
     label_agreement: Share
     """Share of visible point-pixel pairs with positive pointwise mutual information."""
     overlap: Share
-    """Share of the picture's area that visible points cover."""
+    """Share of the image's area that visible points cover."""
     num_points: Count
-    """Visible points."""
+    """Number of visible points."""
     num_frames: Count
-    """Frames used."""
+    """Number of frames used."""
     runner_up_margin: float | None = None
-    """How far the runner-up's mutual information lies below that of the initial calibration, in standard errors of the
-    difference; null where no other mounting direction was compared."""
+    """Difference between the mutual information of the initial calibration and that of the runner-up, in its standard
+    errors; null if no other mounting direction was compared."""
 
 
 class Stage(StrictModel):
-    """What one stage of the pipeline arrived at."""
+    """Result of one stage of the pipeline."""
 
     T_camera_lidar: Transform
-    """p_camera = T_camera_lidar * p_lidar."""
+    """Transform after the stage, p_camera = T_camera_lidar * p_lidar, in metres."""
     mutual_information_nats: float
-    """Mutual information there."""
+    """Mutual information at this transform, as the plug-in estimate."""
 
 
 class HeldOut(StrictModel):
-    """What held-out data said of the polish."""
+    """Test of the polish on data that it did not use."""
 
     accepted: bool
-    """Whether they did not get worse by more than three standard errors; otherwise the pose before was kept."""
+    """Whether the labels agree no worse after the polish, within three standard errors. If not, the pose before it is
+    kept."""
     held_out_gain_nats: float
-    """How much better they agree after it than before."""
+    """Mutual information of the held-out data after the polish minus before it."""
     held_out_sigma_nats: Annotated[float, Field(ge=0.0)] | None
-    """Standard error of that; null if all points lie in one part of the pictures."""
+    """Standard error of the gain; null if all points lie in one part of the images."""
 
 
 class Repeatability(StrictModel):
-    """Where other seeds lead, with the same data: what chance in the search and the climbs is worth."""
+    """Results with other seeds and the same data, which show the influence of chance on the answer."""
 
     num_seeds: Annotated[int, Field(ge=2)]
-    """Including this calibration's; they follow one another."""
+    """Number of consecutive seeds, including that of this calibration."""
     num_failed: Count
-    """Seeds with which there was no answer."""
+    """Number of seeds that gave no answer."""
     spread_camera_center_m: Widths | None
-    """Standard deviation of the camera's place, along its axes; null if all others failed."""
+    """Standard deviations of the camera's position along its axes, in metres; null if all other seeds failed."""
     spread_rotation_deg: Widths | None
-    """Likewise of the rotation, about them."""
+    """Standard deviations of the rotation about the camera's axes, in degrees; null if all other seeds failed."""
     farthest_camera_center_m: Width
-    """Largest distance from this calibration."""
+    """Largest distance of the camera from its position in this calibration, in metres."""
     farthest_rotation_deg: Width
-    """Largest angle."""
+    """Largest angle of the rotation to that of this calibration, in degrees."""
 
 
 class InputFrame(StrictModel):
-    """A frame that was used, as named in the drive."""
+    """Files of a frame that was used, as the drive names them."""
 
     points: FileName
-    """Point cloud."""
+    """File of the point cloud."""
     point_labels: FileName | None = None
-    """Ids or class probabilities of the points."""
+    """File of the ids or class probabilities of the points."""
     image_labels: FileName | None = None
-    """Ids or class probabilities of the pixels."""
+    """File of the ids or class probabilities of the pixels."""
     image: FileName | None = None
-    """The picture, where it was used."""
+    """File of the camera's image, if it was used."""
     point_features: FileName | None = None
-    """Features of the points, where they were used."""
+    """File of the features of the points, if they were used."""
     image_features: FileName | None = None
-    """Features of the pixels, where they were used."""
+    """File of the features of the pixels, if they were used."""
 
 
 class Input(StrictModel):
-    """What the calibration was computed from."""
+    """Input of the calibration."""
 
     drive: FileName
-    """The drive, as a relative path."""
+    """Relative path of the drive.yaml."""
     camera: Camera
-    """As in the drive."""
+    """Camera of the drive."""
     frames: Annotated[tuple[InputFrame, ...], length(0)]
-    """Frames used."""
+    """Frames that were used."""
     sha256: dict[str, Sha256]
-    """Of each file read, by its name in the drive; of the transform started at, by its relative path."""
+    """SHA-256 of each file that was read, by its name in the drive. A file of an initial pose is named by its relative
+    path."""
 
 
 class Settings(StrictModel):
-    """Everything else that changes the answer."""
+    """Settings that change the answer."""
 
     options: dict[str, JsonValue]
     """Options by name."""
@@ -137,38 +139,39 @@ class Settings(StrictModel):
 
 
 class Calibration(StrictModel):
-    """The transform between a LiDAR and a camera, and what speaks for it."""
+    """Transform between a LiDAR and a camera, with its uncertainty and quality."""
 
     semcal_calibration: Version
     """Version of this format."""
     status: Status
-    """`trusted` if the pose was polished and nothing speaks against it; `not_assessed` without a polish."""
+    """Verdict: `trusted` if the pose was assessed and nothing speaks against it, `not_trusted` if something does,
+    `not_assessed` if the pose was not assessed."""
     reasons: Annotated[tuple[str, ...], length(0)]
-    """Sentences, each with its figure."""
+    """Findings against the pose, as sentences with figures."""
     T_camera_lidar: Transform
-    """p_camera = T_camera_lidar * p_lidar, metres."""
+    """Transform from the LiDAR to the camera, p_camera = T_camera_lidar * p_lidar, in metres."""
     T_lidar_camera: Transform
-    """Its inverse."""
+    """Inverse of T_camera_lidar."""
     translation_m: Vector3
-    """Translation of T_camera_lidar."""
+    """Translation of T_camera_lidar, in metres."""
     quaternion_xyzw: Vector4
-    """Rotation of T_camera_lidar."""
+    """Rotation of T_camera_lidar, as a unit quaternion."""
     uncertainty: Uncertainty | None = None
-    """Null if the pose was not polished, or the labels do not determine it."""
+    """Uncertainty of the pose; null if the pose was not assessed or the data do not determine it."""
     repeatability: Repeatability | None = None
-    """Null unless other seeds were asked for."""
+    """Results with other seeds; null if only one seed was asked for."""
     quality: Quality
-    """How well the labels agree."""
+    """Agreement of the labels under the transform."""
     stages: dict[str, Stage]
-    """Stages by name, in order."""
+    """Results of the stages by name, in order."""
     polish: HeldOut | None = None
-    """Null if there was none."""
+    """Test of the polish on held-out data; null if the pose was not polished."""
     hypotheses: Annotated[tuple[Hypothesis, ...], length(0)] = ()
-    """Of the initial calibration, best first; the first is that of its stage."""
+    """Hypotheses of the initial calibration, best first. The first is the result of the stage `initial`."""
     input: Input
-    """What was read."""
+    """Files that were read, with their hashes."""
     settings: Settings
-    """What was asked."""
+    """Settings that change the answer."""
 
     @model_validator(mode="after")
     def _check_agreement(self) -> "Calibration":
@@ -177,7 +180,7 @@ class Calibration(StrictModel):
 
     @property
     def pose(self) -> Pose:
-        """T_camera_lidar as (4, 4) float64."""
+        """T_camera_lidar as an array (4, 4) of float64, in metres."""
         return np.array(self.T_camera_lidar)
 
     @classmethod
@@ -186,11 +189,11 @@ class Calibration(StrictModel):
         T_camera_lidar: Pose,
         **parts: Any,
     ) -> "Calibration":
-        """Make a calibration, deriving the other forms of its pose.
+        """Make a calibration and derive the other forms of its pose.
 
         Args:
-            T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar; round-off in its rotation is removed.
-            parts: All other fields, by name.
+            T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; round-off in its rotation is removed.
+            parts: All other fields by name.
 
         Raises:
             CalibrationError: the pose is not finite or not rigid.
@@ -207,7 +210,7 @@ class Calibration(StrictModel):
 
 
 def calibration_text(calibration: Calibration, format: Format) -> str:
-    """Write a calibration as text, the same bytes for the same calibration."""
+    """Format a calibration as YAML or JSON; the same calibration gives the same bytes."""
     return document_text(calibration.model_dump(), format)
 
 
@@ -215,7 +218,7 @@ def write_calibration(calibration: Calibration, path: Path | str) -> None:
     """Write a calibration as YAML or JSON, by the suffix.
 
     Raises:
-        InputError: another suffix, or the file cannot be written. An existing file is untouched then.
+        InputError: the suffix is another one, or the file cannot be written. An existing file stays untouched then.
     """
     path = Path(path)
     write_text(calibration_text(calibration, output_format(path)), path)
@@ -225,7 +228,7 @@ def read_calibration(path: Path | str) -> Calibration:
     """Read and check a calibration.
 
     Raises:
-        InputError: the first complaint: file, key, what was found, what was needed.
+        InputError: the file is wrong; the message names the file, the key, what was found and what was needed.
     """
     path = Path(path)
     return validate(Calibration, read_document(path), path)
@@ -234,10 +237,16 @@ def read_calibration(path: Path | str) -> Calibration:
 def check_forms(
     T_camera_lidar: Pose, T_lidar_camera: ArrayLike, translation_m: ArrayLike, quaternion: ArrayLike
 ) -> None:
-    """Check that the forms in which a file states one pose agree.
+    """Check that the forms in which a file states one pose agree, within `AGREEMENT_TOLERANCE`.
+
+    Args:
+        T_camera_lidar: (4, 4), metres.
+        T_lidar_camera: (4, 4), its inverse.
+        translation_m: (3,), its translation.
+        quaternion: (4,) x y z w, its rotation.
 
     Raises:
-        ValueError: they do not.
+        ValueError: two forms differ.
     """
     q, q_stated = quaternion_xyzw(T_camera_lidar), np.asarray(quaternion)
     _agree("T_lidar_camera", "the inverse", T_lidar_camera, inverse(T_camera_lidar))

@@ -1,4 +1,4 @@
-"""What a calibration was made from and with: files with their hashes, versions."""
+"""Provenance of a calibration: its input files with their hashes, and versions."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from semcal_cli.files.reading import read_bytes
 from semcal_cli.result.calibration import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
-"""Whose versions may change the answer."""
+"""Packages whose versions may change the answer."""
 
 
 def describe_input(
@@ -23,14 +23,17 @@ def describe_input(
     also: Sequence[str] = (),
     known: dict[str, str] | None = None,
 ) -> Input:
-    """List the drive, its camera and frames, and the SHA-256 of each file that was read.
+    """Describe the drive, its camera and frames, and compute the SHA-256 of each file that was read.
 
     Args:
         drive: The drive.
-        init: The file (or drive) of the transform that was started at.
-        relative_to: The folder that paths are given relative to, but for files of the drive: where the result goes.
-        also: Files of a frame that were read beside its cloud and its labels.
-        known: Hashes by the files' real paths; those that are missing are added.
+        init: File or drive of the initial pose, if there is one.
+        relative_to: Folder of the result. Paths are relative to it, except those of the drive's own files.
+        also: Keys of a frame's files that were read besides its cloud and its labels.
+        known: SHA-256 by the real paths of files; missing ones are added.
+
+    Raises:
+        InputError: a file cannot be read.
     """
     keys = ("points", "point_labels", "image_labels", *also)
     frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
@@ -51,7 +54,16 @@ def describe_input(
 def hash_files(
     paths: Iterable[Path], relative_to: Path, known: dict[str, str] | None = None
 ) -> dict[str, str]:
-    """Give the SHA-256 of files by their paths from a folder; `known` as of `describe_input`."""
+    """Compute the SHA-256 of files, by their paths relative to a folder.
+
+    Args:
+        paths: The files.
+        relative_to: The folder.
+        known: SHA-256 by the real paths of files; missing ones are added.
+
+    Raises:
+        InputError: a file cannot be read.
+    """
     known = {} if known is None else known
     return {os.path.relpath(path, relative_to): _sha256(path, known) for path in paths}
 
@@ -64,10 +76,10 @@ def _sha256(path: Path, known: dict[str, str]) -> str:
 
 
 def camera_hash(camera: Camera) -> str:
-    """Give what tells a camera's picture size, intrinsics and lens from others."""
+    """Hash a camera's image size, intrinsics and lens to 16 hexadecimal digits."""
     return hashlib.sha256(camera.model_dump_json().encode()).hexdigest()[:16]
 
 
 def versions() -> dict[str, str]:
-    """The versions of semcal and of the libraries that compute."""
+    """Read the versions of semcal and of the libraries that compute."""
     return {name: version(name) for name in LIBRARIES}

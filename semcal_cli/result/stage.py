@@ -1,4 +1,4 @@
-"""What every stage of the pipeline gives: a pose, its quality, and what speaks against it."""
+"""Result of a stage of the pipeline: a pose, its quality and its findings."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ from semcal_cli.geometry.poses import Pose
 
 
 class Finding(NamedTuple):
-    """Something that speaks against a pose. No finding is no proof that the pose is right."""
+    """Something that speaks against a pose. The absence of findings does not prove that a pose is right."""
 
     sentence: str
-    """What was found, with its figure."""
+    """Sentence that says what was found, with its figure."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageResult:
-    """What a stage arrived at."""
+    """Pose that a stage found, with its quality and findings."""
 
     T_camera_lidar: Pose
     """(4, 4), p_camera = T_camera_lidar @ p_lidar, metres."""
     agreement: _core.Agreement
-    """How well labels agree there, over all frames."""
+    """Agreement of the labels at this pose, over all frames."""
     findings: tuple[Finding, ...] = ()
-    """What the stage itself found against the pose."""
+    """Findings of the stage against the pose."""
     settings: Mapping[str, object] = field(default_factory=dict)
     """Options of the stage that change the answer, by name."""

@@ -1,4 +1,4 @@
-"""How sure a pose is, in six degrees of freedom."""
+"""Uncertainty of a pose in six degrees of freedom."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -11,44 +11,45 @@ from semcal_cli.files.validation import StrictModel, Vector6, Width, Widths, len
 from semcal_cli.geometry.poses import Pose, cross_matrix
 
 WEAK_M = 0.03
-"""Half a 95 % interval of the camera's place beyond which a direction is called weak."""
+"""Half width of a 95 % interval of the camera's position, in metres, beyond which a direction is weak."""
 WEAK_DEG = 0.15
-"""Half a 95 % interval of the camera's rotation beyond which a direction is called weak."""
+"""Half width of a 95 % interval of the rotation, in degrees, beyond which a direction is weak."""
 
 AXES = ("sideways", "up and down", "along the optical axis")
 ROTATIONS = ("in pitch", "in yaw", "in roll")
 
 
 class LabelBleed(StrictModel):
-    """How far the pose would move if the labels of all pictures bled by a pixel: more frames do not cure that."""
+    """Change of the pose if the labels of all images bled by one pixel. More frames do not reduce it."""
 
     camera_center_m: Widths
-    """Movement of the camera's place, along its axes."""
+    """Absolute change of the camera's position along its axes, in metres."""
     rotation_deg: Widths
-    """Rotation about the camera's axes."""
+    """Absolute change of the rotation about the camera's axes, in degrees."""
 
 
 class Uncertainty(StrictModel):
-    """How sure the pose is: of a twist xi = (rho, phi) in the camera frame, exp(xi) T_camera_lidar."""
+    """Uncertainty of the pose, as that of a twist xi = (rho, phi) in the camera frame, exp(xi) T_camera_lidar."""
 
     covariance: Annotated[tuple[Vector6, ...], length(6, 6)]
-    """Covariance of xi, metres and radians."""
+    """Covariance of xi, in metres and radians."""
     degrees_of_freedom: Annotated[tuple[Width, ...], length(6, 6)]
-    """Degrees of freedom of Student's t, for each of xi: how many independent parts of the pictures tell of it."""
+    """Degrees of freedom of Student's t for each component of xi. They are about the number of independent parts of the
+    images that determine it."""
     sigma_camera_center_m: Widths
-    """Standard errors of the camera's place, along its axes."""
+    """Standard errors of the camera's position along its axes, in metres."""
     sigma_translation_m: Widths
-    """Standard errors of translation_m, which a rotation about the camera changes as well."""
+    """Standard errors of translation_m, in metres. A rotation about the camera changes this translation as well."""
     sigma_rotation_deg: Widths
-    """Standard errors of the rotation, about the camera's axes."""
+    """Standard errors of the rotation about the camera's axes, in degrees."""
     half_width_95_camera_center_m: Widths
-    """Half widths of the 95 % intervals of the camera's place, along its axes, by Student's t."""
+    """Half widths of the 95 % intervals of the camera's position along its axes, in metres, by Student's t."""
     half_width_95_rotation_deg: Widths
-    """Half widths of the 95 % intervals of the rotation, about the camera's axes, by Student's t."""
+    """Half widths of the 95 % intervals of the rotation about the camera's axes, in degrees, by Student's t."""
     weak_directions: Annotated[tuple[str, ...], length(0)] = ()
     """Sentences about directions that the data hardly determine."""
     label_bleed: LabelBleed | None = None
-    """What bleeding labels would do; null where it cannot be told."""
+    """Change of the pose by bleeding labels; null if it was not or could not be computed."""
 
     @classmethod
     def from_covariance(
@@ -57,9 +58,9 @@ class Uncertainty(StrictModel):
         """Derive standard errors and intervals.
 
         Args:
-            T_camera_lidar: (4, 4), the pose that xi is on the left of.
-            covariance: (6, 6) of xi, metres and radians, along the camera's axes.
-            degrees_of_freedom: (6,) of Student's t for each of xi.
+            T_camera_lidar: (4, 4), metres; xi acts on its left.
+            covariance: (6, 6) covariance of xi, metres and radians, along the camera's axes.
+            degrees_of_freedom: (6,) degrees of freedom of Student's t for each component of xi.
         """
         sigmas = np.sqrt(np.diag(covariance))
         sigma_rotation_deg = np.degrees(sigmas[3:])
@@ -80,14 +81,23 @@ class Uncertainty(StrictModel):
 
     @property
     def half_widths(self) -> tuple[float, ...]:
-        """Half widths (6,) of the 95 % intervals: metres of the camera's place, degrees of its rotation."""
+        """Half widths (6,) of the 95 % intervals: the camera's position in metres, then its rotation in degrees."""
         return (*self.half_width_95_camera_center_m, *self.half_width_95_rotation_deg)
 
 
 def wide_directions(
     half_widths: Sequence[float], center_m: float, rotation_deg: float
 ) -> tuple[list[tuple[str, float]], list[tuple[str, float]]]:
-    """Name the directions of place and of rotation whose half intervals (6,) are longer than a limit, with these."""
+    """Find the directions whose 95 % intervals are wider than a limit.
+
+    Args:
+        half_widths: (6,) half widths, metres and degrees.
+        center_m: Limit for the camera's position.
+        rotation_deg: Limit for the rotation.
+
+    Returns:
+        Names and half widths of the directions of position, and of those of rotation.
+    """
     center = zip(AXES, half_widths[:3], strict=True)
     rotation = zip(ROTATIONS, half_widths[3:], strict=True)
     return [pair for pair in center if pair[1] > center_m], [p for p in rotation if p[1] > rotation_deg]

@@ -1,1 +1,1 @@
-"""Several cameras of one LiDAR: calibrated in one run, and what that tells of one camera beside another."""
+"""Rigs of several cameras and one LiDAR: calibration of all cameras, and the transforms between them."""

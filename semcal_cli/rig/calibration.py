@@ -1,4 +1,4 @@
-"""A rig's calibration: each camera as if it were alone, sweeps read once, and each camera beside each other."""
+"""Calibration of a rig: the calibrations of its cameras and the transform between each pair of cameras."""
 
 from __future__ import annotations
 
@@ -22,25 +22,27 @@ WORST_FIRST: tuple[Status, ...] = ("not_trusted", "not_assessed", "trusted")
 
 @dataclass(frozen=True)
 class RigCalibration:
-    """What was found of a rig."""
+    """Calibrations of the cameras of a rig, and of its pairs of cameras."""
 
     cameras: Mapping[str, Calibration]
+    """Calibration of each camera that has one."""
     failures: Mapping[str, str]
-    """Why there is none of a camera."""
+    """Error of each camera that has no calibration."""
     pairs: tuple[Pair, ...]
+    """Transforms between two cameras each."""
     num_sweeps: int
-    """Different clouds that were read."""
+    """Number of different clouds that were read."""
 
     @property
     def status(self) -> str:
-        """The worst of all cameras: `failed`, or as of a calibration."""
+        """The worst status of all cameras: `failed`, or that of a calibration."""
         if self.failures:
             return "failed"
         return min((each.status for each in self.cameras.values()), key=WORST_FIRST.index)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Those of all cameras, by name."""
+        """Findings and errors of all cameras, each after the camera's name."""
         return (
             *(f"{name}: {reason}" for name, reason in self.failures.items()),
             *(f"{name}: {reason}" for name, each in self.cameras.items() for reason in each.reasons),
@@ -48,7 +50,7 @@ class RigCalibration:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a reader has to know that changes no verdict."""
+        """Sentences that the user should read and that change no verdict."""
         notes = []
         for pair in self.pairs:
             if pair.reference is not None and pair.error is not None and pair.is_explained is False:
@@ -68,7 +70,15 @@ def combine(
     failures: Mapping[str, str],
     num_sweeps: int,
 ) -> RigCalibration:
-    """Put the cameras of a rig beside each other, and beside what the rig, or else the drives, say of each pair."""
+    """Combine the calibrations of a rig's cameras, and compare each pair with the references of the rig or the drives.
+
+    Args:
+        rig: The rig.
+        drives: Drive of each camera.
+        cameras: Calibration of each camera that has one.
+        failures: Error of each camera that has no calibration.
+        num_sweeps: Number of different clouds that were read.
+    """
     pairs = tuple(
         make_pair(a, cameras[a], b, cameras[b], _reference(rig, drives, a, b))
         for a, b in combinations(cameras, 2)
@@ -91,10 +101,10 @@ def describe_rig(
     """Make the document of a rig's calibration.
 
     Args:
-        found: What was found.
-        files: Where the calibration of each camera is, relative to this document.
-        source: The rig that was read, likewise.
-        hashes: The SHA-256 of the rig, and of the drive of each camera.
+        found: Calibrations of the rig.
+        files: File of each camera's calibration, relative to this document.
+        source: The rig.yaml, relative to this document.
+        hashes: SHA-256 of the rig.yaml and of the drive.yaml of each camera.
     """
     cameras: dict[str, Any] = {
         name: {"status": "failed", "reasons": [reason]} for name, reason in found.failures.items()
@@ -132,7 +142,7 @@ def _describe_pair(pair: Pair) -> dict[str, Any]:
 
 
 def _describe_uncertainty(found: Uncertainty) -> dict[str, Any]:
-    """As of a calibration: the camera's place is that of a in the frame of b."""
+    """Describe an uncertainty as a calibration does; the camera's position is that of camera a in the frame of b."""
     return found.model_dump(exclude={"weak_directions", "label_bleed"})
 
 

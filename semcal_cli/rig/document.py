@@ -1,4 +1,4 @@
-"""The rig: what is read of several cameras of one LiDAR, described by a `rig.yaml`."""
+"""The rig: several cameras and one LiDAR, described by a `rig.yaml`."""
 
 from __future__ import annotations
 
@@ -19,21 +19,22 @@ from semcal_cli.files.validation import FileName, StrictModel, Transform, Versio
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
 
 RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[\r{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)
-"""Without it, the document need not be read, which for a long drive takes seconds."""
+"""Pattern of a rig's version key. A file without it need not be parsed, which takes seconds for a long drive."""
 RESULT = "rig_calibration"
-"""What the result on all cameras is called, beside those of each."""
+"""Name of the result of the whole rig, beside the results of its cameras."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 
 class Rig(StrictModel):
-    """A rig.yaml. Each camera has a drive of its own; drives name the same clouds."""
+    """Content of a rig.yaml. Each camera has a drive of its own, and the drives name the same clouds."""
 
     semcal_rig: Version
     """Version of this format."""
     cameras: Annotated[dict[str, FileName], Field(min_length=2)]
-    """The drive of each camera, its folder or file, relative to the rig's."""
+    """Drive of each camera: its folder or its file, relative to the rig.yaml."""
     T_camera_camera: dict[str, dict[str, Transform]] = {}
-    """References that are only compared with: under a and b, p_a = T_a_b * p_b, as a stereo calibration gives it."""
+    """Reference transforms between cameras, for comparison only. The transform under a and then b is T_a_b with
+    p_a = T_a_b * p_b, in metres, as a stereo calibration gives it."""
 
     _path: Path = PrivateAttr(default=Path(RIG_FILE))
 
@@ -41,7 +42,7 @@ class Rig(StrictModel):
     @classmethod
     def _check_names(cls, cameras: dict[str, str]) -> dict[str, str]:
         for name in cameras:
-            # Results are files of these names.
+            # The results are files with these names.
             if not NAME.fullmatch(name) or len(name) > 100:
                 raise mismatch(describe(name), "a name of letters, digits, _, - and . for a camera")
             if name.lower() == RESULT:
@@ -79,7 +80,7 @@ class Rig(StrictModel):
         """Read and check the drive of each camera.
 
         Raises:
-            InputError: a drive is wrong, or two cameras have the same one.
+            InputError: a drive is wrong, two cameras have the same drive, or two drives describe different LiDARs.
         """
         drives = {name: read_drive(self._path.parent / drive) for name, drive in self.cameras.items()}
         owners: dict[Path, str] = {}
@@ -99,7 +100,7 @@ class Rig(StrictModel):
         return drives
 
     def reference(self, to: str, other: str) -> Pose | None:
-        """Give what is stated of a pair of cameras, T_to_other, whichever way round; None if nothing is."""
+        """Return the reference T_to_other (4, 4) of two cameras, whichever way the file states it; None without one."""
         if (T := self.T_camera_camera.get(to, {}).get(other)) is not None:
             return nearest_rigid(np.array(T))
         if (T := self.T_camera_camera.get(other, {}).get(to)) is not None:
@@ -108,10 +109,16 @@ class Rig(StrictModel):
 
 
 def find_rig(path: Path) -> Path | None:
-    """Give the rig.yaml that a path means: the file, or its folder if that is no drive's; None if it means a drive.
+    """Find the rig.yaml that a path names.
+
+    Args:
+        path: A file, or a folder with a rig.yaml and no drive.yaml.
+
+    Returns:
+        The rig.yaml; None if the path names a drive.
 
     Raises:
-        InputError: there is no such file, or it is no document.
+        InputError: the file does not exist or cannot be parsed.
     """
     if is_folder(path):
         file = path / RIG_FILE
@@ -123,7 +130,7 @@ def read_rig(path: Path) -> Rig:
     """Read and check a rig.
 
     Raises:
-        InputError: the first complaint: file, key, what was found, what was needed.
+        InputError: the file is wrong; the message names the file, the key, what was found and what was needed.
     """
     rig = validate(Rig, read_document(path), path)
     rig._path = path

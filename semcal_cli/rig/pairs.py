@@ -1,14 +1,14 @@
-"""Where one camera is beside another, from how each is mounted on the LiDAR.
+"""Transform between two cameras of a rig, from the transforms between each camera and the LiDAR.
 
     T_a_b = T_a_lidar T_b_lidar^-1
 
-With errors xi_a and xi_b on the left of either, to first order
+With errors xi_a and xi_b on the left of the two transforms, to first order
 
     exp(xi_a) T_a_lidar (exp(xi_b) T_b_lidar)^-1 = exp(xi_a - Ad(T_a_b) xi_b) T_a_b
 
-so that the covariance is that of xi_a and, carried over by the adjoint of T_a_b, that of xi_b (Barfoot, *State
-Estimation for Robotics*, 2017, section 7.3). The two are taken as independent. Cameras that look at the same points
-share the errors of their labels, which then partly cancel: the covariance is rather too large.
+The covariance is the sum of that of xi_a and that of xi_b, mapped by the adjoint of T_a_b (Barfoot, *State Estimation
+for Robotics*, 2017, section 7.3). The two errors are taken as independent. Cameras that look at the same points share
+errors of the point labels, which partly cancel, so the covariance is rather too large.
 """
 
 from __future__ import annotations
@@ -27,36 +27,38 @@ from semcal_cli.result.uncertainty import Uncertainty
 
 @dataclass(frozen=True)
 class Reference:
-    """What somebody else says of a pair."""
+    """Reference transform between two cameras."""
 
     T_a_b: Pose
+    """(4, 4), p_a = T_a_b p_b, metres."""
     source: str
-    """Where it is from."""
+    """Name of its source."""
 
 
 @dataclass(frozen=True)
 class Pair:
-    """Two cameras of a rig."""
+    """Transform between two cameras of a rig."""
 
     a: str
     b: str
     T_a_b: Pose
     """(4, 4), p_a = T_a_b p_b, metres."""
     uncertainty: Uncertainty | None
-    """Of a twist on its left, in the frame of a; None where that of a camera is not known."""
+    """Uncertainty of T_a_b, for a twist on its left in the frame of a; None if that of a camera is unknown."""
     reference: Reference | None
+    """Reference transform, if there is one."""
 
     @property
     def error(self) -> PoseError | None:
-        """How far it is from the reference: the place of camera a in the frame of b, and its rotation."""
+        """Error against the reference: the position of camera a in the frame of b, and its rotation."""
         return None if self.reference is None else compare_poses(self.T_a_b, self.reference.T_a_b)
 
     @property
     def is_explained(self) -> bool | None:
-        """Whether the 95 % region of all six axes together reaches the reference; None if either is not known."""
+        """Whether the 95 % region of all six axes together contains the reference; None if either is unknown."""
         if self.error is None or self.uncertainty is None:
             return None
-        # rho moves the camera's centre the other way.
+        # A translation rho moves the camera's centre in the opposite direction.
         off = np.array([-0.01 * x for x in self.error.camera_center_xyz_cm] + [*self.error.rotation_xyz_deg])
         off[3:] = np.radians(off[3:])
         squared = float(off @ np.linalg.solve(np.array(self.uncertainty.covariance), off))
@@ -66,7 +68,15 @@ class Pair:
 def make_pair(
     a: str, of_a: Calibration, b: str, of_b: Calibration, reference: Reference | None = None
 ) -> Pair:
-    """Put two cameras beside each other."""
+    """Compute the transform between two cameras and its uncertainty.
+
+    Args:
+        a: Name of the first camera.
+        of_a: Calibration of the first camera.
+        b: Name of the second camera.
+        of_b: Calibration of the second camera.
+        reference: Reference transform to compare with.
+    """
     T_a_b = of_a.pose @ inverse(of_b.pose)
     uncertainty = None
     if of_a.uncertainty is not None and of_b.uncertainty is not None:
@@ -75,7 +85,7 @@ def make_pair(
             np.array(of_b.uncertainty.covariance),
         )
         Ad = adjoint(T_a_b)
-        # Satterthwaite's degrees of freedom, of the sum of variances that each axis has from either camera.
+        # Satterthwaite's degrees of freedom of the sum of the variances that both cameras contribute to an axis.
         parts = np.hstack([np.diag(np.diag(covariance_a)), Ad**2 * np.diag(covariance_b)])
         known = np.array([*of_a.uncertainty.degrees_of_freedom, *of_b.uncertainty.degrees_of_freedom])
         degrees_of_freedom = parts.sum(axis=1) ** 2 / (parts**2 / known).sum(axis=1)
@@ -85,6 +95,6 @@ def make_pair(
 
 
 def adjoint(T: Pose) -> npt.NDArray[np.float64]:
-    """Give the adjoint (6, 6) of a transform, by which T exp(xi) = exp(Ad xi) T; xi = (rho, phi)."""
+    """Compute the adjoint (6, 6) of a transform (4, 4): T exp(xi) = exp(Ad xi) T with xi = (rho, phi)."""
     R = T[:3, :3]
     return np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])

@@ -1,6 +1,6 @@
 """JSON Schemas of drive.yaml, rig.yaml and the calibration, for editors and other tools.
 
-`python -m semcal_cli.schemas` writes them anew from the models.
+`python -m semcal_cli.schemas` regenerates them from the models.
 """
 
 import json
@@ -20,6 +20,6 @@ SCHEMAS: dict[str, type[StrictModel]] = {
 
 
 def schema_text(model: type[StrictModel]) -> str:
-    """Give the JSON Schema of a model as text."""
+    """Format the JSON Schema of a model as text."""
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return json.dumps(dialect | model.model_json_schema(), indent=2) + "\n"

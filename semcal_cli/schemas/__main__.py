@@ -1,4 +1,4 @@
-"""Write the schemas beside this file."""
+"""Command that writes the schemas beside this file."""
 
 from semcal_cli.schemas import FOLDER, SCHEMAS, schema_text
 

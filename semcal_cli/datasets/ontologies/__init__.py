@@ -1,4 +1,4 @@
-"""Class tables of data sets, a YAML file each: names, ids and colours, with their source."""
+"""Class tables of data sets: YAML files with names, ids, colours and their source."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class NamedClass(StrictModel):
     """A class that points or pixels may have."""
 
     ids: Ids
-    """Raw ids, merged into one class."""
+    """Raw ids that are merged into the class."""
     color: Color | None = None
-    """Red, green, blue in colour-coded label images."""
+    """Red, green and blue of the class in colour-coded label images."""
 
 
 class Ontology(StrictModel):
@@ -31,7 +31,7 @@ class Ontology(StrictModel):
     ignore: Ids
     """Ids that carry no information."""
     classes: dict[str, NamedClass]
-    """The classes by name."""
+    """Classes by name."""
 
     @field_validator("classes")
     @classmethod
@@ -41,18 +41,18 @@ class Ontology(StrictModel):
         return classes
 
     def ids(self) -> dict[str, list[int]]:
-        """Raw ids under each name, as the `classes:` block of a drive has them."""
+        """List the raw ids of each name, as in the `classes:` block of a drive."""
         return {name: list(named.ids) for name, named in self.classes.items()}
 
     def palette(self) -> dict[str, list[int]]:
-        """Colour of each name, as the `palette:` block of a drive has it; empty if there are none."""
+        """Give the colour of each name, as in the `palette:` block of a drive; empty without colours."""
         return {name: list(named.color) for name, named in self.classes.items() if named.color}
 
     def in_red(self) -> Ontology:
-        """Colour the classes as pictures do whose red is the id, and whose green and blue are 0.
+        """Make the table of label images whose red is the id and whose green and blue are 0.
 
         Raises:
-            InputError: a class has several ids, which would be several colours.
+            InputError: a class has several ids, which would be several colours, or an id above 255.
         """
         classes = {}
         for name, named in self.classes.items():
@@ -70,15 +70,15 @@ class Ontology(StrictModel):
 
 
 def ontology_names() -> list[str]:
-    """Names of the tables that ship."""
+    """List the names of the tables in the package."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 def read_ontology(name: str) -> Ontology:
-    """Read a table that ships, by its name, or a table of the same layout, by its path.
+    """Read a table of the package by its name, or a table of the same layout by its path.
 
     Raises:
-        InputError: there is no such table, or it is wrong.
+        InputError: the table does not exist, or is wrong.
     """
     shipped = name in ontology_names()
     path = FOLDER / f"{name}.yaml" if shipped else Path(name)
