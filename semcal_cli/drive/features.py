@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.cluster.vq import kmeans2, vq
 
 from semcal_cli import _core
 from semcal_cli.config import FeaturesConfig
@@ -133,6 +132,8 @@ def _coded(
     side: str, vectors: Sequence[Vectors], config: FeaturesConfig
 ) -> list[tuple[Vectors, npt.NDArray[np.uint8]]]:
     """Scale each channel to unit variance over all frames, and code each vector by its nearest centre."""
+    from scipy.cluster.vq import kmeans2, vq
+
     rng = np.random.default_rng(0)
     share = max(1, SAMPLES // len(vectors))
     flat = [each.reshape(-1, each.shape[-1]) for each in vectors]

@@ -15,7 +15,6 @@ from functools import partial
 import cv2
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import gaussian_filter
 
 from semcal_cli import _core
 from semcal_cli.config import IntensityConfig
@@ -137,6 +136,8 @@ def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: Inten
 
 def _of_points(config: IntensityConfig, points: npt.NDArray[np.float32], values: Values) -> Values:
     """Compute the contrast of the intensities (N,) of points (N, 3) with those in nearby directions."""
+    from scipy.ndimage import gaussian_filter
+
     x, y, z = points.astype(np.float64).T
     azimuth, elevation = np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
     columns, rows = round(360.0 / CELL_DEG), round(180.0 / CELL_DEG)
