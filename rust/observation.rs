@@ -88,7 +88,7 @@ fn fits(shares: Option<&ClassShares>, count: usize, num_classes: usize) -> bool 
 /// Whether all ids but [`NO_CLASS`](crate::classes::NO_CLASS) are below a number. Every subset of a drive is checked: without an early exit that
 /// takes no longer than reading the memory.
 fn in_range(ids: &[u8], num_classes: usize) -> bool {
-    // NO_CLASS wraps to zero.
-    let needed = ids.iter().fold(0, |needed: u8, id| needed.max(id.wrapping_add(1)));
+    // One more than the class, and nothing for NO_CLASS.
+    let needed = ids.iter().fold(0, |needed: u8, id| needed.max(id.wrapping_sub(NO_CLASS)));
     usize::from(needed) <= num_classes
 }
