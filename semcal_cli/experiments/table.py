@@ -91,15 +91,11 @@ def compare(
     # Without a given pose, the others start where semcal's initial calibration ends.
     initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
     T_init = initial.T_camera_lidar if initial_pose is None else initial_pose.T_camera_lidar
-    poses, seconds, failures = {"reference": T_reference, "start": T_init}, {}, {}
+    poses, seconds = {"reference": T_reference, "start": T_init}, {}
     status: Status | None = None
     reasons: tuple[str, ...] = ()
     progress("reading intensities")
-    try:
-        intensity = load_cues(data.drive, ("intensity",))
-    except SemcalError as failure:
-        intensity = data.observations
-        failures = {method: str(failure) for method in BY_INTENSITY}
+    intensity, failures = _read_intensity(data)
     scene = Scene(data.drive, data.observations, intensity, is_initialized=initial_pose is None)
     for method in ORDER:
         if method in failures:
@@ -116,6 +112,14 @@ def compare(
             failures[method] = str(failure)
         seconds[method] = perf_counter() - start
     return Comparison(data.drive, data.observations, poses, seconds, failures, status, reasons)
+
+
+def _read_intensity(data: LoadedDrive) -> tuple[Observations, dict[str, str]]:
+    """Give a drive by its intensities; without any, by its labels, and why methods by intensity find nothing."""
+    try:
+        return load_cues(data.drive, ("intensity",)), {}
+    except SemcalError as failure:
+        return data.observations, {method: str(failure) for method in BY_INTENSITY}
 
 
 def _calibrate(data: LoadedDrive, initial: StageResult) -> Calibration:
