@@ -1,4 +1,4 @@
-//! Rigid motions by the exponential map (eqs. 3-5).
+//! Rigid motions by the exponential map (eq. 3).
 
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 

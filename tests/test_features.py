@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).parent / "benchmarks"))
 from features import embedded
 
 from semcal_cli.cli import semcal
-from semcal_cli.config import MINE_WITH_VECTORS, CalibrationConfig, RefinementConfig
+from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.drive.cues import FEATURES, load_cues
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.features import observe_features
@@ -24,7 +24,6 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate, refine
-from semcal_cli.refinement.mine import SeparableNetwork, _averaged, _PointsWithVectors
 from semcal_cli.refinement.se3 import exp_se3
 
 RIGHT_DEG, RIGHT_CM = 0.3, 6.0
@@ -58,37 +57,6 @@ def test_mine_finds_the_pose_by_features_alone(drive: Drive, street_truth: Pose)
     assert calibration.status in ("not_assessed", "not_trusted")
     assert "point_features_000000.npy" in calibration.input.sha256
     assert calibration.input.frames[0].image_labels is None
-
-
-def test_vectors_between_blocks_have_the_derivative_of_the_pose(
-    observations: Observations, street_truth: Pose
-) -> None:
-    generator = torch.Generator().manual_seed(0)
-    network = SeparableNetwork(16, 16, MINE_WITH_VECTORS, generator)
-    points = _PointsWithVectors(
-        observations, network, street_truth, 8, np.eye(6), torch.device("cpu"), visible_only=False
-    )
-    chosen, anchor = torch.arange(0, len(points), 97), torch.from_numpy(street_truth)
-
-    def ascent(v: torch.Tensor) -> torch.Tensor:
-        joint, mean_exp = points.expectations(chosen, exp_se3(v) @ anchor)
-        return joint - mean_exp.log()
-
-    v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
-    (slope,) = torch.autograd.grad(ascent(v), v)
-    for axis in range(6):
-        step = torch.zeros(6, dtype=torch.float64)
-        step[axis] = 1e-4
-        with torch.no_grad():
-            difference = (ascent(step) - ascent(-step)) / 2e-4
-        assert abs(difference - slope[axis]) < 0.05 * slope.abs().max()
-
-
-def test_averages_are_those_of_numpy() -> None:
-    vectors = np.random.default_rng(0).normal(size=(5, 7, 3)).astype(np.float16)
-    found = _averaged(vectors, 2)
-    assert found.shape == (2, 3, 3)
-    np.testing.assert_allclose(found[1, 2], vectors[2:4, 4:6].astype(float).mean(axis=(0, 1)), atol=1e-3)
 
 
 def test_vectors_of_blocks_are_those_of_their_pixels(drive: Drive, tmp_path: Path) -> None:

@@ -41,7 +41,10 @@ MAY_IMPORT = {
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
 import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""
 EVERYWHERE = {"errors", "config", "_core"}
-WITH_TORCH = {"refinement/mine", "refinement/se3", "refinement/projection", "refinement/objective"}
+WITH_TORCH = {
+    f"refinement/{name}"
+    for name in ("network", "labelled_points", "feature_points", "mine", "se3", "projection", "objective")
+}
 WITH_OPENCV = {
     "files/images",
     "drive/intensity",

@@ -8,7 +8,8 @@ from conftest import make_pose
 from semcal_cli import _core
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.mine import DonskerVaradhan, StatisticsNetwork, sample_shares
+from semcal_cli.refinement.labelled_points import sample_shares
+from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork
 
 ERROR = 0.1
 CHANNEL_MI = math.log(2) + ERROR * math.log(ERROR) + (1 - ERROR) * math.log(1 - ERROR)
@@ -49,9 +50,9 @@ def test_the_network_learns_the_channels_information() -> None:
     optimizer = torch.optim.Adam(network.parameters(), 1e-2)
     for _ in range(300):
         x, y = channel(2000, generator)
-        _, ascent = bound(*expectations(network(y), x))
+        _, objective = bound(*expectations(network(y), x))
         optimizer.zero_grad()
-        (-ascent).backward()
+        (-objective).backward()
         optimizer.step()
     x, y = channel(100_000, generator)
     learned, _ = DonskerVaradhan(0.9)(*expectations(network(y), x))
@@ -65,7 +66,7 @@ def test_shares_have_the_derivative_of_the_pose(
         street_observations.core, street_truth, factor=8, edge_band_px=0, visible_only=False
     )
     indices = torch.arange(0, len(points.classes), 401)
-    # Just beside the anchor: at the middle of a block the slope jumps.
+    # Just beside the anchor: at the middle of a block the gradient jumps.
     T = torch.from_numpy(make_pose((1e-3, 2e-3, -1e-3), (0.01, 0.0, 0.0)) @ street_truth).requires_grad_()
     assert torch.autograd.gradcheck(
         lambda T: sample_shares(points, indices, T), (T,), eps=1e-7, atol=1e-4, rtol=1e-4

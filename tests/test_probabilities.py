@@ -16,9 +16,10 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.mine import MineClimb
+from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.mine import MineEstimator
 from semcal_cli.refinement.polish import polish
-from semcal_cli.refinement.pyramid import Climb, ExactClimb, refine
+from semcal_cli.refinement.pyramid import LevelOptimizer, refine
 
 NUM_CLASSES = 25  # of the synthetic street's ids, 255 is unlabelled
 
@@ -87,7 +88,7 @@ def test_certain_shares_of_points_give_the_same_pose(
     )
     config = ExactConfig(edge_band_px=0)
     poses = [
-        refine(each, street_truth, ExactClimb(each, config, 0), PyramidConfig()).T_camera_lidar
+        refine(each, street_truth, ExactEstimator(each, config, 0), PyramidConfig()).T_camera_lidar
         for each in (observations, soft)
     ]
     np.testing.assert_array_equal(poses[0], poses[1])
@@ -103,12 +104,12 @@ def test_a_networks_probabilities_end_at_the_truth(
 ) -> None:
     observations = load_observations(read_drive(soft_street))
     assert all(image.shares is not None for image in observations.images)
-    climb: Climb = (
-        ExactClimb(observations, ExactConfig(), seed=0)
+    optimizer: LevelOptimizer = (
+        ExactEstimator(observations, ExactConfig(), seed=0)
         if estimator == "exact"
-        else MineClimb(observations, MineConfig(), seed=0)
+        else MineEstimator(observations, MineConfig(), seed=0)
     )
-    refinement = refine(observations, street_truth, climb, PyramidConfig())
+    refinement = refine(observations, street_truth, optimizer, PyramidConfig())
     polished = polish(observations, refinement.T_camera_lidar, PolishConfig())
     error = compare_poses(polished.T_camera_lidar, street_truth)
     assert error.rotation_deg < MAX_ROTATION_DEG

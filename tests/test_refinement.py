@@ -11,8 +11,9 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.mine import MineClimb
-from semcal_cli.refinement.pyramid import Climb, ExactClimb, pyramid_factors, refine
+from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.mine import MineEstimator
+from semcal_cli.refinement.pyramid import LevelOptimizer, pyramid_factors, refine
 
 # Three times what four frames of 640 x 360 were measured to end at.
 MAX_ROTATION_DEG = 0.1
@@ -24,12 +25,12 @@ FROM_AFAR = PyramidConfig(coarsest_block_deg=FAR_DEG)
 SHORT = MineConfig(steps_per_level=20, warm_up_steps=10)
 
 
-def make_climb(
+def make_optimizer(
     estimator: str, observations: Observations, seed: int = 0, mine: MineConfig | None = None
-) -> Climb:
+) -> LevelOptimizer:
     if estimator == "exact":
-        return ExactClimb(observations, ExactConfig(), seed)
-    return MineClimb(observations, mine or MineConfig(), seed)
+        return ExactEstimator(observations, ExactConfig(), seed)
+    return MineEstimator(observations, mine or MineConfig(), seed)
 
 
 @pytest.mark.parametrize("start", [BAD_START, A_METRE_OFF], ids=["12 degrees", "a metre"])
@@ -37,8 +38,8 @@ def make_climb(
 def test_a_bad_start_ends_at_the_truth(
     street_observations: Observations, street_truth: Pose, estimator: str, start: Pose
 ) -> None:
-    climb = make_climb(estimator, street_observations)
-    refinement = refine(street_observations, start @ street_truth, climb, FROM_AFAR)
+    optimizer = make_optimizer(estimator, street_observations)
+    refinement = refine(street_observations, start @ street_truth, optimizer, FROM_AFAR)
     error = compare_poses(refinement.T_camera_lidar, street_truth)
     assert error.rotation_deg < MAX_ROTATION_DEG
     assert error.camera_center_cm < MAX_CENTER_CM
@@ -53,7 +54,7 @@ def test_the_seed_decides_every_bit(
         refine(
             street_observations,
             street_truth,
-            make_climb(estimator, street_observations, seed, SHORT),
+            make_optimizer(estimator, street_observations, seed, SHORT),
             PyramidConfig(),
         ).T_camera_lidar
         for seed in (4, 4, 5)
@@ -66,15 +67,15 @@ def test_the_seed_decides_every_bit(
 def test_a_pose_that_still_moves_has_not_settled(
     street_observations: Observations, street_truth: Pose, estimator: str
 ) -> None:
-    climb: Climb
+    optimizer: LevelOptimizer
     if estimator == "exact":
         hasty = ExactConfig(steps=8, step_size=2.0, final_step=1.0)
-        climb = ExactClimb(street_observations, hasty, seed=0)
+        optimizer = ExactEstimator(street_observations, hasty, seed=0)
     else:
-        climb = MineClimb(
+        optimizer = MineEstimator(
             street_observations, MineConfig(steps_per_level=8, learning_rate_pose=2.0, final_rate=1.0), seed=0
         )
-    refinement = refine(street_observations, BAD_START @ street_truth, climb, PyramidConfig())
+    refinement = refine(street_observations, BAD_START @ street_truth, optimizer, PyramidConfig())
     assert not refinement.converged
     (finding,) = refinement.findings
     assert finding.sentence.startswith("the refinement had not settled: the pose still moved points by ")
@@ -89,7 +90,7 @@ def test_disjoint_ids_carry_the_same_information(
         for image in street_observations.images
     )
     renamed = dataclasses.replace(swapped, image_class_names=tuple(f"x{i}" for i in range(25)))
-    refinement = refine(renamed, street_truth, make_climb(estimator, renamed), PyramidConfig())
+    refinement = refine(renamed, street_truth, make_optimizer(estimator, renamed), PyramidConfig())
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
 
@@ -99,7 +100,9 @@ def test_a_camera_that_looks_away_has_no_overlap(street_observations: Observatio
     with pytest.raises(
         CalibrationError, match=r"no overlap: 0 of \d+ labelled points land on labelled pixels"
     ):
-        refine(street_observations, looking_up, make_climb(estimator, street_observations), PyramidConfig())
+        refine(
+            street_observations, looking_up, make_optimizer(estimator, street_observations), PyramidConfig()
+        )
 
 
 @pytest.mark.parametrize("estimator", ["exact", "mine"])
@@ -119,15 +122,15 @@ def test_points_that_leave_the_picture_raise_nothing(
         camera=camera.model_copy(update={"width": width, "height": height, "K": K}),
     )
     start = make_pose((0.0, 0.05, 0.0), (0.0, 0.0, 0.0)) @ street_truth  # a seventh of the crop to the side
-    refinement = refine(cropped, start, make_climb(estimator, cropped), FROM_AFAR)
+    refinement = refine(cropped, start, make_optimizer(estimator, cropped), FROM_AFAR)
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < 0.5
 
 
 def test_cuda_gives_the_same_answer(street_observations: Observations, street_truth: Pose) -> None:
     if not torch.cuda.is_available():
         pytest.skip("no CUDA device")
-    climb = MineClimb(street_observations, MineConfig(), seed=0, device="cuda")
-    refinement = refine(street_observations, BAD_START @ street_truth, climb, FROM_AFAR)
+    optimizer = MineEstimator(street_observations, MineConfig(), seed=0, device="cuda")
+    refinement = refine(street_observations, BAD_START @ street_truth, optimizer, FROM_AFAR)
     assert compare_poses(refinement.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
 

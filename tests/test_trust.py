@@ -9,8 +9,9 @@ from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import ExactClimb, refine
+from semcal_cli.refinement.pyramid import refine
 
 
 def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:
@@ -53,7 +54,7 @@ def test_wrong_intrinsics_are_named(
 ) -> None:
     seen = replace(street_observations, camera=street_observations.camera.zoomed(scale))
     climbed = refine(
-        seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
+        seen, street_truth, ExactEstimator(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
     )
     focal, intrinsics = sentences(seen, climbed.T_camera_lidar)
     right = "shorter" if scale > 1.0 else "longer"
@@ -82,7 +83,9 @@ def test_wrong_clocks_are_told_from_the_motion(
     ]
     clouds = [c.with_points(points) for c, points in zip(street_observations.clouds, moved, strict=True)]
     seen = with_twists(street_observations.with_clouds(clouds), twists)
-    near = refine(seen, street_truth, ExactClimb(seen, ExactConfig(), 0), PyramidConfig(3.0)).T_camera_lidar
+    near = refine(
+        seen, street_truth, ExactEstimator(seen, ExactConfig(), 0), PyramidConfig(3.0)
+    ).T_camera_lidar
     ended = newton(seen, near, PolishConfig()).T_camera_lidar
     found = [line for line in sentences(seen, ended) if line.startswith("the clocks look wrong: ")]
     if delay_s == 0.0:

@@ -19,7 +19,8 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.pyramid import ExactClimb, refine
+from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.pyramid import refine
 from semcal_cli.result.stage import Finding
 
 NUM_FRAMES = 4
@@ -159,7 +160,7 @@ def _about_z(angle_deg: float) -> Pose:
 
 
 def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    """Refine once more with other focal lengths and clocks, and as they are: all on the same frames, by the same climb.
+    """Refine once more with other focal lengths and clocks, and as they are: all on the same frames, by the same steps.
 
     Focal lengths hardly bend the optimum, but even single frames tell them apart so.
     """
@@ -170,7 +171,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
         *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
         *(_delayed(observations, delay_s) for delay_s in delays_s),
     ]
-    # Each climb is a chain of small steps, so several run side by side.
+    # Each refinement is a chain of small steps, so several run side by side.
     with ThreadPoolExecutor() as pool:
         own, *others = pool.map(lambda model: _refitted(model, T_camera_lidar), models)
     if own is None:
@@ -227,7 +228,7 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _core.Agreeme
         found = refine(
             observations,
             T_camera_lidar,
-            ExactClimb(observations, OTHER_MODEL_EXACT, seed=0),
+            ExactEstimator(observations, OTHER_MODEL_EXACT, seed=0),
             OTHER_MODEL_PYRAMID,
         )
     except SemcalError:

@@ -8,12 +8,13 @@ from semcal_cli.config import MINE_WITH_VECTORS, ExactConfig, MineConfig, Refine
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.refinement.pyramid import Climb, ExactClimb
+from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.pyramid import LevelOptimizer
 
 
 def make_estimator(
     observations: Observations, config: RefinementConfig, seed: int, on_event: Listener = ignore
-) -> tuple[Climb, dict[str, object]]:
+) -> tuple[LevelOptimizer, dict[str, object]]:
     """Make the estimator, and tell its settings; torch is loaded only where it is needed.
 
     Raises:
@@ -23,10 +24,13 @@ def make_estimator(
         raise InputError("--estimator exact: features are vectors, which have no histogram, needed mine")
     if config.estimator == "exact":
         exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-        return ExactClimb(observations, exact, seed), {"exact": asdict(exact)}
+        return ExactEstimator(observations, exact, seed), {"exact": asdict(exact)}
     on_event(Progress("loading torch"))
-    from semcal_cli.refinement.mine import MineClimb
+    from semcal_cli.refinement.mine import MineEstimator
 
     usual = MINE_WITH_VECTORS if observations.has_vectors else MineConfig()
     mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-    return MineClimb(observations, mine, seed, config.device), {"mine": asdict(mine), "device": config.device}
+    return MineEstimator(observations, mine, seed, config.device), {
+        "mine": asdict(mine),
+        "device": config.device,
+    }

@@ -1,4 +1,4 @@
-"""The objective as a torch module, to be embedded: mutual information as a function of the pose, and of all else.
+"""The objective as a torch module, to be embedded: mutual information as a function of the pose and of all else.
 
 Nothing here is used by the calibration itself, whose sampling and gradients are in Rust. It is the same objective in
 plain torch: differentiable in the pose, in label shares and features of points and pixels, and in the weights of a
@@ -21,12 +21,12 @@ from semcal_cli.refinement.projection import Projection
 
 
 class MutualInformation(torch.nn.Module):
-    """I(X; Y) of what points carry and of what the pixels carry that they land on, in nats.
+    """I(X; Y), in nats, of what points carry and of what the pixels carry that they land on.
 
     Without a statistics network, X and Y are shares of classes, and the result is the plug-in mutual information of the
     joint histogram: for one-hot labels, the exact one of the labels; for soft ones, that of ids drawn from the shares,
     a lower bound. With a network `F(x, y)` they may be any vectors, and the result is the Donsker-Varadhan bound
-    (eq. 2), with y shuffled for the marginals; maximise it over the network's weights, too.
+    (eq. 5), with y shuffled for the marginals. It is to be maximised over the network's weights, too.
     """
 
     def __init__(
@@ -38,15 +38,15 @@ class MutualInformation(torch.nn.Module):
         statistics: torch.nn.Module | None = None,
         seed: int = 0,
     ) -> None:
-        """Hold frames.
+        """Take the points and the pictures of all frames.
 
         Args:
             camera: The camera of all frames.
             points: (N_i, 3) float64 of each frame, metres, LiDAR frame.
-            x: (N_i, C_x) float of each frame: one-hot labels, shares or features of the points.
-            y: (C_y, H, W) float of each frame: the same of the pixels.
-            statistics: Maps x (N, C_x) and y (N, C_y) to (N,), or None for the plug-in estimate.
-            seed: Of the shuffling.
+            x: (N_i, C_x) float32 of each frame: one-hot labels, shares or features of the points.
+            y: (C_y, H, W) float32 of each frame: the same of the pixels.
+            statistics: The network F, which maps x (N, C_x) and y (N, C_y) to (N,); None for the plug-in estimate.
+            seed: Seed of the shuffling.
         """
         super().__init__()
         self.projection = Projection(camera)
@@ -58,11 +58,11 @@ class MutualInformation(torch.nn.Module):
                 self.register_buffer(f"{name}_{frame}", tensor, persistent=False)
         self.statistics = statistics
         self._generator = torch.Generator().manual_seed(seed)
-        self._anchored: list[Tensor] | None = None
+        self._anchored: list[Tensor] = []
 
     @classmethod
     def from_observations(cls, observations: Observations) -> MutualInformation:
-        """Hold the labelled points and the label images of observations, one-hot."""
+        """Make the objective of the labelled points and the label images of observations, one-hot."""
         num_x, num_y = len(observations.point_class_names), len(observations.image_class_names)
         points, x = [], []
         for cloud in observations.clouds:
@@ -82,52 +82,64 @@ class MutualInformation(torch.nn.Module):
 
     @property
     def frames(self) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """Points, x and y of each frame."""
+        """Points (N_i, 3) float64, x (N_i, C_x) and y (C_y, H, W) of each frame."""
         return [
             (getattr(self, f"points_{frame}"), getattr(self, f"x_{frame}"), getattr(self, f"y_{frame}"))
             for frame in range(self.num_frames)
         ]
 
     def anchor(self, T_camera_lidar: Tensor) -> int:
-        """Choose the points that lie in the picture at a pose, and tell how many; they count until the next call.
+        """Choose the points that lie in the picture at a pose. They count until the next call.
 
         A point that leaves the picture keeps counting, with what the nearest border pixel carries: so pushing points
         out raises nothing.
+
+        Args:
+            T_camera_lidar: (4, 4) float64.
+
+        Returns:
+            Number of points.
         """
         with torch.no_grad():
             self._anchored = [self._inside(points, T_camera_lidar) for points, _, _ in self.frames]
         return int(sum(inside.sum() for inside in self._anchored))
 
     def forward(self, T_camera_lidar: Tensor) -> Tensor:
-        """Estimate the mutual information at a pose (4, 4) float64, as a scalar; anchors there if nothing has.
+        """Estimate the mutual information at a pose, where points are chosen if none have been.
+
+        Args:
+            T_camera_lidar: (4, 4) float64.
+
+        Returns:
+            A scalar in nats, differentiable in the pose, in x and y and in the network's weights.
 
         Raises:
-            CalibrationError: no anchored point, or none of them on a labelled pixel.
+            CalibrationError: no point has been chosen, or none of them is on a labelled pixel.
         """
-        if self._anchored is None:
-            self.anchor(T_camera_lidar)
         x, y = self.pairs(T_camera_lidar)
         if len(y) == 0:
             raise CalibrationError("no overlap: no point lands on the pictures")
-        if self.statistics is not None:
-            order = torch.randperm(len(y), generator=self._generator).to(y.device)
-            shuffled = self.statistics(x, y[order])
-            count = torch.tensor(float(len(y)), device=y.device)
-            bound: Tensor = self.statistics(x, y).mean() - (shuffled.logsumexp(0) - count.log())
-            return bound
-        # Pixels without a class leave a share of less than one; pairs add up to their labelled share.
-        joint = x.T @ y
-        if not joint.sum() > 0.0:
-            raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")
-        joint = joint / joint.sum()
-        independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
-        seen = joint > 0.0
-        information: Tensor = (joint[seen] * (joint[seen] / independent[seen]).log()).sum()
-        return information
+        return _plug_in(x, y) if self.statistics is None else self._donsker_varadhan(self.statistics, x, y)
+
+    def _donsker_varadhan(self, statistics: torch.nn.Module, x: Tensor, y: Tensor) -> Tensor:
+        order = torch.randperm(len(y), generator=self._generator).to(y.device)
+        shuffled = statistics(x, y[order])
+        count = torch.tensor(float(len(y)), device=y.device)
+        # E_p(x,y)[F] - log E_p(x)p(y)[exp F] (eq. 5).
+        bound: Tensor = statistics(x, y).mean() - (shuffled.logsumexp(0) - count.log())
+        return bound
 
     def pairs(self, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
-        """What the anchored points carry (N, C_x), and the pixels under them (N, C_y), bilinear between pixels."""
-        assert self._anchored is not None
+        """Pair the chosen points with the pixels under them at a pose, where points are chosen if none have been.
+
+        Args:
+            T_camera_lidar: (4, 4) float64.
+
+        Returns:
+            What the points carry (N, C_x), and what the pixels carry (N, C_y), bilinear between pixel centres.
+        """
+        if not self._anchored:
+            self.anchor(T_camera_lidar)
         pairs = [
             (x[chosen], self._sample(y, self._pixels(points[chosen], T_camera_lidar)))
             for (points, x, y), chosen in zip(self.frames, self._anchored, strict=True)
@@ -151,3 +163,16 @@ class MutualInformation(torch.nn.Module):
             y[None], place[None, None], mode="bilinear", padding_mode="border", align_corners=False
         )
         return sampled[0, :, 0].T
+
+
+def _plug_in(x: Tensor, y: Tensor) -> Tensor:
+    """Mutual information of the joint histogram of shares (N, C_x) and (N, C_y)."""
+    # Pixels without a class leave a share of less than one; pairs add up to their labelled share.
+    joint = x.T @ y
+    if not joint.sum() > 0.0:
+        raise CalibrationError("no overlap: no labelled point lands on a labelled pixel")
+    joint = joint / joint.sum()
+    independent = joint.sum(1, keepdim=True) * joint.sum(0, keepdim=True)
+    seen = joint > 0.0
+    information: Tensor = (joint[seen] * (joint[seen] / independent[seen]).log()).sum()
+    return information

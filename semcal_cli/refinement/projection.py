@@ -15,11 +15,11 @@ from semcal_cli.drive.document import Camera, CameraModel
 TINY = 1e-24
 """Keeps the gradient of a radius finite on the optical axis."""
 POLE = 1e-6
-"""Of an equirectangular picture: nearer to straight up or down, radians, every column is the same point."""
+"""Nearer than this to straight up or down, in radians, every column of an equirectangular picture is the same point."""
 
 
 class Projection(torch.nn.Module):
-    """Projects points of the camera frame to pixels (u, v); an integer pixel is a pixel centre."""
+    """The projection of points of the camera frame to pixels (u, v); an integer pixel is a pixel centre."""
 
     coefficients: Tensor
     focal: Tensor
@@ -35,11 +35,14 @@ class Projection(torch.nn.Module):
         self.register_buffer("center", K[:2, 2])
 
     def forward(self, points_camera: Tensor) -> tuple[Tensor, Tensor]:
-        """Project points (N, 3), float64, metres.
+        """Project points, differentiably.
+
+        Args:
+            points_camera: (N, 3) float64, metres, camera frame.
 
         Returns:
-            Pixels (N, 2), and (N,) whether the model holds there. Beyond the incidence angle to which it holds, a
-            point has the pixel of the last one in its direction. A pixel may lie outside the picture.
+            Pixels (N, 2) float64, and (N,) bool, whether the model holds there. Beyond the incidence angle to which it
+            holds, a point has the pixel of the last one in its direction. A pixel may lie outside the picture.
         """
         points, holds = _within(points_camera, self.limit)
         distorted = self._lens(points, self.coefficients)
@@ -49,7 +52,7 @@ class Projection(torch.nn.Module):
 
 
 def _coefficients(camera: Camera) -> list[float]:
-    """Distortion and parameters in the order in which the lens takes them, zeros for what is absent."""
+    """List distortion and parameters in the order in which the lens takes them, zeros for what is absent."""
     distortion = list(camera.distortion)
     match camera.model:
         case "plumb_bob" | "rational_polynomial":
@@ -96,7 +99,7 @@ def _distort(xy: Tensor, coefficients: Tensor) -> Tensor:
 
 
 def _thin_prism(points: Tensor, coefficients: Tensor) -> Tensor:
-    """The same with OpenCV's thin prism, and its tilted sensor."""
+    """OpenCV's rational polynomial with its thin prism and its tilted sensor."""
     xy = points[:, :2] / points[:, 2:]
     r2 = (xy * xy).sum(-1, keepdim=True)
     s1, s2, s3, s4 = coefficients[8:12]

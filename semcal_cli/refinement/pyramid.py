@@ -1,9 +1,7 @@
-"""Refinement of a pose by gradient ascent on the mutual information of labels (Alg. 1).
+"""The label pyramid: a pose is optimised level by level, coarse to fine, each from the pose of the one before (Alg. 1).
 
-Levels of the label pyramid are taken coarse to fine, each from the pose of the one before. How a level is climbed is
-the estimator's. With MINE, the weights of a statistics network climb the Donsker-Varadhan bound together with the
-twist of the pose (`semcal_cli.refinement.mine`). With discrete labels the bound is reached by a table of pointwise
-mutual information, so `ExactClimb` needs no network and no torch.
+What is maximised at a level is the estimator's: the exact mutual information of labels (`semcal_cli.refinement.exact`),
+or the Donsker-Varadhan bound of a statistics network (`semcal_cli.refinement.mine`).
 
 Every level has the same number of steps, whose lengths fall to a twentieth: on mini-batches, when to stop earlier would
 be told by noise. Whether the pose has settled by then is measured, and said.
@@ -22,7 +20,7 @@ from dataclasses import asdict, dataclass
 from typing import Protocol
 
 from semcal_cli import _core
-from semcal_cli.config import ExactConfig, PyramidConfig
+from semcal_cli.config import PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera
@@ -39,18 +37,29 @@ class Level:
     factor: int
     """Side of a block in pixels."""
     T_camera_lidar: Pose
+    """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar."""
     information_nats: float
     """The mutual information, or the Donsker-Varadhan bound, at the level's end."""
     drift: float
-    """Blocks between the mean poses of the last two quarters."""
+    """Blocks between the mean poses of the last two quarters of the level's steps."""
     num_points: int
+    """Number of points that were chosen at the level's start."""
 
 
-class Climb(Protocol):
-    """An estimator that climbs one level of the pyramid."""
+class LevelOptimizer(Protocol):
+    """An estimator of mutual information that optimises the pose at one level of the pyramid."""
 
-    def __call__(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
-        """Climb on blocks of `factor` pixels from a pose; `visible_only` drops hidden points."""
+    def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
+        """Take the pose up the gradient of the estimate.
+
+        Args:
+            factor: Side of the level's blocks in pixels.
+            T_start: (4, 4) float64, T_camera_lidar at which the level's points are chosen, and at which it starts.
+            visible_only: Whether points that the camera cannot see are dropped.
+
+        Returns:
+            Where the level ended. With too few points to tell anything, that is where it started.
+        """
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,42 +70,26 @@ class Refinement(StageResult):
     converged: bool
 
 
-class ExactClimb:
-    """Climbs the exact mutual information, in Rust."""
-
-    def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
-        self.observations, self.config, self.seed = observations, config, seed
-
-    def __call__(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
-        """Climb one level of the pyramid."""
-        (end,) = _core.align(
-            self.observations.core,
-            [T_start],
-            self.config,
-            factor=factor,
-            visible_only=visible_only,
-            seed=self.seed,
-        )
-        return Level(factor, end.T_camera_lidar, end.mutual_information, end.drift, end.num_points)
-
-
 def refine(
     observations: Observations,
     T_init: Pose,
-    climb: Climb,
+    optimizer: LevelOptimizer,
     config: PyramidConfig,
     on_level: Callable[[Level, int], None] = lambda level, num_levels: None,
     clamp: Callable[[Pose], Pose] = lambda pose: pose,
 ) -> Refinement:
-    """Refine a pose by maximising mutual information.
+    """Refine a pose by maximising mutual information over the levels of the pyramid.
 
     Args:
         observations: Labelled points and label images of all frames.
-        T_init: (4, 4) T_camera_lidar to start at.
-        climb: The estimator.
+        T_init: (4, 4) float64, T_camera_lidar at which the coarsest level starts.
+        optimizer: The estimator of mutual information.
         config: The pyramid.
-        on_level: Called with each level when it ends, and with the number of levels.
-        clamp: Brings the pose between levels back to where it may be.
+        on_level: A callback that gets each level when it ends, and the number of levels.
+        clamp: A map from poses to the nearest allowed ones, applied before and after each level.
+
+    Returns:
+        The pose after the finest level, with all levels, and a finding if it has not settled.
 
     Raises:
         CalibrationError: too few labelled points land on labelled pixels.
@@ -106,13 +99,10 @@ def refine(
     levels: list[Level] = []
     pose = clamp(T_init)
     for factor in factors:
-        level = climb(factor, pose, visible_only=factor * block_deg < config.hidden_below_block_deg)
-        if level.num_points < config.min_points:
-            total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
-            raise CalibrationError(
-                f"no overlap: {level.num_points} of {total} labelled points land on labelled pixels, "
-                f"needed {config.min_points}"
-            )
+        level = optimizer.ascend(
+            factor, pose, visible_only=factor * block_deg < config.hidden_below_block_deg
+        )
+        _check_overlap(observations, level, config.min_points)
         levels.append(level)
         pose = clamp(level.T_camera_lidar)
         on_level(level, len(factors))
@@ -127,6 +117,15 @@ def refine(
     )
 
 
+def _check_overlap(observations: Observations, level: Level, min_points: int) -> None:
+    if level.num_points < min_points:
+        total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
+        raise CalibrationError(
+            f"no overlap: {level.num_points} of {total} labelled points land on labelled pixels, "
+            f"needed {min_points}"
+        )
+
+
 def _not_settled(finest: Level) -> Finding:
     return Finding(
         f"the refinement had not settled: the pose still moved points by {finest.drift:.1f} pixels over the last "
@@ -135,7 +134,7 @@ def _not_settled(finest: Level) -> Finding:
 
 
 def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:
-    """Block sides in pixels, coarse to fine, down to single pixels."""
+    """List the sides of the levels' blocks in pixels: powers of two, coarse to fine, down to 1."""
     widest = core_camera(camera).pixels_per_radian * math.radians(config.coarsest_block_deg)
     largest = min(widest, camera.width / config.min_blocks, camera.height / config.min_blocks)
     return [2**level for level in range(int(math.log2(max(largest, 1.0))), -1, -1)]

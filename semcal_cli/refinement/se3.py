@@ -1,4 +1,4 @@
-"""Rigid motions by the matrix exponential (eqs. 3-5)."""
+"""Rigid motions by the matrix exponential of the generators of SE(3) (eq. 3), for torch."""
 
 from __future__ import annotations
 
@@ -7,20 +7,27 @@ from torch import Tensor
 
 
 def exp_se3(twist: Tensor) -> Tensor:
-    """Map a twist to a rigid motion, differentiably.
+    """Map a twist to a rigid motion, differentiably (eq. 3).
 
     Args:
-        twist: (6,) (rho, phi): translation in metres first, then rotation in radians.
+        twist: (6,) floats (rho, phi): translation in metres first, then rotation in radians.
 
     Returns:
-        (4, 4), the matrix exponential of `sum_i twist_i B_i` with the generators `B_i` of SE(3).
+        (4, 4) of the twist's dtype, the matrix exponential of `sum_i twist_i B_i` with the generators `B_i` of SE(3).
     """
     motion: Tensor = torch.linalg.matrix_exp((twist[:, None, None] * generators(twist)).sum(0))
     return motion
 
 
 def generators(like: Tensor) -> Tensor:
-    """The six generators of SE(3), (6, 4, 4): three translations, then rotations about x, y and z."""
+    """Make the six generators of SE(3): three translations, then rotations about x, y and z.
+
+    Args:
+        like: A tensor that has the dtype and the device that they shall have.
+
+    Returns:
+        (6, 4, 4).
+    """
     basis = torch.zeros(6, 4, 4, dtype=like.dtype, device=like.device)
     for axis in range(3):
         basis[axis, axis, 3] = 1.0

@@ -2,7 +2,7 @@
 
 python tests/benchmarks/plain_torch.py DRIVE --init FILE --estimator exact -o pose.npy
 
-Float maps are averaged over blocks level by level and sampled bilinearly; Adam climbs the twist of the pose on
+Float maps are averaged over blocks level by level and sampled bilinearly; Adam optimises the twist of the pose on
 mini-batches. Levels, steps and batch sizes are those of semcal's estimator, so that kernels are compared and not
 schedules; but nothing is dropped for being hidden, and nothing is polished.
 """
@@ -22,7 +22,7 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
-from semcal_cli.refinement.mine import DonskerVaradhan, StatisticsNetwork
+from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork
 from semcal_cli.refinement.projection import Projection
 from semcal_cli.refinement.pyramid import pyramid_factors
 from semcal_cli.refinement.se3 import exp_se3
@@ -69,9 +69,9 @@ def main() -> None:
         p_camera = points @ pose[:3, :3].T + pose[:3, 3]
         pixels, holds = projection(p_camera)
         inside = torch.nonzero(holds & (pixels >= 0).all(1) & (pixels < size).all(1))[:, 0]
-        unit = torch.ones(6, dtype=torch.float64)
-        unit[:3] = p_camera[inside].norm(dim=1).median()
-        unit *= factor / camera.K[0][0]
+        block = torch.ones(6, dtype=torch.float64)
+        block[:3] = p_camera[inside].norm(dim=1).median()
+        block *= factor / camera.K[0][0]
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
         adam = torch.optim.Adam([v], rate, betas=(0.9, 0.99))
         for step in range(warm_up + steps):
@@ -79,7 +79,7 @@ def main() -> None:
             adam.param_groups[0]["lr"] = rate * (last + (1.0 - last) * cosine)
             chosen = inside[torch.randint(len(inside), (batch_size,))]
             chosen = chosen[frames[chosen].argsort()]
-            T = exp_se3(v * unit) @ pose
+            T = exp_se3(v * block) @ pose
             pixels, _ = projection(points[chosen] @ T[:3, :3].T + T[:3, 3])
             place = ((pixels + 0.5) / size * 2.0 - 1.0).float()
             counts = frames[chosen].bincount(minlength=len(level)).tolist()
@@ -99,8 +99,11 @@ def main() -> None:
                 objective = (joint[seen] * (joint[seen] / independent[seen]).log()).sum()
             else:
                 weights = y.detach().sum(1)
-                p_x = torch.bincount(x, weights, minlength=num_x) / weights.sum()
-                _, objective = bound(network(y / y.sum(1, keepdim=True).clamp_min(0.02)), x, p_x, weights)
+                weights = weights / weights.sum()
+                p_x = torch.bincount(x, weights, minlength=num_x)
+                statistics = network(y / y.sum(1, keepdim=True).clamp_min(0.02))
+                joint = weights @ statistics.gather(1, x[:, None])[:, 0]
+                _, objective = bound(joint, weights @ (statistics.exp() @ p_x))
             (-objective).backward()
             theta.step()
             if step >= warm_up:
@@ -108,7 +111,7 @@ def main() -> None:
             adam.zero_grad()
             theta.zero_grad()
         warm_up = mine.warm_up_steps // 3 if is_mine else 0
-        pose = (exp_se3(v * unit) @ pose).detach()
+        pose = (exp_se3(v * block) @ pose).detach()
     np.save(arguments.output, pose.numpy())
 
 

@@ -1,0 +1,39 @@
+"""The exact mutual information of labels, maximised over SE(3) in Rust: no network and no torch."""
+
+from __future__ import annotations
+
+from semcal_cli import _core
+from semcal_cli.config import ExactConfig
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.pyramid import Level
+
+
+class ExactEstimator:
+    """Ascends the exact mutual information of discrete labels, level by level.
+
+    For discrete labels the Donsker-Varadhan bound is reached by a table of pointwise mutual information, so that there
+    is no statistics network to learn.
+    """
+
+    def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
+        """Keep what the levels have in common.
+
+        Args:
+            observations: Labelled points and label images of all frames.
+            config: Steps, mini-batches and limits.
+            seed: Seed of the mini-batches.
+        """
+        self.observations, self.config, self.seed = observations, config, seed
+
+    def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
+        """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
+        (end,) = _core.align(
+            self.observations.core,
+            [T_start],
+            self.config,
+            factor=factor,
+            visible_only=visible_only,
+            seed=self.seed,
+        )
+        return Level(factor, end.T_camera_lidar, end.mutual_information, end.drift, end.num_points)

@@ -1,0 +1,131 @@
+"""The points of a level that carry feature vectors, and the vectors of the pixels under them (Alg. 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.network import SeparableNetwork
+from semcal_cli.refinement.projection import Projection
+
+Vectors: TypeAlias = npt.NDArray[np.float16]
+"""Features, the channels last."""
+
+
+class FeaturePoints:
+    """The points of a level, whose vectors a network compares with those of the blocks of pixels that they land on.
+
+    Vectors of blocks are means of those of their pixels, bilinear between the centres of blocks.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        network: SeparableNetwork,
+        device: torch.device,
+        *,
+        factor: int,
+        anchor: Pose,
+        visible_only: bool,
+    ) -> None:
+        """Choose the points that land in the picture at a pose, and average the pictures' vectors over blocks.
+
+        Args:
+            observations: Points and pictures of all frames, with vectors on both sides.
+            network: The statistics F(x, y) of a point's vector and the vector under it.
+            device: Where the network computes.
+            factor: Side of a block in pixels; at least that of the blocks which the vectors are given for.
+            anchor: (4, 4) T_camera_lidar at which points are chosen.
+            visible_only: Whether points that the camera cannot see are dropped.
+        """
+        self.network, self.device = network, device
+        self.projection = Projection(observations.camera)
+        vectors = feature_vectors(observations)
+        given_px = observations.camera.width // vectors[0][1].shape[1]
+        pooled = max(1, factor // given_px)
+        self.y = _volume([of_pixels for _, of_pixels in vectors], pooled)
+        *_, rows, columns = self.y.shape
+        self.size_px = torch.tensor([columns, rows], dtype=torch.float64) * given_px * pooled
+        points, x, frames = [], [], []
+        for frame, (cloud, (of_points, _)) in enumerate(zip(observations.clouds, vectors, strict=True)):
+            projected = _core.project_points(core_camera(observations.camera), cloud.points, anchor)
+            seen = np.isfinite(projected.ranges) & ~(projected.is_hidden & visible_only)
+            points.append(cloud.points[seen])
+            x.append(of_points[seen])
+            frames.append(np.full(seen.sum(), frame))
+        self.points = torch.from_numpy(np.concatenate(points)).double()
+        self.x, self.frames = torch.from_numpy(np.concatenate(x)), torch.from_numpy(np.concatenate(frames))
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.points)
+
+    def expectations(self, chosen: Tensor, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
+        """Compute both expectations of the bound, as `LevelPoints.expectations` describes."""
+        pixels, _ = self.projection(self.points[chosen] @ T_camera_lidar[:3, :3].T + T_camera_lidar[:3, 3])
+        y = self.sample(self.frames[chosen], pixels).to(self.device)
+        statistics = self.network(self.x[chosen].float().to(self.device), y)
+        own, all_pairs, count = statistics.diagonal(), statistics.exp(), len(chosen)
+        others = all_pairs.sum() - all_pairs.diagonal().sum()
+        return own.mean(), others / (count * (count - 1))
+
+    def sample(self, frames: Tensor, pixels: Tensor) -> Tensor:
+        """Sample the blocks' vectors.
+
+        Args:
+            frames: (N,) int64.
+            pixels: (N, 2) float64, (u, v); an integer pixel is a pixel centre.
+
+        Returns:
+            (N, C) float32, differentiable in `pixels`. Beyond the border it is what the border has.
+        """
+        place = (pixels + 0.5) / self.size_px * 2.0 - 1.0
+        depth = (frames + 0.5) / self.y.shape[2] * 2.0 - 1.0
+        grid = torch.cat([place, depth[:, None]], 1).float()
+        sampled = functional.grid_sample(
+            self.y, grid[None, None, None], mode="bilinear", padding_mode="border", align_corners=False
+        )
+        return sampled[0, :, 0, 0].T
+
+
+def feature_vectors(observations: Observations) -> list[tuple[Vectors, Vectors]]:
+    """List the features of points (N, C_x) and of blocks of pixels (H / s, W / s, C_y) of each frame that has them."""
+    pairs = ((frame.cloud.vectors, frame.image.vectors) for frame in observations.frames)
+    return [(points, pixels) for points, pixels in pairs if points is not None and pixels is not None]
+
+
+def _volume(maps: Sequence[Vectors], factor: int) -> Tensor:
+    """Average maps (H, W, C) over blocks, and lay them behind one another for `grid_sample`.
+
+    Returns:
+        (1, C, frames, rows, columns) float32, as `grid_sample` needs it, with a block's channels adjacent in memory.
+    """
+    rows, columns, channels = block_means(maps[0], factor).shape
+    volume = torch.empty(len(maps), rows, columns, channels)
+    for frame, vectors in zip(volume, maps, strict=True):
+        # Frame by frame: all of them in float16 beside the volume would take half as much memory again.
+        frame.copy_(torch.from_numpy(block_means(vectors, factor)))
+    return volume.permute(3, 0, 1, 2)[None]
+
+
+def block_means(vectors: Vectors, factor: int) -> Vectors:
+    """Average vectors (H, W, C) over whole blocks of `factor` x `factor`; a map smaller than a block stays as it is.
+
+    Returns:
+        (H // factor, W // factor, C) float16; sums are taken in float32.
+    """
+    if factor == 1 or factor > min(vectors.shape[:2]):
+        return vectors
+    averaged = functional.avg_pool2d(torch.from_numpy(vectors).permute(2, 0, 1), factor)
+    means: Vectors = averaged.permute(1, 2, 0).numpy()
+    return means
