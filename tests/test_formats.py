@@ -397,6 +397,7 @@ def test_arrays_are_read_either_way_round(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_transform(tmp_path / "T.npy", None, C2L), T_ANY, atol=1e-12)
 
 
+THERE_AND_BACK = 1e-8  # Roll, pitch and yaw lose half of their digits close to a pitch of 90 degrees.
 RELATIVE = {"autoware": "sensor kit", "nuscenes": "vehicle"}
 
 
@@ -417,7 +418,7 @@ def test_there_and_back_is_the_same(name: str, frame: CameraFrame, T: np.ndarray
     source = Source(Path(suffix), content)
     assert find_format(name).recognises(source) or name == "apollo"
     again = find_format(name).read(source, options)
-    np.testing.assert_allclose(again, T, atol=1e-9)
+    np.testing.assert_allclose(again, T, atol=THERE_AND_BACK)
 
 
 @pytest.mark.parametrize(("name", "relative_to"), RELATIVE.items())

@@ -94,8 +94,9 @@ def on_edges(path: Path, picture: Path, camera: Camera, T: Pose) -> float:
 
 def opencalib() -> list[tuple[Path, Path, Camera, Pose]]:
     found = []
-    for folder in sorted(real("opencalib_road").iterdir()):
-        lines = (folder / "calib.txt").read_text().splitlines()
+    for calibration in sorted(real("opencalib_road").glob("*/calib.txt")):
+        folder = calibration.parent
+        lines = calibration.read_text().splitlines()
         values = {
             line.split(":")[0]: [float(x) for x in line.split(":")[1].split()] for line in lines if line
         }
