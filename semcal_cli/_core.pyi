@@ -2,10 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from os import PathLike
-from typing import Protocol, TypeAlias, final
+from typing import TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+from semcal_cli.config import (
+    AlignmentConfig,
+    ExactConfig,
+    InitializationConfig,
+    PolishConfig,
+    SensitivityConfig,
+    SoicConfig,
+)
+from semcal_cli.synthetic.config import SynthConfig
 
 _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]
@@ -54,110 +64,6 @@ __all__ = [
     "student_quantile",
     "synthetic_classes",
 ]
-
-class _AlignmentConfig(Protocol):
-    """What `align` reads."""
-
-    @property
-    def edge_band_px(self) -> int: ...
-    @property
-    def steps(self) -> int: ...
-    @property
-    def batch_size(self) -> int: ...
-    @property
-    def step_size(self) -> float: ...
-    @property
-    def final_step(self) -> float: ...
-    @property
-    def max_baseline_m(self) -> float: ...
-    @property
-    def max_points(self) -> int: ...
-
-class _PolishConfig(Protocol):
-    """What `polish` reads."""
-
-    @property
-    def edge_band_px(self) -> int: ...
-    @property
-    def max_rounds(self) -> int: ...
-    @property
-    def max_steps(self) -> int: ...
-    @property
-    def tolerance_px(self) -> float: ...
-    @property
-    def max_baseline_m(self) -> float: ...
-
-class _SensitivityConfig(Protocol):
-    """What `sensitivity` reads."""
-
-    @property
-    def factor(self) -> int: ...
-    @property
-    def edge_band_px(self) -> int: ...
-    @property
-    def max_points(self) -> int: ...
-    @property
-    def with_intrinsics(self) -> bool: ...
-    @property
-    def regions_across(self) -> int: ...
-
-class _RegistrationConfig(Protocol):
-    """What `register` reads."""
-
-    @property
-    def zoom(self) -> str: ...
-    @property
-    def coarse_cell_deg(self) -> float: ...
-    @property
-    def fine_cell_deg(self) -> float: ...
-    @property
-    def max_roll_deg(self) -> float: ...
-    @property
-    def roll_step_deg(self) -> float: ...
-    @property
-    def min_cells_of_most(self) -> float: ...
-    @property
-    def num_hypotheses(self) -> int: ...
-    @property
-    def separation_deg(self) -> float: ...
-
-class _DescentConfig(Protocol):
-    """What `SemanticDistance.minimize` reads."""
-
-    @property
-    def step_deg(self) -> float: ...
-    @property
-    def step_m(self) -> float: ...
-    @property
-    def tolerance(self) -> float: ...
-    @property
-    def max_rounds(self) -> int: ...
-    @property
-    def max_restarts(self) -> int: ...
-    @property
-    def max_points(self) -> int: ...
-
-class _LidarConfig(Protocol):
-    """What `Renderer` reads."""
-
-    @property
-    def pattern(self) -> str: ...
-    @property
-    def channels(self) -> int: ...
-    @property
-    def columns(self) -> int: ...
-    @property
-    def fov_up_deg(self) -> float: ...
-    @property
-    def fov_down_deg(self) -> float: ...
-    @property
-    def range_noise_m(self) -> float: ...
-    @property
-    def dropout(self) -> float: ...
-    @property
-    def max_range_m(self) -> float: ...
-    @property
-    def lidar_tilt_deg(self) -> float: ...
 
 @final
 class Camera:
@@ -269,7 +175,7 @@ class SemanticDistance:
         """
     def at(self, t_camera_lidar: _Float64) -> float:
         """The mean distance of points that land in the picture, averaged over classes; infinite if none does."""
-    def minimize(self, t_camera_lidar: _Float64, config: _DescentConfig) -> DistanceMinimum:
+    def minimize(self, t_camera_lidar: _Float64, config: SoicConfig) -> DistanceMinimum:
         """Minimise it by Powell's method from a pose; raises `CalibrationError` if no point lands in the picture."""
 
 @final
@@ -488,7 +394,7 @@ class Projected:
 class Renderer:
     """Renders synthetic streets for one rig."""
 
-    def __new__(cls, camera: Camera, t_camera_lidar: _Float64, config: _LidarConfig) -> Renderer:
+    def __new__(cls, camera: Camera, t_camera_lidar: _Float64, config: SynthConfig) -> Renderer:
         """Prepare a rig; raises `InputError` if the LiDAR has no rays or the camera is too far from it."""
     def frame(self, seed: int, number: int) -> RenderedFrame:
         """Render the frame of a number in the world of a seed."""
@@ -517,7 +423,7 @@ class RenderedFrame:
         """Distinct objects in the picture or among the returns."""
 
 def sensitivity(
-    observations: Observations, t_camera_lidar: _Float64, config: _SensitivityConfig
+    observations: Observations, t_camera_lidar: _Float64, config: SensitivityConfig
 ) -> Sensitivity | None:
     """How the mutual information depends on pose and intrinsics around a pose: see `rust/alignment/sensitivity.rs`.
 
@@ -599,7 +505,7 @@ def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[
 def register(
     observations: Observations,
     images: SphericalImages,
-    config: _RegistrationConfig,
+    config: InitializationConfig,
     around: tuple[_Float64, float] | None = None,
 ) -> list[Hypothesis]:
     """Find the best well-separated placements of the pictures on the sphere, best first.
@@ -626,7 +532,7 @@ def sample_correspondences(
 def align(
     observations: Observations,
     poses: Sequence[_Float64],
-    config: _AlignmentConfig,
+    config: AlignmentConfig | ExactConfig,
     *,
     factor: int,
     visible_only: bool,
@@ -637,7 +543,7 @@ def align(
 def polish(
     observations: Observations,
     t_camera_lidar: _Float64,
-    config: _PolishConfig,
+    config: PolishConfig,
     inverse_curvature: _Float64 | None = None,
 ) -> Polished:
     """Bring a pose to the top of the mutual information of all visible points, deterministically."""

@@ -219,6 +219,21 @@ class PolishConfig:
 
 
 @dataclass(frozen=True)
+class SensitivityConfig:
+    """Where and how closely the core looks around a pose."""
+
+    factor: int = 1
+    """Side of a block of the label images, pixels."""
+    edge_band_px: int = EDGE_BAND_PX
+    max_points: int = 2**62
+    """Points, over all frames and directions, that are looked at."""
+    with_intrinsics: bool = False
+    """Whether fx, fy, cx, cy and k1 are parameters beside the pose."""
+    regions_across: int = 9
+    """Squares side by side in a picture, which see edges of their own."""
+
+
+@dataclass(frozen=True)
 class RefinementConfig:
     """Which estimator refines a pose, and whether the result is polished."""
 

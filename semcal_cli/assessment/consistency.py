@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.uncertainty import SensitivityConfig, influences_of, is_determined, sandwich
-from semcal_cli.config import ExactConfig, PyramidConfig
+from semcal_cli.assessment.uncertainty import influences_of, is_determined, sandwich
+from semcal_cli.config import ExactConfig, PyramidConfig, SensitivityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced

@@ -13,14 +13,13 @@ What all frames have in common, more frames do not cure: `SHARED_FRAMES`, and wh
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import EDGE_BAND_PX, PolishConfig
+from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
@@ -38,8 +37,6 @@ independent ones. On 21 development drives of five rigs, clean to network-like l
 83 to 87 % of the axes with 20 frames without it, in 93 to 95 % with it; with one frame in 91 to 96 %."""
 BLEED_FRAMES = 2
 """What all frames do alike, a few show."""
-REGIONS_ACROSS = 9
-"""So many squares lie side by side in a picture."""
 MAX_HALF_WIDTH_M = 0.25
 """A pose whose place is not known better than this is not trusted."""
 MAX_HALF_WIDTH_DEG = 1.0
@@ -47,20 +44,6 @@ MAX_HALF_WIDTH_DEG = 1.0
 
 CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 """A pixel and the four around it."""
-
-
-@dataclass(frozen=True)
-class SensitivityConfig:
-    """Where and how closely the core looks around a pose."""
-
-    factor: int = 1
-    """Side of a block of the label images, pixels."""
-    edge_band_px: int = EDGE_BAND_PX
-    max_points: int = 2**62
-    """Points, over all frames and directions, that are looked at."""
-    with_intrinsics: bool = False
-    """Whether fx, fy, cx, cy and k1 are parameters beside the pose."""
-    regions_across: int = REGIONS_ACROSS
 
 
 def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:

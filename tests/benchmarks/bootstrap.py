@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.assessment.uncertainty import REGIONS_ACROSS, SHARED_FRAMES, estimate_uncertainty
-from semcal_cli.config import PolishConfig
+from semcal_cli.assessment.uncertainty import SHARED_FRAMES, estimate_uncertainty
+from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
@@ -36,9 +36,9 @@ def resampled(observations: Observations, rng: np.random.Generator) -> Observati
         return observations.of_frames(rng.integers(num_frames, size=num_frames).tolist())
     (image,) = observations.images
     height, width = image.classes.shape
-    side = width / REGIONS_ACROSS
+    side = width / SensitivityConfig.regions_across
     rows, columns = (np.arange(size) // side for size in (height, width))
-    cells = (rows[:, None] * REGIONS_ACROSS + columns).astype(int)
+    cells = (rows[:, None] * SensitivityConfig.regions_across + columns).astype(int)
     is_kept = rng.permutation(cells.max() + 1) % 2 == 0
     kept = np.where(is_kept[cells], image.classes, NO_CLASS).astype(np.uint8)
     return observations.with_images([image.with_classes(kept)])
