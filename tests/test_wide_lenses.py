@@ -30,9 +30,9 @@ def test_the_mounting_of_a_wide_lens_is_found(tmp_path: Path, lens: str, size: t
     synthesize(config, tmp_path / "drive")
     drive = read_drive(tmp_path / "drive")
     observations = load_observations(drive)
-    best, *_ = initialize(observations, InitializationConfig(), seed=0)
+    initial = initialize(observations, InitializationConfig(), seed=0)
     estimator = ExactEstimator(observations, ExactConfig(), seed=0)
-    refinement = refine(observations, best.T_camera_lidar, estimator, PyramidConfig())
+    refinement = refine(observations, initial.T_camera_lidar, estimator, PyramidConfig())
     error = compare_poses(refinement.T_camera_lidar, read_transform(drive.root))
     assert refinement.converged
     assert error.rotation_deg < RIGHT_DEG
