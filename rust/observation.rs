@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::camera::Camera;
 use crate::class_shares::ClassShares;
+use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 
