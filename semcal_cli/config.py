@@ -220,17 +220,18 @@ class PolishConfig:
 
 @dataclass(frozen=True)
 class SensitivityConfig:
-    """Where and how closely the core looks around a pose."""
+    """Settings of the curvature and the scores of the mutual information at a pose."""
 
     factor: int = 1
-    """Side of a block of the label images, pixels."""
+    """Side of a block of the label images, in pixels."""
     edge_band_px: int = EDGE_BAND_PX
+    """Width of the edge band in the settings of the polish."""
     max_points: int = 2**62
-    """Points, over all frames and directions, that are looked at."""
+    """Largest number of points, over all frames."""
     with_intrinsics: bool = False
-    """Whether fx, fy, cx, cy and k1 are parameters beside the pose."""
+    """Whether fx, fy, cx, cy and k1 are parameters besides the pose."""
     regions_across: int = 9
-    """Squares side by side in a picture, which see edges of their own."""
+    """Number of squares side by side in an image, each with a score of its own."""
 
 
 @dataclass(frozen=True)

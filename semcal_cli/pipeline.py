@@ -1,7 +1,8 @@
 """The stages of a calibration, in order: load, initialize, refine, polish, fuse, assess, make_calibration.
 
-Each stage is a function of data and settings that gives a frozen result with its own quality and findings, and tells a
-listener what it does. `calibrate` runs them all; `verification`, `rig` and the experiments call the same functions.
+Each stage is a function of data and settings. It returns a frozen result with its own quality and findings, and reports
+its progress to a listener. `calibrate` runs all stages; `verification`, `rig` and the experiments call the same
+functions.
 """
 
 from __future__ import annotations
@@ -54,12 +55,12 @@ from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
-"""How far a hypothesis of the initial calibration may be off, to be compared with what is known."""
+"""Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
 
 
 @dataclass(frozen=True)
 class Stages:
-    """What the stages of one calibration arrived at; None of those that it does without."""
+    """Results of the stages of one calibration; None for stages that were not run."""
 
     initial: StageResult
     refined: StageResult | None = None
@@ -68,11 +69,11 @@ class Stages:
     assessment: Assessment | None = None
     repeatability: Repeatability | None = None
     findings: tuple[Finding, ...] = ()
-    """What speaks against the last pose."""
+    """Findings against the pose of the last stage."""
 
     @property
     def poses(self) -> dict[str, StageResult]:
-        """The stages that gave a pose, by name, in order."""
+        """Results of the stages that give a pose, by name, in order."""
         stages = {
             "initial": self.initial,
             "refined": self.refined,
@@ -83,12 +84,12 @@ class Stages:
 
     @property
     def uncertainty(self) -> Uncertainty | None:
-        """How sure the last pose is; None if it was not assessed or the data do not determine it."""
+        """Uncertainty of the last pose; None if it was not assessed or the data do not determine it."""
         return None if self.assessment is None else self.assessment.uncertainty
 
     @property
     def T_camera_lidar(self) -> Pose:
-        """The pose (4, 4) of the last stage."""
+        """Pose (4, 4) of the last stage, metres."""
         return (self.fused or self.polished or self.refined or self.initial).T_camera_lidar
 
 
@@ -106,17 +107,17 @@ def calibrate(
     """Calibrate the camera and the LiDAR of a drive.
 
     Args:
-        drive: A drive, its folder, its drive.yaml, or what `load` gave of it with the same settings.
+        drive: A drive, its folder, its drive.yaml, or the result of `load` with the same settings.
         config: All settings; the defaults if not given.
-        initial_pose: Where to search, or the only pose to start at: see `initialize`.
-        priors: What is known of the pose.
-        relative_to: The folder that the result names the drive relative to: where it will be written.
-        on_event: Called with what is done.
-        sweeps: Sweeps that other cameras of a rig have read; they are read for this drive alone if not given.
-        hashes: SHA-256 of files by real path; those that are missing are added.
+        initial_pose: Pose to search around or to start from; see `initialize`.
+        priors: Known axes of the pose.
+        relative_to: Folder of the result, which names the drive relative to it.
+        on_event: Called with each event.
+        sweeps: Sweeps that other cameras of a rig have read; if not given, this drive reads its own.
+        hashes: SHA-256 by the real paths of files; missing ones are added.
 
     Raises:
-        InputError: the drive or one of its files is not what it should be.
+        InputError: the drive or one of its files is missing or wrong.
         CalibrationError: the data give no answer.
     """
     config = config or CalibrationConfig()
@@ -139,11 +140,14 @@ def initialize(
     priors: Sequence[Prior] = (),
     on_event: Listener = ignore,
 ) -> Initialization:
-    """Search all mounting directions, or where the user says; what priors rule out is left out, if all is not.
+    """Search all mounting directions, or those around an initial pose (Alg. 2).
+
+    Hypotheses that priors rule out are left out, unless priors rule out all. Without `config.search_deg`, an initial
+    pose is only improved.
 
     Raises:
-        CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
-        InputError: the points do not lie in the field of view that the drive's `lidar:` block states.
+        CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
+        InputError: the points do not lie in the field of view of the drive's `lidar:` block.
     """
     start = perf_counter()
     if initial_pose is None:
@@ -165,7 +169,7 @@ def initialize(
 
 
 def start_at(data: LoadedDrive, initial_pose: InitialPose, on_event: Listener = ignore) -> StageResult:
-    """Take a given pose for the initial one, as it is."""
+    """Use a given pose as the result of the initial calibration."""
     start, T = perf_counter(), initial_pose.T_camera_lidar
     found = StageResult(T_camera_lidar=T, agreement=_core.agreement(data.observations.core, T))
     on_event(StageDone("initial", perf_counter() - start, f"from {initial_pose.name}", found.agreement))
@@ -182,9 +186,9 @@ def refine_and_polish(
     *,
     from_afar: bool = False,
 ) -> Stages:
-    """Bring the initial pose to the top of the mutual information, and put it together with what is known.
+    """Refine and polish the initial pose, and fuse it with priors.
 
-    Features are not polished: that is of the exact mutual information, which vectors have none of.
+    Poses from features are not polished, because the polish needs the exact mutual information, which vectors lack.
     """
     refined = refine(data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar)
     stages = Stages(
@@ -198,7 +202,7 @@ def refine_and_polish(
         unsettled = () if polished.is_accepted else refined.findings
         return replace(stages, findings=(*stages.findings, *polished.findings, *unsettled))
     fused = fuse(data, polished.T_camera_lidar, config, priors, on_event)
-    # Where labels alone determine no pose, it is no wonder that they lead nowhere.
+    # If labels alone determine no pose, their polish is not expected to settle.
     of_labels = polished.findings if fused.is_alone else ()
     return replace(stages, fused=fused, findings=(*stages.findings, *of_labels, *fused.findings))
 
@@ -213,10 +217,19 @@ def refine(
     *,
     from_afar: bool = False,
 ) -> Refinement:
-    """Ascend the mutual information from a pose (Alg. 1); `from_afar` from one that may be 20 degrees off.
+    """Ascend the mutual information from a pose (Alg. 1).
+
+    Args:
+        data: The drive, as `load` returns it.
+        T_init: (4, 4) pose to start from, metres.
+        config: Settings of the refinement.
+        seed: Seed of every random choice.
+        priors: Known axes, to which the pose is clamped.
+        on_event: Called with each event.
+        from_afar: Whether the start may be off by 20 degrees.
 
     Raises:
-        InputError: the exact mutual information of features is asked for, or a device that is not there.
+        InputError: the exact estimator is asked for with features, or the device does not exist.
         CalibrationError: too few labelled points are on labelled pixels.
     """
     start = perf_counter()
@@ -243,7 +256,7 @@ def refine(
 def polish(
     data: LoadedDrive, T_refined: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Polish:
-    """Finish a pose that is about a pixel off by Newton's method, unless held-out data disagree."""
+    """Polish a pose that is about one pixel off with Newton's method; held-out data decide whether it is accepted."""
     on_event(Progress("polishing"))
     start = perf_counter()
     found = polish_pose(data.observations, T_refined, _polish_config(config))
@@ -261,7 +274,7 @@ def fuse(
     priors: Sequence[Prior],
     on_event: Listener = ignore,
 ) -> Fused:
-    """Put together what labels say and what is known."""
+    """Fuse the labels' evidence with priors."""
     on_event(Progress("weighing what is known"))
     start = perf_counter()
     found = fuse_pose(data.observations, T_polished, priors, edge_band_px=config.edge_band_px)
@@ -277,7 +290,7 @@ def assess(
     *,
     with_label_bleed: bool = True,
 ) -> Stages:
-    """Tell how sure a polished pose is, and what speaks against it; any other stays as it is."""
+    """Estimate the uncertainty of a polished or fused pose and look for findings; other stages stay as they are."""
     if stages.fused is None and (stages.polished is None or not stages.polished.is_accepted):
         return stages
     on_event(Progress("assessing"))
@@ -291,7 +304,7 @@ def assess(
         with_label_bleed=with_label_bleed and data.cues == LABELS,
     )
     count = len(found.findings)
-    note = f"{count} doubts" if count > 1 else "1 doubt" if count else "no doubt"
+    note = f"{count} findings" if count > 1 else "1 finding" if count else "no findings"
     on_event(StageDone("assessed", perf_counter() - start, note))
     return replace(stages, assessment=found, findings=(*stages.findings, *found.findings))
 
@@ -304,7 +317,7 @@ def repeat(
     priors: Sequence[Prior] = (),
     on_event: Listener = ignore,
 ) -> Stages:
-    """Calibrate with the seeds that follow, and compare."""
+    """Calibrate with the next seeds, and compare the poses."""
     start = perf_counter()
     others: list[Pose | None] = []
     for seed in range(config.seed + 1, config.seed + config.num_seeds):
@@ -330,10 +343,10 @@ def make_calibration(
     relative_to: Path = Path(),
     hashes: dict[str, str] | None = None,
 ) -> Calibration:
-    """Judge the last pose, and put everything into a calibration; arguments are those of `calibrate`."""
+    """Check the last pose and make the calibration; arguments are those of `calibrate`."""
     poses, initial = stages.poses, stages.initial
     *_, last = poses.values()
-    # Other methods keep to no limit while they search, and check the distance themselves.
+    # Other methods have no limit of the distance in their search, and check the distance themselves.
     limit_m = config.refinement.max_baseline_m if isinstance(stages.refined, Refinement) else math.inf
     searched = initial if isinstance(initial, Initialization) else None
     source = None if initial_pose is None else initial_pose.source
@@ -360,7 +373,7 @@ def _settings(
     initial_pose: InitialPose | None,
     priors: Sequence[Prior],
 ) -> dict[str, object]:
-    """Every option that changed the answer, in the order of the stages."""
+    """Collect the options that changed the answer, in the order of the stages."""
     settings: dict[str, object] = {"max_frames": config.max_frames}
     if data.cues != LABELS:
         settings["cues"] = describe_cues(data.cues)

@@ -1,4 +1,4 @@
-"""Whether a transform still holds: the pose is estimated anew around it, and what differs is judged axis by axis."""
+"""Verification of a transform: the pose is estimated again, and the difference is judged axis by axis."""
 
 from __future__ import annotations
 
@@ -18,26 +18,27 @@ from semcal_cli.pipeline import Stages, assess, initialize, refine_and_polish, s
 from semcal_cli.result.stage import StageResult
 
 NEAR_DEG = 5.0
-"""An estimate that is farther from the transform than this is searched for from nothing ..."""
+"""Rotation between transform and estimate, in degrees, beyond which all mounting directions are searched."""
 NEAR_M = 0.5
-"""... or farther than this."""
+"""Distance between transform and estimate, in metres, beyond which all mounting directions are searched."""
 SAME_DEG = 3.0
-"""A mistake is recognised if, made good, it leads so near to the estimate ..."""
+"""Largest rotation between the estimate and a transform whose mistake is corrected, in degrees."""
 SAME_M = 0.3
-"""... and so near."""
+"""Largest distance between the estimate and a transform whose mistake is corrected, in metres."""
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What was found."""
+    """Verdict on a transform, with its checks."""
 
     verdict: Verdict
+    """Verdict on all checks together."""
     checks: tuple[Check, ...]
-    """The transform less the estimate: the camera's place and its rotation, along its axes and in all."""
+    """Checks of the transform minus the estimate: the camera's position and its rotation, by axis and in all."""
     reasons: tuple[str, ...]
-    """Why it is not more certain, or what the transform looks like."""
+    """Findings that make the verdict inconclusive, or mistakes that the transform looks like."""
     T_camera_lidar: Pose
-    """The estimate."""
+    """(4, 4) estimate of the pose, metres."""
 
 
 def verify(
@@ -49,19 +50,19 @@ def verify(
 ) -> Verification:
     """Verify a transform on a drive.
 
-    The pose is refined from the transform on; if that leads nowhere or leaves doubts, it is searched for from nothing.
-    An offset fails if its 95 % interval lies beyond the limit, and passes if it lies within. What is between, and what
-    the data cannot see, is inconclusive.
+    The pose is refined from the transform. If this gives no pose near the transform or leaves findings, all mounting
+    directions are searched. An offset fails if its 95 % interval lies beyond the limit, and passes if it lies within.
+    Everything between is inconclusive, and so are offsets that the data do not determine.
 
     Args:
-        data: The drive, as `load` gives it.
+        data: The drive, as `load` returns it.
         initial_pose: The transform.
-        limits: What is allowed; the defaults if not given.
+        limits: Largest offsets that are allowed; the defaults if not given.
         seed: Seed of every random choice.
-        on_event: Called with what is done.
+        on_event: Called with each event.
 
     Raises:
-        CalibrationError: the drive cannot be calibrated at all.
+        CalibrationError: the drive cannot be calibrated.
     """
     T_stated = initial_pose.T_camera_lidar
     stages = _nearby(data, initial_pose, seed, on_event)
@@ -83,7 +84,7 @@ def verify(
 
 
 def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: Listener) -> Stages | None:
-    """The estimate that the transform leads to; None if it leads away, or leaves doubts."""
+    """Estimate the pose from the transform; None if the estimate is far from it or has findings."""
     try:
         initial = start_at(data, initial_pose, on_event)
         stages = _estimate(data, initial, seed, on_event, from_afar=True)
@@ -108,7 +109,7 @@ def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
 
 
 def recognise(T_given: Pose, T_estimate: Pose) -> list[str]:
-    """Name the mistakes that would make of the estimate what was given."""
+    """Name the mistakes that explain the difference between a given transform (4, 4) and the estimate (4, 4)."""
     optical_body = np.eye(4)
     optical_body[:3, :3] = OPTICAL_AXES.T
     x, y, z, w = quaternion_xyzw(T_given)

@@ -236,7 +236,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert code == EXIT_NOT_TRUSTED
     assert calibration.status == "not_trusted"
     assert re.fullmatch(
-        r"visible labelled points cover \d\.\d% of the picture, needed are 3%", calibration.reasons[0]
+        r"visible labelled points cover \d\.\d% of the picture, needed at least 3%", calibration.reasons[0]
     )
 
 

@@ -249,7 +249,7 @@ IDENTITY = np.eye(4).tolist()
             "T_camera_camera.camera_0.camera_1",
         ),
         ({"semcal_rig": 2}, "semcal_rig: found 2"),
-        ({"cameras": {"a": "camera_0", "Rig_Calibration": "camera_1"}}, "needed another name"),
+        ({"cameras": {"a": "camera_0", "Rig_Calibration": "camera_1"}}, "needed a name other than"),
     ],
 )
 def test_mistakes_are_named(rig: Path, changes: dict, complaint: str, tmp_path: Path) -> None:

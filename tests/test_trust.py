@@ -112,7 +112,7 @@ def test_one_class_nearly_everywhere(street_observations: Observations, street_t
         for cloud in street_observations.clouds
     )
     found = sentences(seen, street_truth)
-    assert found[0].startswith("points in the picture are nearly all of one class: as if of 1.")
+    assert found[0].startswith("points in the picture are nearly all of one class: they vary like 1.")
 
 
 def test_nothing_in_the_picture_is_no_crash(street_observations: Observations, street_truth: Pose) -> None:

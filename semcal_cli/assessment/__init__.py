@@ -1,1 +1,1 @@
-"""How sure a pose is, and what speaks against it."""
+"""Assessment of a pose: its uncertainty, and findings against it."""

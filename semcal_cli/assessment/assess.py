@@ -1,4 +1,4 @@
-"""The last stage: how sure a polished pose is, and what speaks against it."""
+"""The last stage: the uncertainty of a polished pose, and findings against it."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from semcal_cli.result.uncertainty import Uncertainty
 
 @dataclass(frozen=True)
 class Assessment:
-    """What is known of a pose's errors."""
+    """Uncertainty of a pose, and findings against it."""
 
     uncertainty: Uncertainty | None
-    """None if the data do not determine the pose."""
+    """Uncertainty of the pose; None if the data do not determine it."""
     findings: tuple[Finding, ...]
+    """Findings of the assessment against the pose."""
 
 
 def assess(
@@ -32,30 +33,30 @@ def assess(
     *,
     with_label_bleed: bool = True,
 ) -> Assessment:
-    """Tell how sure a polished pose is, and what speaks against it.
+    """Estimate the uncertainty of a polished pose, and look for findings against it.
 
     Args:
-        observations: What the pose was polished on.
-        T_camera_lidar: (4, 4).
-        config: The settings of the polish.
-        fused: How the pose was put together with what is known, if it was.
-        first_cue: Observations of the first of several cues, on which consistency is checked: pictures of one cue say
-            nothing beside points of another. All observations if not given.
-        with_label_bleed: Whether to tell what labels that bleed would do.
+        observations: The observations that the pose was polished on.
+        T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar, metres.
+        config: Settings of the polish.
+        fused: Result of the fusion with priors, if there are any.
+        first_cue: Observations of the first of several cues, on which consistency is checked, because pixels of one cue
+            share no information with points of another; all observations if not given.
+        with_label_bleed: Whether to compute the effect of bleeding labels.
     """
     uncertainty = (
         estimate_uncertainty(observations, T_camera_lidar, edge_band_px=config.edge_band_px)
         if fused is None
         else fused.uncertainty
     )
-    against = check_consistency(first_cue or observations, T_camera_lidar)
+    findings = check_consistency(first_cue or observations, T_camera_lidar)
     if uncertainty is None:
         nothing = "labels do not determine the pose: information does not fall in every direction"
         together = "labels and what is known do not determine the pose together"
-        return Assessment(None, (Finding(nothing if fused is None else together), *against))
-    against += undetermined(uncertainty)
+        return Assessment(None, (Finding(nothing if fused is None else together), *findings))
+    findings += undetermined(uncertainty)
     if with_label_bleed:
         label_gain = None if fused is None else fused.label_gain
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain)
         uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
-    return Assessment(uncertainty, against)
+    return Assessment(uncertainty, findings)

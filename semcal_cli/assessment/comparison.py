@@ -1,4 +1,4 @@
-"""Two transforms side by side, each with what is known of its error."""
+"""Comparison of two transforms, with the 95 % intervals of each if they are known."""
 
 from __future__ import annotations
 
@@ -16,27 +16,33 @@ from semcal_cli.geometry.poses import Pose
 
 @dataclass(frozen=True)
 class Known:
-    """A transform from a file."""
+    """A transform from a file, with its 95 % intervals."""
 
     T_camera_lidar: Pose
+    """(4, 4), p_camera = T_camera_lidar @ p_lidar, metres."""
     half_widths: tuple[float, ...] | None
-    """Of the 95 % intervals along the camera's axes: its place in centimetres, its rotation in degrees; None if the
-    file has none."""
+    """(6,) half widths of the 95 % intervals along the camera's axes: its position in centimetres, its rotation in
+    degrees; None if the file has none."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """What differs along or about one axis of the camera."""
+    """Difference of two transforms along or about one axis of the camera."""
 
     name: str
+    """Name of the axis."""
     unit: Literal["cm", "deg"]
+    """Unit of all figures."""
     difference: float
+    """Value of transform A minus that of B."""
     half_width_a: float | None
+    """Half width of the 95 % interval of A; None if it is unknown."""
     half_width_b: float | None
+    """Half width of the 95 % interval of B; None if it is unknown."""
 
     @property
     def is_explained(self) -> bool | None:
-        """Whether the intervals explain the difference; None where one is not known."""
+        """Whether the intervals explain the difference; None if one of them is unknown."""
         if self.half_width_a is None or self.half_width_b is None:
             return None
         return abs(self.difference) <= float(np.hypot(self.half_width_a, self.half_width_b))
@@ -44,17 +50,19 @@ class Axis:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What differs between two transforms, A less B."""
+    """Differences between two transforms, A minus B."""
 
     error: PoseError
+    """Difference of the poses."""
     axes: tuple[Axis, ...]
+    """Difference of each axis: x, y, z of the camera's position, then of its rotation."""
 
 
 def read_known(path: Path) -> Known:
-    """Read a transform of any known format, and its intervals if it is a calibration or a fleet with some.
+    """Read a transform of any known format, and its intervals from a calibration or the result of a fleet.
 
     Raises:
-        InputError: the file is of no known format, or wrong.
+        InputError: the file has no known format, or is wrong.
     """
     T_camera_lidar = read_transform(path)
     half_widths = read_half_widths(path)
@@ -64,7 +72,7 @@ def read_known(path: Path) -> Known:
 
 
 def compare(a: Known, b: Known) -> Comparison:
-    """Compare two transforms, along the axes of B's camera."""
+    """Compare two transforms along the axes of B's camera."""
     error = compare_poses(a.T_camera_lidar, b.T_camera_lidar)
     differences = [*error.camera_center_xyz_cm, *error.rotation_xyz_deg]
     axes = []

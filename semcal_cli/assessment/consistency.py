@@ -1,4 +1,7 @@
-"""What speaks against a pose: sentences, each with its figure. None is no proof that the pose is right."""
+"""Consistency checks of a pose with its labels, its surroundings, the intrinsics and the clocks.
+
+Each check gives findings, which are sentences with figures. The absence of findings does not prove a pose right.
+"""
 
 from __future__ import annotations
 
@@ -24,47 +27,50 @@ from semcal_cli.refinement.pyramid import refine
 from semcal_cli.result.stage import Finding
 
 NUM_FRAMES = 4
-"""So many frames are looked at."""
+"""Number of frames that are checked."""
 MAX_EXCHANGED = 0.55
-"""With pictures of other frames, labels may share no more than this of what they share with their own. On eight
-development drives of five rigs with 5 and 20 frames it was at most 0.36, with clouds paired with another drive's
-pictures or with shuffled labels at least 0.56."""
+"""Largest allowed mutual information with label images of other frames, as a share of that with a cloud's own. On eight
+development drives of five rigs with 5 and 20 frames it was at most 0.36; with clouds paired with another drive's images
+or with shuffled labels it was at least 0.56."""
 MIN_CLASSES = 1.2
-"""So many equally frequent classes have to be on either side, by their entropy. Streets have 4 to 9, one thing in
-twenty on a plain ground is 1.22, one class but for one label in a hundred 1.06."""
+"""Smallest number of equally frequent classes with the entropy of the labels, for points and for pixels. Streets have 4
+to 9. One object with a twentieth of the labels on plain ground gives 1.22, and with a hundredth 1.06."""
 MAX_ALIKE = 0.8
-"""Pictures that are the same in so many pixels say nothing when they are exchanged."""
+"""Largest share of equal pixels of two label images whose exchange tells anything."""
 MAX_TURNED = 0.65
-"""With the camera turned to other azimuths, likewise: at most 0.55 on these drives, at least 0.71 with another drive's
-pictures."""
+"""Largest allowed mutual information with the camera turned to another azimuth, as a share of that at the pose. On the
+drives of `MAX_EXCHANGED` it was at most 0.55, and with another drive's images at least 0.71."""
 TURN_DEG = 30.0
+"""Step of the azimuths to which the camera is turned."""
 OTHER_MODEL_EXACT = ExactConfig(batch_size=1024, max_points=50_000)
 OTHER_MODEL_PYRAMID = PyramidConfig(coarsest_block_deg=1.0)
-"""The pose is refined so with other focal lengths and delays."""
+"""Settings of the refinements with other focal lengths and delays."""
 FOCAL_CHANGE = 0.07
-"""With the focal length changed by this share, either way, labels agree less than with the right one. On 34 single
-frames and pairs of development drives of six rigs they did, without exception; with K wrong by 10 %, in 70 of 71
-calibrations, they agreed more with it changed the right way."""
+"""Share by which the focal length is made longer and shorter. Labels must agree less well with either. On 34 single
+frames and pairs of development drives of six rigs they always did. With K wrong by 10 %, they agreed better with the
+change in the right direction in 70 of 71 calibrations."""
 CLOCK_DELAYS_S = (-0.05, -0.015, 0.015, 0.05)
+"""Delays of the images that are tried, in seconds."""
 MIN_CLOCK_GAIN = 0.2
-"""With pictures so much later or earlier, labels agree better by no more than so many standard errors. On a small
-drive, at one steady speed, it was at most 0.04."""
+"""Gain of mutual information by a delay, in its standard errors, above which the clocks look wrong. On a small drive at
+constant speed the gain was at most 0.04."""
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
 AROUND_INTRINSICS = SensitivityConfig(factor=4, edge_band_px=0, max_points=150_000, with_intrinsics=True)
-"""Wrong intrinsics show in blocks of this many pixels: errors are larger than one."""
+"""Settings with which wrong intrinsics are looked for, in blocks of pixels because their errors exceed one pixel."""
 MAX_INTRINSICS_CHI2 = 12.83
-"""Of five degrees of freedom: one right camera in 40 is beyond, and most of those for less than the next figure. On 45
-calibrations of six development drives it was at most 8 where that was exceeded, with K wrong by 10 % at least 16."""
+"""Largest allowed chi-square of the intrinsics, with five degrees of freedom, which one right camera in 40 exceeds. On
+45 calibrations of six development drives it was at most 8 where `MAX_INTRINSICS_PX` was exceeded, and with K wrong by
+10 % at least 16."""
 MAX_INTRINSICS_PX = 5.0
-"""And freeing them has to move the points by more than this, so that what little is wrong with any camera is let be."""
+"""Largest movement of the points by freed intrinsics without a finding, in pixels; every camera has small errors."""
 
 
 def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple[Finding, ...]:
-    """Say what speaks against a pose: its labels, its surroundings, the camera's intrinsics, the clocks.
+    """Check a pose against its labels, its surroundings, the camera's intrinsics and the clocks.
 
     Args:
         observations: Labelled points and label images.
-        T_camera_lidar: (4, 4), refined.
+        T_camera_lidar: (4, 4) refined pose, metres.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
     sentences = [
@@ -82,12 +88,12 @@ def _information(observations: Observations, T_camera_lidar: Pose) -> float:
 
 
 def _corrected(agreement: _core.Agreement) -> float:
-    """Mutual information less its bias, nats."""
+    """Subtract the bias from the mutual information, nats."""
     return agreement.mutual_information - agreement.bias
 
 
 def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    """Count the classes of the points in the picture and of its pixels, the rarer the less."""
+    """Check that the points in the image and its pixels have enough classes, weighted by their frequency."""
     camera = core_camera(observations.camera)
     inside = [
         cloud.classes[np.isfinite(_core.project_points(camera, cloud.points, T_camera_lidar).ranges)]
@@ -108,13 +114,13 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[st
     if effective >= MIN_CLASSES:
         return []
     return [
-        f"{name} are nearly all of one class: as if of {effective:.2f} equally frequent ones, needed at least "
+        f"{name} are nearly all of one class: they vary like {effective:.2f} equally frequent classes, needed at least "
         f"{MIN_CLASSES:g}"
     ]
 
 
 def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    """Pair clouds with the pictures of other frames."""
+    """Check that clouds agree less well with the label images of other frames."""
     own = _information(observations, T_camera_lidar)
     images, found = [image.without_shares() for image in observations.images], []
     for shift in range(1, observations.num_frames):
@@ -131,7 +137,7 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str
 
 
 def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    """Turn the camera about the LiDAR's z axis, where there is something to see."""
+    """Check that labels agree less well with the camera turned about the LiDAR's z axis to where points are visible."""
     answer = _core.agreement(observations.core, T_camera_lidar)
     own = _corrected(answer)
     best, best_deg = 0.0, 0.0
@@ -160,9 +166,10 @@ def _about_z(angle_deg: float) -> Pose:
 
 
 def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    """Refine once more with other focal lengths and clocks, and as they are: all on the same frames, by the same steps.
+    """Check that labels agree less well after refinements with other focal lengths and other delays of the images.
 
-    Focal lengths hardly bend the optimum, but even single frames tell them apart so.
+    All refinements use the same frames and settings. The agreement tells focal lengths apart even with a single frame,
+    although they hardly change its curvature.
     """
     changes = (-FOCAL_CHANGE, FOCAL_CHANGE)
     delays_s = CLOCK_DELAYS_S if _tells_clocks(observations) else ()
@@ -171,7 +178,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
         *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
         *(_delayed(observations, delay_s) for delay_s in delays_s),
     ]
-    # Each refinement is a chain of small steps, so several run side by side.
+    # Each refinement is a sequence of small steps, so several run in parallel.
     with ThreadPoolExecutor() as pool:
         own, *others = pool.map(lambda model: _refitted(model, T_camera_lidar), models)
     if own is None:
@@ -197,13 +204,13 @@ def _wrong_focal_length(own: _core.Agreement, others: Mapping[float, _core.Agree
 
 
 def _tells_clocks(observations: Observations) -> bool:
-    """Whether frames move differently: at one steady motion another moment is no other than a camera elsewhere."""
+    """Whether the motion differs between frames; at one constant motion, a delay looks like another camera position."""
     twists = _twists_per_s(observations)
     return bool(twists) and bool(np.ptp(twists, axis=0).any())
 
 
 def _twists_per_s(observations: Observations) -> list[Sequence[float]]:
-    """How the LiDAR moves, (6,) of each frame; empty if not known."""
+    """List the twist of the LiDAR in each frame, (6,); empty if it is unknown."""
     return [frame.twist_per_s for frame in observations.frames if frame.twist_per_s is not None]
 
 
@@ -223,7 +230,7 @@ def _wrong_clocks(own: _core.Agreement, others: Mapping[float, _core.Agreement |
 
 
 def _refitted(observations: Observations, T_camera_lidar: Pose) -> _core.Agreement | None:
-    """How well labels agree where the pose goes; None if it cannot."""
+    """Refine a pose and score it by the agreement of the labels; None if it cannot be refined."""
     try:
         found = refine(
             observations,
@@ -232,12 +239,12 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _core.Agreeme
             OTHER_MODEL_PYRAMID,
         )
     except SemcalError:
-        return None  # The lens reaches no farther, or nothing is left in the picture.
+        return None  # The lens does not reach the points, or no point is left in the image.
     return _core.agreement(observations.core, found.T_camera_lidar)
 
 
 def _delayed(observations: Observations, delay_s: float) -> Observations:
-    """Sweeps as the LiDAR would have seen them later, if it goes on as it does."""
+    """Move the sweeps to where the LiDAR would have seen them after a delay at constant motion."""
     clouds = zip(observations.clouds, _twists_per_s(observations), strict=True)
     return observations.with_clouds(_at_constant_twist(cloud, twist, delay_s) for cloud, twist in clouds)
 
@@ -248,7 +255,7 @@ def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay
 
 
 def _wrong_intrinsics(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    """Free fx, fy, cx, cy and k1 beside the pose: a step of Newton's method, and whether it is more than chance."""
+    """Check that a Newton step with fx, fy, cx, cy and k1 free changes these by no more than chance."""
     around = _core.sensitivity(observations.core, T_camera_lidar, AROUND_INTRINSICS)
     if around is None:
         return []
@@ -264,10 +271,10 @@ def _wrong_intrinsics(observations: Observations, T_camera_lidar: Pose) -> list[
     if chi2 <= MAX_INTRINSICS_CHI2 or moved_px <= MAX_INTRINSICS_PX:
         return []
     z = step[6:] / np.sqrt(np.diag(covariance)[6:])
-    named = [
+    changes = [
         f"{name} by {abs(each):.1f}" for name, each in zip(INTRINSICS, z, strict=True) if abs(each) > 2.0
     ]
-    which = f" ({', '.join(named)} standard errors)" if named else ""
+    which = f" ({', '.join(changes)} standard errors)" if changes else ""
     return [
         f"the intrinsics look wrong{which}: freed, they would move the points by {moved_px:.0f} pixels, chi-square "
         f"{chi2:.0f} of 5, needed at most {MAX_INTRINSICS_CHI2:.0f}"

@@ -1,10 +1,9 @@
-"""What is known of a pose beforehand, put together with what its labels say.
+"""Fusion of the labels' evidence for a pose with priors.
 
-What labels say is a measurement of the pose with the covariance of the sandwich
-(`semcal_cli.assessment.uncertainty`), what is known is another, and the two are weighed by their information
-(Gauss-Newton). What is known exactly is a constraint. Where labels alone determine no pose, they are looked at anew
-from where each round led, and directions in which they do not bend carry none of their information: there, what is
-known decides alone.
+The labels give a measurement of the pose, whose covariance is the sandwich of `semcal_cli.assessment.uncertainty`. The
+priors give others, and all are weighted by their information (Gauss-Newton). Axes that are known exactly are
+constraints. If the labels alone do not determine the pose, they are evaluated again after each round. Directions in
+which the mutual information does not curve carry no information of the labels, so the priors alone decide there.
 """
 
 from __future__ import annotations
@@ -34,34 +33,36 @@ from semcal_cli.result.uncertainty import Uncertainty
 Vector6 = npt.NDArray[np.float64]
 
 CONTRADICTION_LEVEL = 1e-4
-"""Labels contradict what is known if chance has them so far apart once in so many."""
+"""Probability of a distance between labels and a prior, by chance, below which the two contradict each other."""
 MAX_SIGMAS = 4.0
-"""What is known may be so many of its standard deviations from the pose: the same for one axis."""
+"""Largest distance of a prior from the pose along one axis, in its standard deviations, without a finding."""
 MAX_ROUNDS = 20
+"""Largest number of Gauss-Newton rounds."""
 LONGEST_STEP_PX = 2.0
-"""About as far as a curvature holds."""
+"""Largest movement of the points in one round, in pixels, root mean square; the curvature holds about that far."""
 SETTLED_PX = 0.1
-"""Rounds end when one would move the points by less than this, root mean square: as `PolishConfig.settled_px`."""
+"""Movement of the points below which the rounds end, in pixels, root mean square, as `PolishConfig.settled_px`."""
 LEAST_BEND = 1e-6
-"""Where information falls by less than this share of the steepest direction's, per pixel, that is rounding."""
+"""Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
 LEAST_INFORMATION = 1e-13
-"""Directions with less than this share of the best known one's are open: that much is rounding."""
+"""Smallest information along a direction, as a share of the best known direction's. Less is rounding."""
 UNSETTLED = Finding("the pose that labels and what is known determine together had not settled")
 MANY = 1e6
-"""Degrees of freedom of what is known."""
+"""Degrees of freedom of a prior's standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fused(StageResult):
-    """A pose that goes with labels and with what is known. Its findings are contradictions between the two."""
+    """Pose that labels and priors determine together. Its findings are contradictions between them."""
 
     uncertainty: Uncertainty | None
-    """None if labels and what is known do not determine the pose together."""
+    """Uncertainty of the pose; None if labels and priors together do not determine it."""
     is_alone: bool
-    """Whether labels determine the pose without what is known."""
+    """Whether the labels determine the pose without priors."""
     label_gain: Matrix
-    """(6, 6) share of a twist said by labels that the pose follows."""
+    """(6, 6) gain from a twist of the labels' optimum to a twist of the pose."""
     is_settled: bool
+    """Whether the last round moved the points by less than `SETTLED_PX`."""
 
 
 def fuse(
@@ -74,10 +75,10 @@ def fuse(
     """Find the pose that labels and priors determine together.
 
     Args:
-        observations: What the pose was polished on.
-        T_camera_lidar: (4, 4) as polished without what is known.
-        priors: What is known; at least one direction is left free.
-        edge_band_px: Of the polish.
+        observations: The observations that the pose was polished on.
+        T_camera_lidar: (4, 4) pose polished without priors, metres.
+        priors: The priors, which leave at least one direction free.
+        edge_band_px: Width of the edge band in the settings of the polish.
     """
     around = sensitivity(observations, T_camera_lidar, edge_band_px=edge_band_px)
     is_alone = around is not None and is_determined(around)
@@ -87,7 +88,7 @@ def fuse(
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
     T, fit = _iterate(observations, T_camera_lidar, priors, around, is_alone, edge_band_px)
     if fit is not None:
-        # To the last digit, where steps are first order.
+        # Steps are of first order, so exact axes are restored to the last digit.
         T = clamp(T, [prior.exact for prior in priors])
     is_settled = fit is not None and fit.moved_px < SETTLED_PX
     far = [line for prior in priors for line in contradictions.get(prior.name) or _distance(prior, T)]
@@ -103,19 +104,19 @@ def fuse(
 
 
 class _Fit(NamedTuple):
-    """Where the rounds of Gauss-Newton ended."""
+    """State after the last round of Gauss-Newton."""
 
     labels: _Labels
-    """What labels say there."""
+    """Measurement of the pose by the labels."""
     covariance: Matrix
-    """(6, 6) of a twist on the left of the pose."""
+    """(6, 6) covariance of a twist on the left of the pose."""
     is_closed: bool
-    """Whether no direction is left open."""
+    """Whether every direction is determined."""
     moved_px: float
-    """How far the last round moved the points, root mean square."""
+    """Movement of the points in the last round, in pixels, root mean square."""
 
     def uncertainty(self, T_camera_lidar: Pose) -> Uncertainty | None:
-        """How sure the pose is; None if a direction is left open."""
+        """Compute the uncertainty of the pose; None if a direction is not determined."""
         if not self.is_closed:
             return None
         degrees_of_freedom = _degrees_of_freedom(self.labels, self.covariance)
@@ -130,9 +131,9 @@ def _iterate(
     is_alone: bool,
     edge_band_px: int,
 ) -> tuple[Pose, _Fit | None]:
-    """Weigh labels and priors until a round moves little; no fit where labels say nothing at all.
+    """Weigh labels and priors until a round moves the points little; no fit if labels carry no information at all.
 
-    Where labels alone determine the pose, what they say is taken once; otherwise it is looked at anew in every round.
+    If the labels alone determine the pose, they are evaluated once; otherwise they are evaluated in every round.
     """
     T = T_start if is_alone else clamp(T_start, priors)
     labels, fit = _SILENT, None
@@ -147,7 +148,7 @@ def _iterate(
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
         T = apply_twist(T, step)
-        # Where labels lead does not change, seen from where the step has led.
+        # The labels' optimum stays where it is, so its distance from the pose changes by the step.
         labels = labels._replace(mean=labels.mean - labels.reads @ step)
         fit = _Fit(labels, covariance, is_closed, moved_px)
         if moved_px < SETTLED_PX:
@@ -156,27 +157,29 @@ def _iterate(
 
 
 class _Labels(NamedTuple):
-    """What labels say of a twist: `reads @ twist` is a normal variable with this mean and covariance."""
+    """Measurement of a twist by the labels: `reads @ twist` is normal with this mean and covariance."""
 
     reads: Matrix
-    """(k, 6), k directions in which they bend."""
+    """(k, 6) directions in which the mutual information curves."""
     influences: Matrix
-    """(parts, k) of each part of the pictures, centred."""
+    """(parts, k) influence of each part of the images, centred."""
     mean: npt.NDArray[np.float64]
+    """(k,) mean."""
     covariance: Matrix
+    """(k, k) covariance."""
 
     @property
     def information(self) -> Matrix:
-        """(6, 6), 0 in directions that are not read."""
+        """Information (6, 6) about a twist, 0 in directions that are not measured."""
         return np.asarray(self.reads.T @ np.linalg.solve(self.covariance, self.reads))
 
 
 _SILENT = _Labels(np.zeros((0, 6)), np.zeros((1, 0)), np.zeros(0), np.zeros((0, 0)))
-"""Labels that say nothing."""
+"""Measurement by labels without information."""
 
 
 class _Known(NamedTuple):
-    """Rows of what is known: `jacobian @ twist` ought to be minus the residual."""
+    """Known axes of all priors, a row each: `jacobian @ twist` should be minus the residual."""
 
     jacobian: Matrix
     residual: npt.NDArray[np.float64]
@@ -188,7 +191,7 @@ def _labels(around: _core.Sensitivity, num_frames: int) -> _Labels:
     bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
     bend = bends > LEAST_BEND * max(bends[-1], 0.0)
     if len(around.scores) <= len(bends) + 1:
-        return _SILENT  # Fewer parts than that have no covariance to speak of.
+        return _SILENT  # So few parts do not determine a covariance.
     influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
     covariance, centred = scatter(influences, num_frames)
     return _Labels((directions[:, bend] / scale[:, None]).T, centred, influences.sum(axis=0), covariance)
@@ -203,7 +206,10 @@ def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
 
 
 def _solve(labels: _Labels, known: _Known, motions: Matrix) -> tuple[Vector6, Matrix, bool]:
-    """The twist to the best pose, its covariance, and whether no direction is left open; there, the pose stays."""
+    """Compute the twist to the best pose, its covariance, and whether every direction is determined.
+
+    The pose stays where it is along directions that are not determined.
+    """
     is_exact = known.sigmas <= EXACT
     weight = 1.0 / known.sigmas[~is_exact] ** 2
     J, e = known.jacobian[~is_exact], known.residual[~is_exact]
@@ -213,7 +219,7 @@ def _solve(labels: _Labels, known: _Known, motions: Matrix) -> tuple[Vector6, Ma
     if is_exact.any():
         to_exact = -np.linalg.pinv(known.jacobian[is_exact]) @ known.residual[is_exact]
         free = _null_space(known.jacobian[is_exact])
-    # In directions that move the points alike.
+    # The basis is scaled so that each direction moves the points by the same number of pixels.
     free = free / np.sqrt(np.diag(free.T @ motions @ free))
     weights, directions = np.linalg.eigh(free.T @ information @ free)
     closed = weights > LEAST_INFORMATION * weights[-1]
@@ -223,7 +229,7 @@ def _solve(labels: _Labels, known: _Known, motions: Matrix) -> tuple[Vector6, Ma
 
 
 def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
-    """Satterthwaite's, of the part of the variance that is estimated: what is known has plenty."""
+    """Compute Satterthwaite's degrees of freedom (6,); only the labels' part of the variance is estimated."""
     influences = labels.influences @ np.linalg.solve(labels.covariance, labels.reads) @ covariance
     of_labels = covariance @ labels.information @ covariance
     share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
@@ -233,7 +239,7 @@ def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
 
 
 def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[str]:
-    """Compare what is known with where labels alone lead, over all known axes at once."""
+    """Compare a prior with the optimum of the labels alone, over all known axes at once."""
     from scipy.special import fdtri
 
     stated = np.isfinite(prior.sigmas)
@@ -244,7 +250,7 @@ def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[
     covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(prior.sigmas)[stated])
     chi2 = float(off @ np.linalg.solve(covariance, off))
     fewest = float(_degrees_of_freedom(labels, alone).min())
-    # Of few parts of the pictures anything may be chance; that is no reason to believe it.
+    # With few parts of the images almost any distance may be chance, so it is limited as well.
     by_chance = float(stated.sum() * fdtri(stated.sum(), fewest, 1.0 - CONTRADICTION_LEVEL))
     most = min(by_chance, float(stated.sum()) * MAX_SIGMAS**2)
     if chi2 <= most:
@@ -258,7 +264,7 @@ def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[
 
 
 def _distance(prior: Prior, T_camera_lidar: Pose) -> list[str]:
-    """Compare what is known with the pose that all agreed on, labels and other knowledge."""
+    """Compare a prior with the fused pose, axis by axis."""
     deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
     worst = int(deviations.argmax())
     if deviations[worst] <= MAX_SIGMAS:

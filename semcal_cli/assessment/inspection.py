@@ -1,4 +1,4 @@
-"""What a drive holds, frame by frame, and what looks wrong with it: before a calibration is tried."""
+"""Inspection of a drive before a calibration: its content, frame by frame, and findings about errors in it."""
 
 from __future__ import annotations
 
@@ -23,65 +23,73 @@ from semcal_cli.files.images import read_image
 from semcal_cli.initialization.search import initialize
 
 MAX_GAP_S = 0.05
-"""Sweep and picture of a frame that are farther apart are suspicious: at 10 m/s that is half a metre."""
+"""Largest time between sweep and image of a frame without a finding; at 10 m/s it is half a metre."""
 MANY_CLASSES = 64
-"""No segmentation has so many: a side with more holds instances, or colours."""
+"""Largest number of classes of a segmentation; more classes are instances or colours."""
 MAX_OFF_CENTER = 0.12
-"""A principal point farther from the picture's middle than this share of it is suspicious."""
+"""Largest distance of the principal point from the middle of the image without a finding, as a share of the side."""
 MIN_VIEW_DEG = 1.0
-"""A lens that sees less is none."""
+"""Smallest field of view of a lens without a finding."""
 MAX_RANGE_M = 1000.0
-"""Points that are, in the middle, farther than this are not in the LiDAR's frame."""
+"""Largest median range of points in the LiDAR's frame."""
 MAX_IGNORED = 0.9
-"""A side most of which carries no information is suspicious."""
+"""Largest share of points or pixels without information that gives no finding."""
 MAX_MOTION_PX = 1.0
-"""Points that a motion displaces farther, without being put back, are suspicious."""
+"""Largest median displacement of points by uncompensated motion without a finding, in pixels."""
 NUM_PROBED = 4
-"""Of so many frames, pictures are measured, and clouds are registered as they are and mirrored ..."""
+"""Number of frames whose images are measured and whose clouds are registered, as they are and mirrored."""
 MIN_MIRROR_MARGIN = 2.0
-"""... and a cloud is mirrored if that explains the labels better by so many standard errors."""
+"""Standard errors by which mirrored clouds must explain the labels better for a finding."""
 
 
 @dataclass(frozen=True)
 class FrameReport:
-    """What one frame holds."""
+    """Content of one frame, and findings about it. Its fields are the keys of `inspect --json`."""
 
     points: str
     """File of the sweep."""
     num_points: int
+    """Number of returns."""
     num_no_returns: int
+    """Number of firings without a return."""
     point_classes: Mapping[str, int] | None
-    """Returns of each class; None without labels."""
+    """Number of returns of each class; None without labels."""
     num_points_ignored: int
+    """Number of returns that carry no information."""
     image_classes: Mapping[str, int] | None
-    """Pixels of each class; None without labels."""
+    """Number of pixels of each class; None without labels."""
     num_pixels_ignored: int
+    """Number of pixels that carry no information."""
     gap_s: float | None
-    """Time between sweep and picture, if both have stamps."""
+    """Time between sweep and image, in seconds; None without both stamps."""
     suspicions: tuple[str, ...]
+    """Findings about the frame."""
 
 
 @dataclass(frozen=True)
 class DriveReport:
-    """What a drive holds."""
+    """Content of a drive, and findings about it. Its fields are the keys of `inspect --json`."""
 
     drive: str
+    """Path of the drive.yaml."""
     frames: tuple[FrameReport, ...]
+    """Reports of the frames."""
     pattern: str
-    """How the LiDAR scans, as found in the points."""
+    """Scan pattern of the LiDAR, as found in the points."""
     elevations_deg: tuple[float, float]
-    """Lowest and highest 0.2 % of the points left out."""
+    """Elevations between which the points lie, without the lowest and the highest 0.2 %."""
     azimuths_deg: float
-    """How much of a turn the points fill."""
+    """Part of a turn that the points fill, in degrees."""
     field_of_view_deg: tuple[float, float]
-    """The camera's, across the middle of the picture and down it."""
+    """Field of view of the camera through the principal point, across and down the image."""
     shared_classes: tuple[str, ...]
-    """Names that both sides have. They need none in common."""
+    """Class names that points and pixels share. A calibration needs none."""
     suspicions: tuple[str, ...]
+    """Findings about the whole drive."""
 
 
 def inspect(drive: Drive) -> DriveReport:
-    """Look through a drive, frame by frame, with labels or without.
+    """Inspect a drive, frame by frame, with labels or without.
 
     Raises:
         InputError: no sweep can be read.
@@ -89,7 +97,7 @@ def inspect(drive: Drive) -> DriveReport:
     contents = [_read(drive, index) for index in range(len(drive.frames))]
     readable = [index for index, content in enumerate(contents) if content.num_points]
     if not readable:
-        raise InputError(contents[0].complaints[0])
+        raise InputError(contents[0].errors[0])
     probed = _with_frames(drive, evenly_spaced(readable, NUM_PROBED))
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
@@ -105,19 +113,19 @@ def inspect(drive: Drive) -> DriveReport:
         field_of_view_deg=_field_of_view(drive),
         shared_classes=tuple(name for name in of_points or () if name in (of_pixels or ())),
         suspicions=(
-            *_camera_suspicions(drive),
-            *_image_suspicions(drive),
-            *_range_suspicions(points),
-            *_class_suspicions(of_points, of_pixels),
-            *_motion_suspicions(motion_error_px(probed, clouds)),
-            *_mirror_suspicions(probed),
+            *_check_camera(drive),
+            *_check_images(drive),
+            *_check_ranges(points),
+            *_check_classes(of_points, of_pixels),
+            *_check_motion(motion_error_px(probed, clouds)),
+            *_check_mirroring(probed),
         ),
     )
 
 
 @dataclass(frozen=True)
 class _Content:
-    """What the files of a frame hold."""
+    """Content of the files of a frame, and errors of reading them."""
 
     num_points: int = 0
     num_no_returns: int = 0
@@ -125,11 +133,11 @@ class _Content:
     num_points_ignored: int = 0
     image_classes: Mapping[str, int] | None = None
     num_pixels_ignored: int = 0
-    complaints: tuple[str, ...] = ()
+    errors: tuple[str, ...] = ()
 
 
 def _read(drive: Drive, index: int) -> _Content:
-    """Read a frame, as far as that goes."""
+    """Read the files of a frame that can be read, and collect the errors of the others."""
     alone = _with_frames(drive, [index])
     content = _Content()
     try:
@@ -140,7 +148,7 @@ def _read(drive: Drive, index: int) -> _Content:
             counts, num_ignored = count_labels(drive, "points", labels)
             content = replace(content, point_classes=counts, num_points_ignored=num_ignored)
     except InputError as error:
-        content = replace(content, complaints=(str(error),))
+        content = replace(content, errors=(str(error),))
     if alone.frames[0].image_labels is None:
         return content
     try:
@@ -148,7 +156,7 @@ def _read(drive: Drive, index: int) -> _Content:
         counts, num_ignored = count_labels(drive, "image", label_image)
         return replace(content, image_classes=counts, num_pixels_ignored=num_ignored)
     except InputError as error:
-        return replace(content, complaints=(*content.complaints, str(error)))
+        return replace(content, errors=(*content.errors, str(error)))
 
 
 def _report(frame: Frame, content: _Content) -> FrameReport:
@@ -164,9 +172,9 @@ def _report(frame: Frame, content: _Content) -> FrameReport:
         num_pixels_ignored=content.num_pixels_ignored,
         gap_s=gap_s,
         suspicions=(
-            *content.complaints,
-            *_side_suspicions("points", content.point_classes, content.num_points_ignored),
-            *_side_suspicions("pixels", content.image_classes, content.num_pixels_ignored),
+            *content.errors,
+            *_check_side("points", content.point_classes, content.num_points_ignored),
+            *_check_side("pixels", content.image_classes, content.num_pixels_ignored),
             *([] if gap_s is None or gap_s <= MAX_GAP_S else [f"sweep and picture are {gap_s:.3f} s apart"]),
         ),
     )
@@ -177,12 +185,12 @@ def _with_frames(drive: Drive, indices: Sequence[int]) -> Drive:
 
 
 def _names(counts: Iterable[Mapping[str, int] | None]) -> list[str] | None:
-    """Classes of one side, over all frames; None if it has no labels."""
+    """List the class names of points or of pixels over all frames; None without labels."""
     found = [names for names in counts if names is not None]
     return list(dict.fromkeys(chain.from_iterable(found))) if found else None
 
 
-def _side_suspicions(side: str, counts: Mapping[str, int] | None, num_ignored: int) -> list[str]:
+def _check_side(side: str, counts: Mapping[str, int] | None, num_ignored: int) -> list[str]:
     if counts is None:
         return []
     found = []
@@ -205,7 +213,7 @@ def _pattern(points: Sequence[npt.NDArray[np.float32]]) -> str:
 
 
 def _field_of_points(points: Sequence[npt.NDArray[np.float32]]) -> tuple[tuple[float, float], float]:
-    """Elevations between which the points lie, and how much of a turn they fill; degrees."""
+    """Compute the elevations between which the points lie, and the part of a turn that they fill, in degrees."""
     x, y, z = np.concatenate(points).T
     low, high = np.degrees(np.quantile(np.arctan2(z, np.hypot(x, y)), (0.002, 0.998))).tolist()
     filled = np.bincount((np.degrees(np.arctan2(y, x)) + 180.0).astype(int) % 360, minlength=360)
@@ -213,7 +221,7 @@ def _field_of_points(points: Sequence[npt.NDArray[np.float32]]) -> tuple[tuple[f
 
 
 def _field_of_view(drive: Drive) -> tuple[float, float]:
-    """Angles across and down the picture through the principal point, degrees; as far as the lens reaches."""
+    """Compute the angles across and down the image through the principal point, in degrees, within the lens's reach."""
     camera = drive.camera
     lens = core_camera(camera)
     (_, _, cx), (_, _, cy), _ = camera.K
@@ -224,7 +232,7 @@ def _field_of_view(drive: Drive) -> tuple[float, float]:
     return left + right, top + bottom
 
 
-def _camera_suspicions(drive: Drive) -> list[str]:
+def _check_camera(drive: Drive) -> list[str]:
     camera = drive.camera
     found = []
     for name, center, size in (
@@ -240,14 +248,14 @@ def _camera_suspicions(drive: Drive) -> list[str]:
     return found
 
 
-def _range_suspicions(points: Sequence[npt.NDArray[np.float32]]) -> list[str]:
+def _check_ranges(points: Sequence[npt.NDArray[np.float32]]) -> list[str]:
     middle_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
     if middle_m <= MAX_RANGE_M:
         return []
     return [f"half of the points are {middle_m:,.0f} m away or more: clouds have to be in the LiDAR frame"]
 
 
-def _image_suspicions(drive: Drive) -> list[str]:
+def _check_images(drive: Drive) -> list[str]:
     named = [frame.image for frame in drive.frames if frame.image is not None]
     found = []
     for name in evenly_spaced(named, NUM_PROBED):
@@ -262,7 +270,7 @@ def _image_suspicions(drive: Drive) -> list[str]:
     return found
 
 
-def _class_suspicions(points: Sequence[str] | None, pixels: Sequence[str] | None) -> list[str]:
+def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -> list[str]:
     found = []
     for side, names in (("points", points), ("pixels", pixels)):
         if names is None:
@@ -274,14 +282,14 @@ def _class_suspicions(points: Sequence[str] | None, pixels: Sequence[str] | None
     return found
 
 
-def _motion_suspicions(error_px: float | None) -> list[str]:
+def _check_motion(error_px: float | None) -> list[str]:
     if error_px is None or error_px <= MAX_MOTION_PX:
         return []
     return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
 
 
-def _mirror_suspicions(probed: Drive) -> list[str]:
-    """Register a few frames as they are and with y negated: no camera sees the mirror image of its scene."""
+def _check_mirroring(probed: Drive) -> list[str]:
+    """Register a few frames as they are and with y negated, because a cloud may have been mirrored."""
     try:
         few = load_observations(probed)
         best, other = (

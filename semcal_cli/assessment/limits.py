@@ -1,4 +1,4 @@
-"""What a transform is allowed to be off, and the verdict on what is known of how far off it is."""
+"""Limits on the offset of a transform, and verdicts on offsets with their 95 % intervals."""
 
 from __future__ import annotations
 
@@ -18,15 +18,20 @@ AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Check:
-    """One figure that is judged."""
+    """An offset with its limit and the verdict on it."""
 
     name: str
+    """Name of the offset."""
     unit: Unit
+    """Unit of all figures."""
     offset: float
+    """Estimate of the offset."""
     half_width: float | None
-    """Of its 95 % interval; None if nothing is known of it."""
+    """Half width of its 95 % interval; None if it is unknown."""
     allowed: float
+    """Largest offset that is allowed."""
     verdict: Verdict
+    """`fail` if the whole interval lies beyond the limit, `pass` if it lies within, else `inconclusive`."""
 
 
 def judge(
@@ -35,16 +40,16 @@ def judge(
     half_widths: Sequence[float] | None,
     limits: Limits,
 ) -> tuple[Check, ...]:
-    """Judge how far a transform is off: a figure whose 95 % interval lies beyond its limit fails, within it passes.
+    """Judge the offsets of a transform: one whose 95 % interval lies beyond its limit fails, one within passes.
 
     Args:
-        center_m: (3,) offset of the camera's place along the axes of the camera.
-        rotation_deg: (3,) rotation about them.
-        half_widths: (6,) of the intervals, metres and degrees; None if nothing is known of them.
-        limits: What is allowed.
+        center_m: (3,) offset of the camera's position along the axes of the camera.
+        rotation_deg: (3,) offset of its rotation about these axes.
+        half_widths: (6,) half widths of the 95 % intervals, metres and degrees; None if they are unknown.
+        limits: Largest offsets that are allowed.
 
     Returns:
-        The camera's place along the axes, and in all; its rotation likewise.
+        Checks of the camera's position along each axis and in all, and of its rotation about each axis and in all.
     """
     widths = None if half_widths is None else np.array(half_widths) * ([100.0] * 3 + [1.0] * 3)
     parts: tuple[tuple[str, Unit, slice, list[float], float], ...] = (
@@ -65,9 +70,11 @@ def judge(
 
 
 def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
-    """Give what the squared length of a vector of six, in its standard errors, exceeds by chance in a share alpha.
+    """Compute the quantile of the squared length of six estimates, in their standard errors (Hotelling).
 
-    Hotelling's, of standard errors that are known with so many degrees of freedom; chi squared if with very many.
+    Args:
+        alpha: Probability that chance exceeds the quantile.
+        degrees_of_freedom: Degrees of freedom of the standard errors; with very many, the quantile is chi-square's.
     """
     from scipy.stats import f as fisher
 
@@ -75,7 +82,7 @@ def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:
-    """Give the verdict on several figures: none may fail, and all have to pass."""
+    """Combine verdicts: one `fail` fails, and only all `pass` pass."""
     found = set(verdicts)
     return "fail" if "fail" in found else "inconclusive" if "inconclusive" in found else "pass"
 

@@ -1,4 +1,4 @@
-"""What speaks against a pose at first sight, however it was found."""
+"""Quick checks of a pose, independent of how it was found."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
 
 MAX_MOTION_PX = 3.0
-"""Half of the points may be displaced this far by a motion that is not compensated."""
+"""Largest median displacement of the points by uncompensated motion without a finding, in pixels."""
 AT_LIMIT = 0.999
-"""A camera that is this near to the limit of its distance is held by it."""
+"""Share of the largest allowed distance from which on a camera counts as clamped to it."""
 
 
 def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
-    """Say how far points are off that a motion displaced, if they are too far."""
+    """Check the median displacement of the points by uncompensated motion, in pixels; None if it is unknown."""
     if motion_error_px is None or motion_error_px <= MAX_MOTION_PX:
         return ()
     sentence = (
@@ -28,7 +28,7 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
 
 
 def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:
-    """Say whether a camera whose distance nothing limits is farther from the LiDAR than it may be."""
+    """Check the distance between camera and LiDAR of a pose that was found without this limit."""
     distance_m = baseline_m(T_camera_lidar)
     if distance_m <= max_baseline_m:
         return ()
@@ -41,12 +41,12 @@ def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding
 def check_pose(
     T_camera_lidar: Pose, agreement: _core.Agreement, max_baseline_m: float = math.inf
 ) -> tuple[Finding, ...]:
-    """Say whether a pose lies at a limit, shows too little, or explains no more than chance.
+    """Check that a pose lies at no limit, shows enough points, and explains more than chance.
 
     Args:
-        T_camera_lidar: (4, 4).
-        agreement: How well labels agree there.
-        max_baseline_m: Limit that the refinement kept the camera's distance to.
+        T_camera_lidar: (4, 4), metres.
+        agreement: Agreement of the labels at this pose.
+        max_baseline_m: Limit of the distance between camera and LiDAR that the refinement respected.
     """
     sentences = []
     distance_m = baseline_m(T_camera_lidar)
@@ -57,7 +57,7 @@ def check_pose(
         )
     if agreement.overlap < MIN_OVERLAP:
         sentences.append(
-            f"visible labelled points cover {agreement.overlap:.1%} of the picture, needed are {MIN_OVERLAP:.0%}"
+            f"visible labelled points cover {agreement.overlap:.1%} of the picture, needed at least {MIN_OVERLAP:.0%}"
         )
     if not agreement.mutual_information > agreement.bias:
         sentences.append(

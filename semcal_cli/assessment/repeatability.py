@@ -1,4 +1,4 @@
-"""Where other seeds lead with the same data."""
+"""Repeatability: comparison of the poses that several seeds give on the same data."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
 
 ROUNDING = 1e-9
-"""Metres or degrees: axes that are fixed have intervals without a width."""
+"""Allowance for rounding, in metres or degrees, because fixed axes have intervals of zero width."""
 
 
 def compare_seeds(
     T_camera_lidar: Pose, others: Sequence[Pose | None], uncertainty: Uncertainty | None
 ) -> tuple[Repeatability, tuple[Finding, ...]]:
-    """Compare a pose with those that other seeds lead to.
+    """Compare a pose with those that other seeds give.
 
     Args:
-        T_camera_lidar: (4, 4), the answer.
-        others: (4, 4) of each other seed; None of those that gave no answer.
-        uncertainty: What is stated of the answer; None if nothing is.
+        T_camera_lidar: (4, 4) answer, metres.
+        others: (4, 4) pose of each other seed; None for a seed that gave no answer.
+        uncertainty: Uncertainty of the answer; None if it is unknown.
 
     Returns:
-        How far apart they lie, and what of it speaks against the answer.
+        The spread of the poses, and findings against the answer.
     """
     reached = [T for T in others if T is not None]
     differences = np.array([np.zeros(6), *(_difference(T, T_camera_lidar) for T in reached)])
@@ -54,6 +54,6 @@ def compare_seeds(
 
 
 def _difference(T: Pose, T_reference: Pose) -> np.ndarray:
-    """Difference (6,): metres of the camera's place along its axes, and degrees about them."""
+    """Compute the difference (6,) of two poses: the camera's position in metres, its rotation in degrees."""
     error = compare_poses(T, T_reference)
     return np.array([*(0.01 * x for x in error.camera_center_xyz_cm), *error.rotation_xyz_deg])

@@ -1,1 +1,1 @@
-"""Other methods, to compare with."""
+"""Other calibration methods, for comparison."""

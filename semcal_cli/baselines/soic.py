@@ -1,10 +1,10 @@
-"""SOIC, for comparison: semantic centroids to begin with, then points onto the pixels of their own class.
+"""SOIC, for comparison: an initial pose from semantic centroids, then points are moved onto pixels of their class.
 
 Source: Wang, Nobuhara, Nakamura and Sakurada, *SOIC: Semantic Online Initialization and Calibration for LiDAR and
-Camera*, arXiv 2003.04260. Both sides need classes of the same names, and how sure a pose is nobody knows.
+Camera*, arXiv 2003.04260. Points and pixels need classes of the same names, and the method gives no uncertainty.
 
-A sweep goes all round, a picture does not, and the centroid of a class in the whole sweep is no point of the picture.
-So centroids in many sectors as wide as the picture are tried, and of their poses the one with the least cost is taken.
+A sweep covers a full turn and an image does not, so the centroid of a class in the whole sweep is no point of the
+image. Centroids are therefore computed in many sectors as wide as the image, and the pose with the least cost is taken.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.pnp import solve_pnp
 
 BINS_PER_SECTOR = 4
-"""Sectors overlap, and are made of so narrow ones."""
+"""Number of azimuth bins per sector; neighbouring sectors share bins."""
 
 
 class Soic:
-    """The cost of SOIC over all frames of a drive, in pixels."""
+    """Cost of SOIC over all frames of a drive, in pixels."""
 
     def __init__(self, observations: Observations, config: SoicConfig) -> None:
-        """Compute the distance fields.
+        """Compute the distance fields of the classes that points and pixels share.
 
         Raises:
-            CalibrationError: no frame has points and pixels of one class name.
+            CalibrationError: the frames have points and pixels of fewer than two shared class names.
         """
         self.observations, self.config = observations, config
         image_classes = {name: index for index, name in enumerate(observations.image_class_names)}
@@ -45,7 +45,7 @@ class Soic:
             for index, name in enumerate(observations.point_class_names)
             if name in image_classes
         ]
-        """Of points and of pixels, that have one name."""
+        """Classes of points and of pixels that have the same name."""
         parts = [part for frame in range(observations.num_frames) for part in self._parts(frame)]
         num_classes = len({number for number, _, _ in parts})
         if num_classes < 2:
@@ -55,14 +55,20 @@ class Soic:
         self.distance = _core.SemanticDistance(core_camera(observations.camera), parts, block=config.block_px)
 
     def cost(self, T_camera_lidar: Pose) -> float:
-        """Give the mean distance of points to the pixels of their class, averaged over classes, in pixels."""
+        """Compute the mean distance of points from the pixels of their class, averaged over classes, in pixels."""
         return self.distance.at(T_camera_lidar)
 
     def initialize(self, max_baseline_m: float) -> Pose:
-        """Give the pose of the semantic centroids, from nothing, with the camera no farther from the LiDAR.
+        """Find an initial pose from semantic centroids.
+
+        Args:
+            max_baseline_m: Largest distance between camera and LiDAR, in metres.
+
+        Returns:
+            T_camera_lidar (4, 4), metres.
 
         Raises:
-            CalibrationError: centroids of no sector determine such a pose.
+            CalibrationError: the centroids of no sector determine such a pose.
         """
         camera, config = self.observations.camera, self.config
         pnp = PnpConfig(max_error_deg=config.centroid_error_deg, min_inliers=config.min_centroids)
@@ -87,12 +93,12 @@ class Soic:
         """Minimise the cost from a pose.
 
         Raises:
-            CalibrationError: no point lands in the picture there.
+            CalibrationError: no point projects into the image there.
         """
         return self.distance.minimize(T_init, self.config)
 
     def _parts(self, frame: int) -> Iterator[tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
-        """Number, points and distance field of each class that a frame has on both sides."""
+        """Give the number, the points and the distance field of each shared class in a frame."""
         cloud = self.observations.frames[frame].cloud
         points, classes = cloud.points, cloud.classes
         image, block = self.observations.frames[frame].image.classes, self.config.block_px
@@ -103,21 +109,21 @@ class Soic:
             if len(chosen) == 0 or others.all():
                 continue
             distances = cv2.distanceTransform(others.view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-            # A last row that fills no block is left out, so that blocks lie where they are thought to be.
+            # Rows and columns beyond the last whole block are left out, so that all blocks have the same size.
             whole = distances[: height * block, : width * block]
             small = cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
             yield number, chosen, small.astype(np.float32, copy=False)
 
     def _centroids(self) -> Iterator[tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]]:
-        """Centroids of classes in each sector, (N, 3) metres, and those of their pixels, (N, 2), over all frames."""
+        """Compute centroids of classes in each sector, points (N, 3) metres and pixels (N, 2), over all frames."""
         config = self.config
         num_bins = BINS_PER_SECTOR * config.num_sectors
-        # (frames, classes, bins, 4) and (frames, classes, 3): sums, and how many.
+        # (frames, classes, bins, 4) and (frames, classes, 3): sums of coordinates, and counts.
         points = np.array(
             [self._point_sums(frame, num_bins) for frame in range(self.observations.num_frames)]
         )
         pixels = np.array([self._pixel_sums(frame) for frame in range(self.observations.num_frames)])
-        # A picture that goes all round has each bin once.
+        # An image of a full turn contains each bin once.
         reach = min(round(self._half_width() / (2.0 * math.pi) * num_bins), (num_bins - 1) // 2)
         window = np.arange(-reach, reach + 1)
         for sector in range(config.num_sectors):
@@ -127,7 +133,7 @@ class Soic:
             yield of_points[:, :3] / of_points[:, 3:], of_pixels[:, :2] / of_pixels[:, 2:]
 
     def _point_sums(self, frame: int, num_bins: int) -> npt.NDArray[np.float64]:
-        """Sums of x, y, z and 1 over the points of each class in each bin of azimuth, (classes, bins, 4)."""
+        """Sum x, y, z and 1 over the points of each class in each bin of azimuth, (classes, bins, 4)."""
         cloud = self.observations.frames[frame].cloud
         points, classes = cloud.points, cloud.classes
         turns = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * math.pi)
@@ -141,13 +147,13 @@ class Soic:
         return sums
 
     def _pixel_sums(self, frame: int) -> npt.NDArray[np.float64]:
-        """Sums of u, v and 1 over the pixels of each class, (classes, 3)."""
+        """Sum u, v and 1 over the pixels of each class, (classes, 3)."""
         image = self.observations.frames[frame].image.classes
         moments = [cv2.moments((image == of_pixels).view(np.uint8), True) for _, of_pixels in self.classes]
         return np.array([[found["m10"], found["m01"], found["m00"]] for found in moments])
 
     def _half_width(self) -> float:
-        """Half of the picture's width as an angle, radians."""
+        """Compute half of the horizontal field of view, radians."""
         camera, lens = self.observations.camera, core_camera(self.observations.camera)
         middle = camera.K[1][2]
         rays = lens.unproject(np.array([[0.0, middle], [camera.width - 1.0, middle]]))

@@ -1,4 +1,4 @@
-"""A calibration by SOIC, for comparison. How sure its pose is stays open."""
+"""Calibration by SOIC, for comparison; it gives no uncertainty of the pose."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ def calibrate_by_soic(
     sweeps: Sweeps | None = None,
     hashes: dict[str, str] | None = None,
 ) -> Calibration:
-    """Calibrate as SOIC does; arguments and errors are those of `pipeline.calibrate`.
+    """Calibrate with SOIC; arguments and errors are those of `pipeline.calibrate`.
 
-    An initial pose is started at instead of the semantic centroids. These put the camera no farther from the LiDAR than
-    `config.refinement.max_baseline_m`, and a result that is farther away is not trusted.
+    The semantic centroids put the camera no farther from the LiDAR than `config.refinement.max_baseline_m`. An initial
+    pose replaces them. A result whose camera is farther away is not trusted.
     """
     data = load(drive, config, on_event, sweeps)
     on_event(Progress("computing distances to classes"))

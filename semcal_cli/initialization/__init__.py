@@ -1,1 +1,1 @@
-"""The initial calibration, from nothing (Alg. 2)."""
+"""The initial calibration, without a start guess (Alg. 2)."""

@@ -1,4 +1,4 @@
-"""A transform that is known beforehand, to start at or to verify."""
+"""A transform that is known beforehand, as a start guess or for verification."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from semcal_cli.geometry.poses import Pose
 
 @dataclass(frozen=True)
 class InitialPose:
-    """A transform that the user knows something about."""
+    """A transform that the user gives."""
 
     T_camera_lidar: Pose
-    """(4, 4), p_camera = T_camera_lidar @ p_lidar."""
+    """(4, 4), p_camera = T_camera_lidar @ p_lidar, metres."""
     name: str
-    """What messages call it."""
+    """Name in messages."""
     source: Path | None = None
-    """The file it is from; None if it was typed."""
+    """File of the transform; None if it was typed."""
 
     def check_distance(self, max_baseline_m: float) -> None:
-        """Check that the camera is as near to the LiDAR as it has to be.
+        """Check that the camera is at most `max_baseline_m` from the LiDAR.
 
         Raises:
-            InputError: it is farther away.
+            InputError: the camera is farther away.
         """
         check_baseline(self.name, self.T_camera_lidar, max_baseline_m)

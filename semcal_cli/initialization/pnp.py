@@ -1,4 +1,4 @@
-"""The pose from pixels and the points they show (Alg. 2, line 8)."""
+"""The perspective-n-point problem: the pose from pairs of points and pixels (Alg. 2, line 8)."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_motion
 
 MIN_DEPTH = 0.2
-"""Rays farther than 78 degrees from the optical axis are left out: in a pinhole picture they run away."""
+"""Smallest z of a unit ray, at 78 degrees from the optical axis; beyond, pinhole coordinates grow without bound."""
 
 VIRTUAL_MIN_DEPTH = math.cos(math.radians(50.0))
-"""A wide lens is seen through a pinhole camera of 100 degrees."""
+"""Smallest z of a unit ray in a virtual pinhole camera of 100 degrees, in which the pairs of a wide lens are seen."""
 
 NUM_DIRECTIONS = 64
-"""Such a pinhole camera may look along so many of the rays ..."""
+"""Number of rays along which a virtual camera may look."""
 
 MAX_VIEWS = 4
-"""... and so many are tried, each where most of the rays are that no other sees: wrong pairs may crowd somewhere."""
+"""Largest number of virtual cameras. Several are tried because wrong pairs may cluster in one direction."""
 
 MAX_STEPS = 20
-"""Of the joint refinement; from a robust start it takes about five."""
+"""Largest number of steps of the joint refinement; it takes about five from a good start."""
 
 LEAST_RANGE = 1e-6
-"""Metres: in the camera itself, a point lies in no direction."""
+"""Smallest range of a point, in metres, because a point at the camera's centre has no direction."""
 
 SETTLED = 1e-10
-"""Metres and radians of the last step."""
+"""Largest component of the last step, metres and radians."""
 
 Rays: TypeAlias = npt.NDArray[np.float64]
-"""(N, 3) unit vectors."""
+"""Unit vectors (N, 3) in the camera frame."""
 
 
 def solve_pnp(
@@ -48,20 +48,20 @@ def solve_pnp(
     camera: Camera,
     config: PnpConfig,
 ) -> tuple[Pose, int]:
-    """Find the pose that maps LiDAR points onto their pixels: SQPnP inside RANSAC, then Levenberg-Marquardt.
+    """Find the pose that maps LiDAR points onto their pixels, with SQPnP in RANSAC and then Levenberg-Marquardt.
 
-    The lens is undone first, so that one solver in normalised coordinates serves every model. These end at 90 degrees:
-    the pairs of a wide lens are seen through a virtual pinhole camera that looks at them, and its pose is then
-    refined over all of them, in angles.
+    Pixels are first converted to rays, so one solver in normalised coordinates serves every camera model. These
+    coordinates end at 90 degrees, so the pairs of a wide lens are seen through virtual pinhole cameras, and the pose is
+    then refined over all pairs by angles.
 
     Args:
         points_lidar: (N, 3) float64, metres, LiDAR frame.
         pixels: (N, 2) float64, (u, v), integer = pixel centre.
         camera: The camera, with its lens.
-        config: How the robust estimator works.
+        config: Settings of the robust estimator.
 
     Returns:
-        T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, and the number of inliers.
+        T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres, and the number of inliers.
 
     Raises:
         CalibrationError: fewer pairs or inliers than `config.min_inliers`, or points that determine no pose.
@@ -76,9 +76,9 @@ def solve_pnp(
 
 
 def _solve_wide(points_lidar: npt.NDArray[np.float64], rays: Rays, config: PnpConfig) -> tuple[Pose, int]:
-    """Solve PnP in virtual pinhole cameras, and refine the pose that most of all pairs agree with."""
+    """Solve PnP in virtual pinhole cameras, refine each pose over all pairs, and take that with the most inliers."""
     found: list[tuple[Pose, int]] = []
-    complaint = f"PnP: found {len(rays)} pairs, needed {config.min_inliers}"
+    failure = f"PnP: found {len(rays)} pairs, needed {config.min_inliers}"
     for R_virtual_camera in _views(rays, config):
         T_camera_lidar = np.eye(4)
         try:
@@ -88,16 +88,16 @@ def _solve_wide(points_lidar: npt.NDArray[np.float64], rays: Rays, config: PnpCo
             T_camera_lidar[:3] = R_virtual_camera.T @ T_virtual_lidar[:3]
             found.append(_refine_angles(points_lidar, rays, T_camera_lidar, config))
         except CalibrationError as error:
-            complaint = str(error)
+            failure = str(error)
     if not found:
-        raise CalibrationError(complaint)
+        raise CalibrationError(failure)
     return max(found, key=lambda pose_and_inliers: pose_and_inliers[1])
 
 
 def _solve_pinhole(
     points_lidar: npt.NDArray[np.float64], rays: Rays, min_depth: float, config: PnpConfig
 ) -> tuple[Pose, int]:
-    """Solve PnP with the rays whose z is at least so large."""
+    """Solve PnP with the rays whose z is larger than `min_depth`."""
     inside = rays[:, 2] > min_depth
     points, rays = points_lidar[inside], rays[inside]
     if len(points) < config.min_inliers:
@@ -133,7 +133,7 @@ def _solve_pinhole(
 
 
 def _views(rays: Rays, config: PnpConfig) -> Iterator[npt.NDArray[np.float64]]:
-    """R_virtual_camera (3, 3) of cameras that look at the mean of most of the rays that none before has seen."""
+    """Give R_virtual_camera (3, 3) of cameras, each towards the most rays that no previous camera has seen."""
     directions = rays[:: -(-len(rays) // NUM_DIRECTIONS) or 1]
     seen = rays @ directions.T > VIRTUAL_MIN_DEPTH
     for _ in range(MAX_VIEWS):
@@ -146,7 +146,7 @@ def _views(rays: Rays, config: PnpConfig) -> Iterator[npt.NDArray[np.float64]]:
 
 
 def _looking_along(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """R_virtual_camera (3, 3) of a camera with this optical axis."""
+    """Compute R_virtual_camera (3, 3) of a camera with a given optical axis."""
     aside = np.eye(3)[np.argmin(np.abs(forward))]
     right = np.cross(aside, forward)
     rows = np.stack([right, np.cross(forward, right), forward])
@@ -157,7 +157,7 @@ def _looking_along(forward: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 def _refine_angles(
     points_lidar: npt.NDArray[np.float64], rays: Rays, T_start: Pose, config: PnpConfig
 ) -> tuple[Pose, int]:
-    """Gauss-Newton on the chords between rays and the directions of their points, over the inliers at each step."""
+    """Refine a pose by Gauss-Newton on the chords between rays and directions of their points, over the inliers."""
     max_chord = 2.0 * math.sin(0.5 * math.radians(config.max_error_deg))
     T_camera_lidar = T_start
     for _ in range(MAX_STEPS):
@@ -169,7 +169,7 @@ def _refine_angles(
         if kept.sum() < config.min_inliers:
             raise CalibrationError(f"PnP: found {kept.sum()} inliers, needed {config.min_inliers}")
         slopes = _direction_slopes(directions[kept], ranges[kept]).reshape(-1, 6)
-        # Of the normal equations: pairs that leave a direction open move the pose along the others only.
+        # The pseudo-inverse of the normal equations leaves the pose alone along directions that are not determined.
         twist, *_ = np.linalg.lstsq(slopes.T @ slopes, slopes.T @ chords[kept].ravel(), rcond=None)
         T_camera_lidar = apply_motion(T_camera_lidar, cv2.Rodrigues(twist[3:])[0], twist[:3])
         if np.abs(twist).max() < SETTLED:
@@ -178,7 +178,7 @@ def _refine_angles(
 
 
 def _direction_slopes(directions: Rays, ranges: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """(N, 3, 6): how directions from the camera change with a twist (rho, phi) on the left of the pose."""
+    """Compute the derivatives (N, 3, 6) of directions with respect to a twist (rho, phi) on the left of the pose."""
     across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
     by_rotation = -np.cross(directions[:, None, :], np.eye(3)).transpose(0, 2, 1)
     return np.concatenate([across / ranges[:, :, None], by_rotation], 2)

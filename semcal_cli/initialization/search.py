@@ -1,4 +1,4 @@
-"""The initial calibration, from nothing (Alg. 2)."""
+"""Search for the initial pose over all mounting directions (Alg. 2)."""
 
 from __future__ import annotations
 
@@ -20,34 +20,36 @@ from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 
 MIN_RUNNER_UP_MARGIN = 2.0
-"""An answer is trusted only if other mounting directions are this many standard errors of mutual information behind."""
+"""Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
 
 NO_OTHER = Finding("no other mounting was left to compare with: nothing tells that this one is right")
 
 MAX_SHARE_OUTSIDE = 0.2
-"""A `lidar:` block whose field of view leaves out more of the points than this is not that of the sensor."""
+"""Largest share of the points outside the field of view of the `lidar:` block."""
 
 MIN_POINTS_OF_MOST = 0.02
-"""While hypotheses ascend, those with a smaller share of the points of the one that has most are dropped."""
+"""Smallest number of points of a hypothesis, as a share of the largest of any hypothesis. Others are dropped."""
 
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A hypothesis on its way."""
+    """A hypothesis before it is scored."""
 
     T_camera_lidar: Pose
     num_pairs: int | None = None
+    """Number of pairs of the registration; None without one."""
     num_inliers: int | None = None
+    """Number of inliers of PnP; None without PnP."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Initialization(StageResult):
-    """What the search arrived at. Its pose is that of the first hypothesis."""
+    """Result of the initial calibration. Its pose is that of the first hypothesis."""
 
     hypotheses: tuple[Hypothesis, ...]
-    """Poses that the camera may have, best first."""
+    """Possible poses of the camera, best first."""
     runner_up_margin: float | None
-    """Standard errors by which the runner-up is behind; None where no other mounting was compared."""
+    """Standard errors by which the runner-up is behind; None if no other mounting was compared."""
 
 
 def initialize(
@@ -59,24 +61,23 @@ def initialize(
 ) -> Initialization:
     """Search all mounting directions, or those around a given one (Alg. 2).
 
-    Registers the label images with the spherical images and solves PnP for each of the best placements. The
-    registration turns the picture and moves it nowhere, so the poses ascend the mutual information over SE(3) on coarse
-    label images until they have found their translation, too. Then the exact mutual information in full resolution
-    ranks them, so that a wrong peak among coarse cells is caught.
+    The label images are registered with the spherical images, and PnP is solved for each of the best placements. The
+    registration finds rotations and almost no translation, so the poses then ascend the mutual information over SE(3)
+    on coarse label images. At last the exact mutual information in full resolution ranks them, so that a wrong peak of
+    the coarse images does not win.
 
     Args:
         observations: Labelled points and label images.
-        config: How to search.
+        config: Settings of the search.
         seed: Seed of every random choice.
-        T_given: (4, 4) T_camera_lidar that is known about: the search is narrowed to rotations within
-            `config.search_deg` of it and the spherical images are taken from its camera centre. Without
-            `config.search_deg` there is no search, and only this pose ascends.
-        is_possible: Whether what else is known allows a pose. Hypotheses that it does not allow are left out, unless it
-            allows none.
+        T_given: (4, 4) T_camera_lidar to start from. The search covers rotations within `config.search_deg` of it, and
+            the spherical images are taken from its camera centre. Without `config.search_deg` nothing is searched and
+            only this pose ascends.
+        is_possible: Whether priors allow a pose. Hypotheses that they exclude are left out, unless they exclude all.
 
     Raises:
-        CalibrationError: sweeps and pictures do not overlap, or no placement leads to a pose.
-        InputError: the points do not lie in the field of view that the drive's `lidar:` block states.
+        CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
+        InputError: the points do not lie in the field of view of the drive's `lidar:` block.
     """
     is_searched = T_given is None or config.search_deg is not None
     if is_searched:
@@ -89,7 +90,7 @@ def initialize(
     kept = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)] or ranked
     hypotheses = tuple(_hypothesis(scored, kept[0]) for scored in kept)
     other = runner_up(hypotheses, config.runner_up_deg)
-    # What is known, or a pose to search around, may leave nothing to compare with.
+    # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
     is_alone = other is None and T_given is None and len(kept) == len(ranked)
     return Initialization(
         T_camera_lidar=kept[0].candidate.T_camera_lidar,
@@ -102,12 +103,12 @@ def initialize(
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
-    """Find the best hypothesis that is turned by at least an angle from the first, and so says something else."""
+    """Find the best hypothesis that is rotated by at least `least_deg` from the first; None without one."""
     return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
 
 
 def _compare(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
-    """Say whether another mounting is as good."""
+    """Check that the runner-up is far enough behind the best hypothesis."""
     if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:
         return ()
     sentence = (
@@ -151,7 +152,7 @@ def _hypothesis(scored: _Scored, best: _Scored) -> Hypothesis:
 def _candidates(
     observations: Observations, config: InitializationConfig, seed: int, around: tuple[Pose, float] | None
 ) -> list[_Candidate]:
-    """Register and solve PnP (Alg. 2); seen from the camera centre of a pose if the search is around one."""
+    """Register and solve PnP (Alg. 2), from the camera centre of a pose if the search is around one."""
     grid = _grid(observations)
     center = np.zeros(3) if around is None else camera_center(around[0])
     if center.any():
@@ -164,28 +165,29 @@ def _candidates(
         observations.core, images, config.zoom, placements, config.num_correspondences, seed
     )
     found: list[_Candidate] = []
-    complaint = "no placement of the picture"
+    failure = "no placement of the picture"
     for placement, pairs in zip(placements, samples, strict=True):
         try:
             T_camera_lidar, num_inliers = solve_pnp(
                 pairs.points, pairs.pixels, observations.camera, config.pnp
             )
         except CalibrationError as error:
-            complaint = str(error)
+            failure = str(error)
             continue
         T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
         found.append(_Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
     if not found:
-        raise CalibrationError(f"no initial calibration: {complaint}")
+        raise CalibrationError(f"no initial calibration: {failure}")
     return found
 
 
 def _align_given(
     observations: Observations, given: _Candidate, config: InitializationConfig, seed: int
 ) -> list[_Candidate]:
-    """Ascend as from afar, as from near by, and not at all: exact mutual information tells which was right.
+    """Ascend from a given pose with the levels for a far start and with those for a near one, and keep the pose itself.
 
-    Where the two do not meet, at least one has not found the top, and a search around the pose is tried, too.
+    The exact mutual information ranks the three later. If the two ascents end apart, at least one has not found the
+    optimum, and the directions around the pose are searched as well.
     """
     found = [given]
     for blocks_across in (config.alignment.blocks_across_given, config.alignment.blocks_across_near):
@@ -202,10 +204,10 @@ def _align_given(
 def _align(
     observations: Observations, candidates: Sequence[_Candidate], config: InitializationConfig, seed: int
 ) -> list[_Candidate]:
-    """Ascend over SE(3), level by level, and drop after each what is not among the best.
+    """Ascend over SE(3), level by level, and keep the best candidates after each level.
 
-    The first level is a fine one: where sweep and picture overlap in a narrow band, coarse blocks would lose the truth
-    among the others. The coarse one after it gets poses off a ledge.
+    The first level is fine, because coarse blocks would lose the truth if sweep and image overlap in a narrow band. The
+    coarse level after it moves poses out of local optima.
     """
     levels = config.alignment
     width, height = observations.camera.width, observations.camera.height
@@ -234,18 +236,18 @@ def _align(
 def _best_apart(
     ranked: Sequence[_Candidate], num_kept: int, config: InitializationConfig
 ) -> list[_Candidate]:
-    """Drop what has come to the same pose as a better one, and keep the best; a runner-up is always among them."""
+    """Drop candidates at the same pose as a better one, and keep the best ones and always a runner-up."""
     apart: list[_Candidate] = []
     for candidate in ranked:
         if all(_angle_deg(candidate, better) > config.alignment.same_deg for better in apart):
             apart.append(candidate)
     kept, others = apart[:num_kept], apart[num_kept:]
 
-    def says_something_else(candidate: _Candidate) -> bool:
+    def is_other_mounting(candidate: _Candidate) -> bool:
         return _angle_deg(candidate, apart[0]) >= config.runner_up_deg
 
-    if not any(map(says_something_else, kept)):
-        kept += [candidate for candidate in others if says_something_else(candidate)][:1]
+    if not any(map(is_other_mounting, kept)):
+        kept += [candidate for candidate in others if is_other_mounting(candidate)][:1]
     return kept
 
 

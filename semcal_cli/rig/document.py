@@ -46,7 +46,7 @@ class Rig(StrictModel):
             if not NAME.fullmatch(name) or len(name) > 100:
                 raise mismatch(describe(name), "a name of letters, digits, _, - and . for a camera")
             if name.lower() == RESULT:
-                raise mismatch(describe(name), "another name: that of the rig's own result")
+                raise mismatch(describe(name), "a name other than that of the rig's own result")
         folded: dict[str, str] = {}
         for name in cameras:
             if folded.setdefault(name.lower(), name) != name:

@@ -1,1 +1,1 @@
-"""Synthetic drives with a known answer."""
+"""Synthetic drives, whose true transform is known."""

@@ -1,4 +1,4 @@
-"""Labels as experiments need them: wrong ones, ragged ones, a segmentation network's, and of another ontology."""
+"""Label noise for experiments: wrong labels, grown and shrunk objects, errors of a network, disjoint ontologies."""
 
 from __future__ import annotations
 
@@ -14,37 +14,45 @@ from semcal_cli.drive.observations import Observations
 Labels = npt.NDArray[np.uint8]
 
 BORDER_RMS_PX = 2.0
-"""A network's borders lie so far from the true ones, root mean square along either axis ..."""
+"""Distance of a network's borders from the true ones, in pixels, root mean square along each axis."""
 BORDER_SCALE_PX = 12.0
-"""... moved by a random field that is smooth over this distance (standard deviation of its Gaussian kernel)."""
+"""Smoothness of the random field that moves the borders: standard deviation of its Gaussian kernel, in pixels."""
 BLOB_SHARE = 0.04
-"""Ellipses of a wrong class cover so much of a network's picture ..."""
+"""Share of a network's label image that ellipses of a wrong class cover."""
 BLOB_RADIUS_PX = (5.0, 40.0)
-"""... with radii in this range."""
+"""Smallest and largest radius of these ellipses, in pixels."""
 POINT_SHARE = 0.06
-"""A network labels so many points wrongly."""
+"""Share of the points that a network labels wrongly."""
 
 THINGS = (
     *("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "rider"),
     *("pole", "traffic_light", "traffic_sign"),
 )
-"""What annotators draw too large or too small, in front of the rest."""
+"""Names of the foreground classes, which annotators draw too large or too small."""
 MERGED_POINT_CLASSES = {
     **{"road_line": "road", "truck": "car", "bus": "car", "rider": "pedestrian"},
     **{"traffic_light": "pole", "traffic_sign": "pole"},
 }
-"""One ontology does not tell these from their neighbours ..."""
+"""Classes that the ontology of the points merges with another class."""
 MERGED_IMAGE_CLASSES = {
     **{"wall": "building", "fence": "building", "terrain": "vegetation", "sidewalk": "road"},
     **{"motorcycle": "bicycle", "rider": "bicycle"},
 }
-"""... and the other not these."""
+"""Classes that the ontology of the images merges with another class."""
 
 
 def mislabel(
     ids: Labels, share: float, classes: Labels, rng: np.random.Generator, unlabelled: int = NO_CLASS
 ) -> Labels:
-    """Give each labelled entry, with probability `share`, the id of another class, all alike."""
+    """Give each labelled entry, with probability `share`, the id of another class, all with the same probability.
+
+    Args:
+        ids: Ids of points or pixels.
+        share: Probability that an id is replaced.
+        classes: Sorted ids of all classes.
+        rng: Random generator.
+        unlabelled: Id that stays.
+    """
     noisy = ids.copy()
     wrong = (rng.random(ids.shape) < share) & (ids != unlabelled)
     steps = rng.integers(1, len(classes), np.count_nonzero(wrong))
@@ -53,7 +61,7 @@ def mislabel(
 
 
 def with_wrong_labels(observations: Observations, share: float, rng: np.random.Generator) -> Observations:
-    """Mislabel a share of the points and of the pixels, each independently of all others."""
+    """Mislabel a share of the points and of the pixels, each independently of the others."""
     of_points, of_pixels = _point_classes(observations), _image_classes(observations)
     clouds = [
         cloud.with_classes(mislabel(cloud.classes, share, of_points, rng)) for cloud in observations.clouds
@@ -65,7 +73,7 @@ def with_wrong_labels(observations: Observations, share: float, rng: np.random.G
 
 
 def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Observations:
-    """Move borders by a smooth random field, put blobs of wrong classes in, and mislabel some points."""
+    """Imitate a network: move borders by a smooth random field, add blobs of wrong classes, mislabel some points."""
     of_points, of_pixels = _point_classes(observations), _image_classes(observations)
     images = [
         image.with_classes(_with_blobs(_with_moved_borders(image.classes, rng), of_pixels, rng))
@@ -79,7 +87,7 @@ def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Obs
 
 
 def with_ragged_things(observations: Observations, grow_px: int) -> Observations:
-    """Dilate whatever stands in front of the rest by some pixels, or erode it where `grow_px` is negative."""
+    """Dilate the foreground classes of label images by `grow_px` pixels, or erode them if it is negative."""
     names = observations.image_class_names
     things = [index for index, name in enumerate(names) if name in THINGS]
     return observations.with_images(
@@ -88,7 +96,7 @@ def with_ragged_things(observations: Observations, grow_px: int) -> Observations
 
 
 def with_disjoint_ontologies(observations: Observations, rng: np.random.Generator) -> Observations:
-    """Merge some classes of the points and others of the pictures, shuffle the ids and take the names away."""
+    """Merge some classes of the points and others of the images, shuffle the ids and remove the names."""
     points, num_points = _without_names(observations.point_class_names, MERGED_POINT_CLASSES, rng)
     images, num_images = _without_names(observations.image_class_names, MERGED_IMAGE_CLASSES, rng)
     shuffled = observations.with_clouds(
@@ -104,7 +112,7 @@ def with_disjoint_ontologies(observations: Observations, rng: np.random.Generato
 def _without_names(
     names: Sequence[str], merged: Mapping[str, str], rng: np.random.Generator
 ) -> tuple[Labels, int]:
-    """A table of new ids, (256,), and how many there are."""
+    """Make a table (256,) of shuffled ids, and count them."""
     kept = sorted({merged.get(name, name) for name in names})
     ids = dict(zip(kept, rng.permutation(len(kept)), strict=True))
     table = np.full(256, NO_CLASS, np.uint8)
@@ -116,7 +124,7 @@ def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
     from scipy.ndimage import grey_dilation
 
     grows = np.isin(image, things) == (grow_px > 0)
-    # Zero is nothing, so that whatever grows covers it.
+    # Classes that do not grow are zero, so that growing ones cover them.
     reach = 2 * abs(grow_px) + 1
     above: npt.NDArray[np.int16] = grey_dilation(
         np.where(grows, image.astype(np.int16) + 1, 0), (reach, reach)

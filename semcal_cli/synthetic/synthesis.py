@@ -28,19 +28,19 @@ from semcal_cli.synthetic.label_noise import mislabel
 Labels = npt.NDArray[np.uint8]
 
 UNLABELED = 0
-"""The id of pixels that the lens does not reach; no point has it."""
+"""Id of pixels that the lens does not reach; no point has it."""
 SKY = "sky"
 FIRST_DISJOINT_ID = 100
-"""Above every id of the synthetic classes."""
+"""First id of disjoint label images, above every id of the synthetic classes."""
 
 PITCH_DEG, ROLL_DEG = 8.0, 4.0
 CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
-"""A mounting at random stays within plus and minus this."""
+"""Largest coordinates of a randomly mounted camera in the LiDAR frame, in both directions."""
 
 MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS = range(4)
-"""The streams of random numbers: what is drawn for one never moves another."""
+"""Independent streams of random numbers."""
 
-# Model, distortion in OpenCV's order, horizontal field of view. All are monotone as far as that.
+# Model, distortion in OpenCV's order, horizontal field of view. Each lens is monotone over its field of view.
 LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
     "standard": ("plumb_bob", (0.0, 0.0, 0.0, 0.0, 0.0), 90.0),
     "narrow": ("plumb_bob", (-0.12, 0.05, 0.0008, -0.0005, 0.0), 35.0),
@@ -57,12 +57,14 @@ SWEEP_FOLDERS = ("points", "point_labels")
 
 @dataclass(frozen=True)
 class SynthSummary:
-    """What was written."""
+    """Summary of a written drive."""
 
     num_frames: int
+    """Number of frames."""
     num_points: int
+    """Number of points of all frames."""
     num_classes: int
-    """Classes on either side, before label noise."""
+    """Number of classes of points and pixels together, before label noise."""
 
 
 @dataclass(frozen=True)
@@ -82,25 +84,25 @@ def synthesize(
 ) -> SynthSummary:
     """Write a drive with its true transform. The same config gives the same bytes.
 
-    `drive.yaml` is written last: a folder that has one is complete.
+    The drive.yaml is written last, so a folder that has one is complete.
 
     Args:
-        config: What the drive is like.
-        out: The folder to write, which is made if there is none.
+        config: Settings of the drive.
+        out: Folder to write; it is made if it does not exist.
         progress: Called with the number of frames that are done.
-        force: Write into a folder that is not empty; files of other names stay.
-        sweeps: The folder, relative to `out`, of another camera's drive of the same world and LiDAR, whose clouds are
-            named instead of written.
-        camera: Its number among those of a rig, whose label images are wrong in places of their own.
+        force: Whether to write into a folder that is not empty; files of other names stay.
+        sweeps: Folder, relative to `out`, of another camera's drive of the same world and LiDAR, whose clouds are named
+            instead of written.
+        camera: Number of the camera in a rig; the label noise differs between the cameras.
 
     Raises:
-        InputError: the folder is not empty or cannot be written, or no such rig can be.
+        InputError: the folder is not empty or cannot be written, or the config describes no possible rig.
     """
     T_camera_lidar = mounting(config)
     renderer = make_renderer(config, T_camera_lidar)
     _prepare_folder(out, force, sweeps)
     ids = image_ids(config)
-    # Rust renders one frame at a time, on all cores; meanwhile the other thread writes the frame before.
+    # Rust renders one frame at a time on all cores, while the other thread writes the previous frame.
     with ThreadPoolExecutor(max_workers=2) as threads:
         frames = []
         for frame in threads.map(
@@ -125,9 +127,22 @@ def synthesize_rig(
     *,
     force: bool = False,
 ) -> SynthSummary:
-    """Write a drive for each of several cameras of one LiDAR, evenly around it, and a `rig.yaml` that names them.
+    """Write a drive for each of several cameras evenly around one LiDAR, and a `rig.yaml` that names the drives.
 
-    Arguments and errors are as of `synthesize`; what the mounting leaves open is drawn for each camera.
+    The random part of the mounting is drawn for each camera.
+
+    Args:
+        config: Settings of the drives.
+        num_cameras: Number of cameras.
+        out: Folder to write; it is made if it does not exist.
+        progress: Called with the number of frames that are done.
+        force: Whether to write into a folder that is not empty; files of other names stay.
+
+    Returns:
+        The summary of the last camera's drive.
+
+    Raises:
+        InputError: the folder is not empty or cannot be written, or the config describes no possible rig.
     """
     _check_empty(out, force)
     try:
@@ -155,7 +170,7 @@ def synthesize_rig(
 
 
 def mounting(config: SynthConfig) -> Pose:
-    """Mount the camera: as the config says, and at random where it says nothing.
+    """Mount the camera as the config says, and at random where the config says None.
 
     Returns:
         T_camera_lidar (4, 4), metres.
@@ -170,10 +185,10 @@ def mounting(config: SynthConfig) -> Pose:
 
 
 def make_camera(config: SynthConfig) -> Camera:
-    """Make the camera whose picture spans the horizontal field of view, through its lens.
+    """Make the camera whose image spans the horizontal field of view through its lens.
 
     Raises:
-        InputError: the lens does not reach so far.
+        InputError: the lens does not reach this field of view.
     """
     model, distortion, lens_hfov_deg = LENSES[config.lens]
     hfov_deg = lens_hfov_deg if config.hfov_deg is None else config.hfov_deg
@@ -196,7 +211,7 @@ def make_camera(config: SynthConfig) -> Camera:
 
 
 def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
-    """Columns of a picture of focal length one that spans so much, radians, on either side of the optical axis."""
+    """Compute the width of an image of focal length one that spans an angle to both sides of the optical axis."""
     model, distortion, _ = LENSES[lens]
     if model == "equirectangular":
         return 2.0 * half_angle
@@ -212,7 +227,11 @@ def _width_at_unit_focal(lens: Lens, half_angle: float) -> float:
 
 
 def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:
-    """Make the renderer of a rig.
+    """Make the renderer of a LiDAR and a camera.
+
+    Args:
+        config: Settings of the drive.
+        T_camera_lidar: (4, 4), metres.
 
     Raises:
         InputError: the camera is too far from the LiDAR, or the LiDAR has no rays.
@@ -221,7 +240,7 @@ def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:
 
 
 def image_ids(config: SynthConfig) -> Labels:
-    """Table (256,) from the ids of the synthetic classes to those of the label images."""
+    """Make the table (256,) from the ids of the synthetic classes to those of the label images."""
     table = np.arange(256, dtype=np.uint8)
     if config.ontology == "disjoint":
         classes = _class_ids()
@@ -231,7 +250,7 @@ def image_ids(config: SynthConfig) -> Labels:
 
 
 def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
-    """Draw where the camera sits, (3,) metres in the LiDAR frame."""
+    """Draw the position of the camera, (3,) metres in the LiDAR frame."""
     distance = math.inf
     while not MIN_BASELINE_M <= distance <= config.max_baseline_m:
         center: Vector = rng.uniform(-CENTER_BOX_M, CENTER_BOX_M)
@@ -257,7 +276,7 @@ def _write_frame(
             _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
     except OSError as error:
         raise _unwritable(out, error) from None
-    # The networks of two cameras err in other places.
+    # The label noise of two cameras is in different places.
     rng = _generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
     noisy = mislabel(image_labels, config.label_noise, _class_ids(), rng, UNLABELED)
     write_image(ids[noisy], path["image_labels"])
@@ -269,7 +288,7 @@ def _write_frame(
 def _noisy_point_labels(
     config: SynthConfig, labels: npt.NDArray[np.uint32], number: int
 ) -> npt.NDArray[np.uint32]:
-    """Mislabel points (N,), `instance << 16 | class`; no LiDAR takes a return for the sky."""
+    """Mislabel points (N,), `instance << 16 | class`, but never as sky, which gives no return."""
     classes = np.array([id_ for id_, name in _core.synthetic_classes() if name != SKY], dtype=np.uint8)
     true = (labels & 0xFFFF).astype(np.uint8)
     noisy = mislabel(true, config.label_noise, classes, _generator(config, POINT_LABELS, number), UNLABELED)
