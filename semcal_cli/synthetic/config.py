@@ -18,25 +18,35 @@ class SynthConfig:
     """A synthetic drive, to the last byte. What the mounting leaves open is drawn from the seed."""
 
     num_frames: int = 20
+    """Number of frames, each of another street."""
     seed: int = 0
+    """Seed of everything that is drawn: the same seed gives the same bytes."""
 
     pattern: Pattern = "spinning"
+    """Pattern in which the LiDAR scans."""
     channels: int = 64
+    """Number of beams, evenly spaced in elevation."""
     columns: int = 800
     """Firings a turn; a rosette has channels * columns rays a frame."""
     fov_up_deg: float = 10.0
+    """Elevation of the highest ray."""
     fov_down_deg: float = -30.0
+    """Elevation of the lowest ray."""
     range_noise_m: float = 0.02
     """Standard deviation along the ray."""
     dropout: float = 0.05
     """Share of the returns that are lost."""
     max_range_m: float = 120.0
+    """Largest range that returns."""
     lidar_tilt_deg: float = 0.0
     """How far the LiDAR's x axis dips below the horizon; the camera, mounted to it, dips as well."""
 
     width: int = 1280
+    """Columns of the picture."""
     height: int = 720
+    """Rows of the picture."""
     lens: Lens = "standard"
+    """Kind of lens, which sets model, distortion and field of view."""
     hfov_deg: float | None = None
     """Angle between the left and the right edge of the picture; the lens's own if not given."""
 

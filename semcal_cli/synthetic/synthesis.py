@@ -60,7 +60,9 @@ class SynthSummary:
     """What was written."""
 
     num_frames: int
+    """Number of frames."""
     num_points: int
+    """Number of points in all frames."""
     num_classes: int
     """Classes on either side, before label noise."""
 
