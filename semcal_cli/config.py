@@ -48,6 +48,7 @@ class IntensityConfig:
     """
 
     num_levels: int = 16
+    """Number of levels, which take the place of classes."""
     surroundings_deg: float = 4.0
     """Standard deviation of the window over which mean and contrast are taken."""
 
@@ -57,7 +58,9 @@ class FeaturesConfig:
     """How feature vectors become codes (k-means)."""
 
     num_codes: int = 24
+    """Number of codes, which take the place of classes."""
     iterations: int = 20
+    """Iterations of k-means."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,11 @@ class PnpConfig:
     max_error_deg: float = 1.0
     """Pairs within this angle of the pose are its inliers."""
     min_inliers: int = 12
+    """A pose needs at least this many inliers."""
     confidence: float = 0.999
+    """Confidence at which RANSAC stops drawing samples."""
     max_iterations: int = 1000
+    """Largest number of samples that RANSAC draws."""
 
 
 @dataclass(frozen=True)
@@ -85,12 +91,15 @@ class AlignmentConfig:
     """Levels for a given pose that is off by a few degrees. What intensity tells is local, and coarse levels may lead
     away from it."""
     steps: int = 60
+    """Steps of Adam at each level."""
     batch_size: int = 2048
+    """Points in a mini-batch."""
     step_size: float = 0.2
     """Length of the first steps, in blocks. Steps fall along a cosine."""
     final_step: float = 0.05
     """Share of the first steps' length that the last ones have."""
     max_baseline_m: float = MAX_BASELINE_M
+    """Largest distance between camera and LiDAR."""
     max_points: int = 100_000
     """Points, over all frames and directions, that are looked at."""
     edge_band_px: ClassVar[int] = 0
@@ -104,6 +113,7 @@ class InitializationConfig:
     """How the mounting direction is searched for (Alg. 2)."""
 
     zoom: Zoom = "exact"
+    """How a label image is brought to the LiDAR's angular grid."""
     coarse_cell_deg: float = 3.0
     """Cell of the exhaustive search. It is smaller for narrow lenses."""
     fine_cell_deg: float = 1.5
@@ -120,12 +130,17 @@ class InitializationConfig:
     min_cells_of_most: float = 0.1
     """A placement counts only with this share of the best overlapping one's cells."""
     num_hypotheses: int = 24
+    """Largest number of hypotheses that the registration gives."""
     separation_deg: float = 15.0
     """Smallest rotation between two hypotheses of the registration."""
     num_correspondences: int = 2000
+    """Number of pairs of a point and a pixel that PnP takes of a placement."""
     pnp: PnpConfig = field(default_factory=PnpConfig)
+    """Settings of PnP."""
     alignment: AlignmentConfig = field(default_factory=AlignmentConfig)
+    """Settings of the ascent over SE(3)."""
     min_overlap: float = MIN_OVERLAP
+    """Least share of the picture that visible points have to cover."""
     runner_up_deg: float = 7.5
     """The runner-up is the best hypothesis at least this far from the winner. Nearer ones mean the same answer."""
 
@@ -142,6 +157,7 @@ class PyramidConfig:
     """Points that the camera cannot see are dropped at levels finer than this. While the pose is coarse, it is not
     known well enough which are hidden."""
     min_points: int = 100
+    """A level needs at least this many labelled points on labelled pixels."""
     max_final_drift: float = 0.5
     """A pose has settled if its mean over the last quarter of the finest level lies within this many blocks of that
     over the quarter before."""
@@ -152,7 +168,9 @@ class ExactConfig:
     """How the exact mutual information is ascended: Adam over mini-batches, in motions of the points by one block."""
 
     steps: int = 60
+    """Steps of Adam at each level."""
     batch_size: int = 4096
+    """Points in a mini-batch."""
     step_size: float = 0.2
     """Length of the first steps, in blocks. Steps fall along a cosine."""
     final_step: float = 0.05
@@ -160,7 +178,9 @@ class ExactConfig:
     max_points: int = 200_000
     """Points, over all frames and directions, that are looked at."""
     max_baseline_m: float = MAX_BASELINE_M
+    """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
+    """Pixels less than this from one of another class count a tenth."""
 
 
 @dataclass(frozen=True)
@@ -172,20 +192,27 @@ class MineConfig:
     """
 
     steps_per_level: int = 80
+    """Steps of theta and pose together at each level."""
     warm_up_steps: int = 60
     """Steps at the first level in which only theta learns. Later levels take a third of it."""
     batch_size: int = 2048
+    """Points in a mini-batch."""
     num_hidden: int = 32
+    """Units of each hidden layer of the network."""
     num_embedding: int = 16
     """Dimensions of the space in which vectors of points and of pixels are compared."""
     learning_rate_theta: float = 1e-2
+    """Learning rate of the network's parameters theta."""
     learning_rate_pose: float = 0.15
+    """Learning rate of the pose, in blocks."""
     final_rate: float = 0.05
     """Share of the pose's rate that is left at each level's end. The scheduler lowers it along a cosine."""
     mean_decay: float = 0.9
     """Decay of the running mean in the bias-corrected gradient."""
     max_baseline_m: float = MAX_BASELINE_M
+    """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
+    """Pixels less than this from one of another class count a tenth."""
     min_points: int = 50
     """A level with fewer points tells nothing, and the pose stays as it is."""
 
@@ -209,10 +236,13 @@ class PolishConfig:
     settled_px: float = 0.1
     """A pose has settled if the last round moved the points, or wanted to and gained nothing, by no more than this."""
     max_baseline_m: float = MAX_BASELINE_M
+    """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
+    """Pixels less than this from one of another class count a tenth."""
     min_frames: int = 6
     """With fewer frames than this, regions of the pictures are held out instead of frames."""
     regions_across: int = 9
+    """Number of regions across a picture, where regions are held out."""
     max_loss: float = 3.0
     """A polish is rejected if held-out data get worse by more than this many standard errors. On 36 good calibrations
     of development drives the loss was up to 2.6, with K wrong by 10 % up to 3.8."""
@@ -239,11 +269,15 @@ class RefinementConfig:
     """Which estimator refines a pose, and whether the result is polished."""
 
     estimator: Estimator = "exact"
+    """How mutual information is estimated."""
     device: Device = "cpu"
     """Where the network of MINE computes."""
     is_polished: bool = True
+    """Whether Newton's method finishes the pose."""
     max_baseline_m: float = MAX_BASELINE_M
+    """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
+    """Pixels less than this from one of another class count a tenth."""
 
 
 @dataclass(frozen=True)
@@ -253,9 +287,13 @@ class CalibrationConfig:
     seed: int = 0
     """Seed of every random choice: the same seed gives the same bytes."""
     cues: tuple[Cue, ...] = LABELS
+    """What points and pixels are compared by."""
     max_frames: int = MAX_FRAMES
+    """Largest number of frames that are used of a longer drive."""
     initialization: InitializationConfig = field(default_factory=InitializationConfig)
+    """Settings of the initial calibration."""
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    """Settings of the refinement."""
     num_seeds: int = 1
     """With more than one, the seeds that follow are tried as well, to see where they lead."""
 

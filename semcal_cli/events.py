@@ -16,6 +16,7 @@ class Progress:
     """What is being done now."""
 
     doing: str
+    """A verb and what it is about, as `reading frames`."""
 
 
 @dataclass(frozen=True)
@@ -23,8 +24,11 @@ class StageDone:
     """What a stage arrived at."""
 
     name: str
+    """Name of the stage, as in the result."""
     seconds: float
+    """Time that the stage took."""
     note: str
+    """What is worth telling of it."""
     agreement: _core.Agreement | None = None
     """How well labels agree at its pose; None of a stage without one."""
     moved: PoseError | None = None

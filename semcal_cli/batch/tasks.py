@@ -37,6 +37,7 @@ class Task:
     drive: str
     """As it was given."""
     path: str
+    """The drive's folder or file."""
     folder: str
     """Where its result, log and record go."""
     command: str
@@ -46,7 +47,9 @@ class Task:
     also: tuple[str, ...] = ()
     """Files that it reads beside the drive's."""
     num_threads: int = 1
+    """Threads of the Rust core."""
     timeout_s: float | None = None
+    """Seconds after which the drive has failed; None: it may take as long as it does."""
 
     @property
     def result(self) -> Path:
@@ -59,8 +62,11 @@ class FileState:
     """A file as it was read."""
 
     size: int
+    """Size in bytes."""
     mtime_ns: int
+    """Time of the last change, in nanoseconds since 1970."""
     sha256: str
+    """Hash of the content."""
 
 
 @dataclass(frozen=True)
@@ -68,16 +74,21 @@ class Outcome:
     """What came of a drive: a line of the summary. Neither times nor machines are part of it."""
 
     drive: str
+    """The drive as it was given."""
     status: str
     """`trusted`, `not_trusted` or `not_assessed`; `pass`, `fail` or `inconclusive`; or `failed`."""
     exit_code: int
+    """Exit code of the command."""
     reasons: tuple[str, ...] = ()
+    """Sentences that say why it is not trusted or has failed."""
     stamp: float | None = None
     """Seconds, of the first frame, if it has one."""
     T_camera_lidar: tuple[tuple[float, ...], ...] | None = None
+    """(4, 4) rows of the transform."""
     covariance: tuple[tuple[float, ...], ...] | None = None
     """(6, 6) of xi = (rho, phi), camera frame, left perturbation."""
     mutual_information_nats: float | None = None
+    """Mutual information at the transform."""
     camera: str | None = None
     """Tells lens and picture size from others: see `provenance.camera_hash`."""
     result: str | None = None

@@ -16,7 +16,9 @@ from semcal_cli.cli.options import (
     MAX_THREADS,
     PATH,
     FiniteRange,
+    choice_option,
     given_parameters,
+    number_option,
     quiet_option,
 )
 from semcal_cli.cli.verify import verify
@@ -64,20 +66,11 @@ class WithRest(click.Command):
 )
 @click.argument("drives", nargs=-1, required=True)
 @click.option("-o", "--output", type=PATH, required=True, metavar="DIR", help="Where results go.")
-@click.option(
-    "--command",
-    type=click.Choice(list(COMMANDS)),
-    default="calibrate",
-    show_default=True,
-    help="What is done.",
-)
+@choice_option("--command", list(COMMANDS), default="calibrate", help="What is done.")
 @click.option("--calibration", type=PATH, metavar="FILE", help="With --command verify: the transform.")
-@click.option("--jobs", type=click.IntRange(1), metavar="N", help="Drives at a time.  [default: 1]")
-@click.option(
-    "--threads",
-    type=click.IntRange(1, MAX_THREADS),
-    metavar="N",
-    help="Threads of each.  [default: cores by jobs; with --dask, 1]",
+@number_option("--jobs", help="Drives at a time.  [default: 1]")
+@number_option(
+    "--threads", most=MAX_THREADS, help="Threads of each.  [default: cores by jobs; with --dask, 1]"
 )
 @click.option(
     "--timeout",

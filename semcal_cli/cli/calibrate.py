@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.convert import FormatName, open_options, take_format_options
-from semcal_cli.cli.options import PATH, ResultOptions, drive_argument, given_parameters, result_options
+from semcal_cli.cli.options import (
+    PATH,
+    ResultOptions,
+    choice_option,
+    drive_argument,
+    given_parameters,
+    number_option,
+    result_options,
+)
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 from semcal_cli.config import LABELS, CalibrationConfig
@@ -31,20 +39,18 @@ WITH_SOIC = (
 
 @click.command()
 @drive_argument
-@click.option(
+@choice_option(
     "--method",
-    type=click.Choice(["mi", "soic"]),
+    ["mi", "soic"],
     default="mi",
-    show_default=True,
     help="Mutual information, or SOIC, a rival to compare with: it needs the same class names on both sides, and does "
     "not say how sure it is.",
 )
 @search_options
 @refinement_options
-@click.option(
+@number_option(
     "--repeat",
-    type=click.IntRange(2),
-    metavar="N",
+    least=2,
     help="Calibrate with N seeds, and report how far apart they lead beside the stated uncertainty.",
 )
 @click.option(

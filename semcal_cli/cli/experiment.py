@@ -16,6 +16,7 @@ from semcal_cli.cli.options import (
     Command,
     drive_argument,
     max_frames_option,
+    number_option,
 )
 
 ESTIMATORS = ("exact", "mine")
@@ -48,30 +49,11 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
 
     def add(command: Command) -> Command:
         for option in (
-            click.option(
-                "--jobs",
-                type=click.IntRange(1),
-                default=1,
-                show_default=True,
-                metavar="N",
-                help="Runs at a time.",
+            number_option("--jobs", default=1, help="Runs at a time."),
+            number_option(
+                "--first-seed", least=0, most=MAX_SEED, default=first_seed, help="The first of them."
             ),
-            click.option(
-                "--first-seed",
-                type=click.IntRange(0, MAX_SEED),
-                default=first_seed,
-                show_default=True,
-                metavar="N",
-                help="The first of them.",
-            ),
-            click.option(
-                "--seeds",
-                type=click.IntRange(1),
-                default=num_seeds,
-                show_default=True,
-                metavar="N",
-                help=help,
-            ),
+            number_option("--seeds", default=num_seeds, help=help),
         ):
             command = option(command)
         return command
@@ -228,12 +210,10 @@ _rivals_command(
     metavar="FILE|DRIVE",
     help="Where all methods start.  [default: where semcal's initial calibration ends]",
 )
-@click.option(
+@number_option(
     "--frame",
-    type=click.IntRange(0),
+    least=0,
     default=0,
-    show_default=True,
-    metavar="N",
     help="Which frame the pictures show, numbered from 0 among those used.",
 )
 @max_frames_option
@@ -274,14 +254,7 @@ def table(
 
 
 @experiment.command()
-@click.option(
-    "--repeats",
-    type=click.IntRange(1),
-    default=3,
-    show_default=True,
-    metavar="N",
-    help="Runs of each process.",
-)
+@number_option("--repeats", default=3, help="Runs of each process.")
 @click.option(
     "--plain-torch",
     type=PATH,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import PATH, FiniteRange, quiet_option
+from semcal_cli.cli.options import PATH, FiniteRange, number_option, quiet_option
 from semcal_cli.datasets import DATASETS, load_dataset
 
 if TYPE_CHECKING:
@@ -67,10 +67,8 @@ def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
             is_flag=True,
             help="Keep the frames whose label images differ most, of the slower half if speeds are known.",
         ),
-        click.option(
+        number_option(
             "--max-frames",
-            type=click.IntRange(1),
-            metavar="N",
             help="Keep at most N frames, evenly spaced, or as --spread says (20 if not given).",
         ),
         click.option(

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -35,6 +36,43 @@ MAX_LIMIT = 1e6
 
 KNOWN_TRANSFORMS = "a calibration, a drive with its reference, or any format that `convert --formats` lists"
 
+
+def number_option(
+    *names: str, least: int = 1, most: int | None = None, default: int | None = None, help: str
+) -> Callable[[Command], Command]:
+    """Make an option for a whole number, whose help shows its default.
+
+    Args:
+        names: Names of the option, and of its parameter if that is another.
+        least: Smallest number.
+        most: Largest number; None for any.
+        default: Number if the option is not given; None for none.
+        help: Sentence of the help.
+    """
+    return click.option(
+        *names,
+        type=click.IntRange(least, most),
+        default=default,
+        show_default=default is not None,
+        metavar="N",
+        help=help,
+    )
+
+
+def choice_option(
+    name: str, choices: Sequence[str], *, default: str, help: str
+) -> Callable[[Command], Command]:
+    """Make an option for one of some words, whose help shows its default.
+
+    Args:
+        name: Name of the option.
+        choices: The words.
+        default: Word if the option is not given.
+        help: Sentence of the help.
+    """
+    return click.option(name, type=click.Choice(choices), default=default, show_default=True, help=help)
+
+
 drive_argument = click.argument("drive", type=PATH)
 
 output_option = click.option(
@@ -55,45 +93,36 @@ seed_option = click.option(
     show_default=True,
     help="Seed of every random choice: the same seed gives the same bytes.",
 )
-threads_option = click.option(
+threads_option = number_option(
     "--threads",
-    type=click.IntRange(1, MAX_THREADS),
-    metavar="N",
+    most=MAX_THREADS,
     help="Threads of the Rust stages; all cores if not given. The result does not depend on it.",
 )
-max_frames_option = click.option(
+max_frames_option = number_option(
     "--max-frames",
-    type=click.IntRange(1),
-    metavar="N",
     default=MAX_FRAMES,
-    show_default=True,
     help="Use at most N frames of a longer drive, those whose label images differ most.",
 )
 
 
 def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
     """Say how far transforms may be apart."""
-    least = FiniteRange(0.0, MAX_LIMIT, min_open=not may_be_zero)
-
-    def add(command: Command) -> Command:
-        command = click.option(
-            "--max-translation-m",
-            type=least,
-            default=Limits.translation_m,
-            show_default=True,
-            metavar="M",
-            help="How far the camera may be off.",
-        )(command)
-        return click.option(
-            "--max-rotation-deg",
-            type=least,
-            default=Limits.rotation_deg,
-            show_default=True,
-            metavar="DEG",
-            help="How far the rotation may be off.",
-        )(command)
-
-    return add
+    limit = partial(
+        click.option, type=FiniteRange(0.0, MAX_LIMIT, min_open=not may_be_zero), show_default=True
+    )
+    translation = limit(
+        "--max-translation-m",
+        default=Limits.translation_m,
+        metavar="M",
+        help="How far the camera may be off.",
+    )
+    rotation = limit(
+        "--max-rotation-deg",
+        default=Limits.rotation_deg,
+        metavar="DEG",
+        help="How far the rotation may be off.",
+    )
+    return lambda command: rotation(translation(command))
 
 
 max_baseline_option = click.option(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, quiet_option
+from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, choice_option, number_option, quiet_option
 
 if TYPE_CHECKING:
     from semcal_cli.report.overlay import Coloring
@@ -30,22 +30,14 @@ COLORINGS = ("class", "depth", "agreement")
     help="Where the pictures go, 000000.png and so on.",
 )
 @click.option("--against", type=PATH, metavar="FILE", help="Show this transform beside it.")
-@click.option(
+@choice_option(
     "--by",
-    type=click.Choice(COLORINGS),
+    COLORINGS,
     default="class",
-    show_default=True,
     help="What colours say: the class of the point; its distance from the camera (needs no labels); or whether its "
     "class and the pixel's go together.",
 )
-@click.option(
-    "--max-frames",
-    type=click.IntRange(1),
-    default=20,
-    show_default=True,
-    metavar="N",
-    help="Of a longer drive, so many evenly spaced frames.",
-)
+@number_option("--max-frames", default=20, help="Of a longer drive, so many evenly spaced frames.")
 @quiet_option
 def overlay(
     drive: Path,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from semcal_cli.cli.options import Command
+from semcal_cli.cli.options import Command, choice_option
 from semcal_cli.cli.priors import make_priors, prior_options
 from semcal_cli.config import Device, Estimator, RefinementConfig
 
@@ -17,18 +17,16 @@ if TYPE_CHECKING:
 MAX_EDGE_BAND_PX = 100
 
 REFINEMENT_OPTIONS = (
-    click.option(
+    choice_option(
         "--estimator",
-        type=click.Choice(get_args(Estimator)),
+        get_args(Estimator),
         default=RefinementConfig.estimator,
-        show_default=True,
         help="What climbs: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it.",
     ),
-    click.option(
+    choice_option(
         "--device",
-        type=click.Choice(get_args(Device)),
+        get_args(Device),
         default=RefinementConfig.device,
-        show_default=True,
         help="Where the network of MINE computes.",
     ),
     click.option(

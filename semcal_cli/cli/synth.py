@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 import click
 
-from semcal_cli.cli.options import MAX_SEED, PATH, quiet_option, seed_option, threads_option
+from semcal_cli.cli.options import MAX_SEED, PATH, number_option, quiet_option, seed_option, threads_option
 from semcal_cli.synthetic.config import MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
 
 if TYPE_CHECKING:
@@ -127,18 +127,17 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     type=click.Choice(get_args(Ontology)),
     help="Label points and pictures with the same named ids, or with ids that have nothing in common.",
 )
-@click.option(
+@number_option(
     "--drives",
     "num_drives",
-    type=click.IntRange(1, 999_999),
-    metavar="N",
+    most=999_999,
     help="Write N drives of one rig, OUT/000000 and so on, each of a seed of its own.",
 )
-@click.option(
+@number_option(
     "--cameras",
     "num_cameras",
-    type=click.IntRange(2, 99),
-    metavar="N",
+    least=2,
+    most=99,
     help="Mount N cameras evenly around the LiDAR, the first at --camera-azimuth-deg or ahead: a drive each, "
     "OUT/camera_0 and so on, which share their clouds, and OUT/rig.yaml.",
 )

@@ -18,9 +18,9 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.config import FeaturesConfig
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.motion import compensated, motion_error_px
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
-from semcal_cli.drive.reading import read_clouds
+from semcal_cli.drive.motion import compensated
+from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -58,22 +58,12 @@ def observe_features(drive: Drive, config: FeaturesConfig, sweeps: Sweeps | None
                 raise InputError(f"{where}: found {found.shape[-1]} channels, needed {vectors[0].shape[-1]}")
         coded[name] = _coded(name, vectors, config)
     names = [str(code) for code in range(config.num_codes)]
-    frames = tuple(
-        FrameObservation(
-            LabelledCloud(sweep.points, codes, vectors=vectors),
-            _labelled_image(drive, *pixels),
-            sweep.twist_per_s,
-        )
-        for sweep, (vectors, codes), pixels in zip(moved, coded["points"], coded["pixels"], strict=True)
-    )
-    return Observations(
-        camera=drive.camera,
-        lidar=drive.lidar,
-        frames=frames,
-        point_class_names=names,
-        image_class_names=names,
-        motion_error_px=motion_error_px(drive, clouds),
-    )
+    labelled = [
+        LabelledCloud(sweep.points, codes, vectors=vectors)
+        for sweep, (vectors, codes) in zip(moved, coded["points"], strict=True)
+    ]
+    images = [_labelled_image(drive, *pixels) for pixels in coded["pixels"]]
+    return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
 def _labelled_image(drive: Drive, vectors: Vectors, codes: npt.NDArray[np.uint8]) -> LabelledImage:

@@ -21,9 +21,9 @@ from semcal_cli.config import IntensityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
-from semcal_cli.drive.motion import compensated, motion_error_px
-from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
-from semcal_cli.drive.reading import read_clouds, read_frame_image
+from semcal_cli.drive.motion import compensated
+from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import make_observations, read_clouds, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -73,22 +73,11 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
         classes = np.where(seen, levels, NO_CLASS).astype(np.uint8)
         # Certain, but as shares: levels have no borders whose pixels are in doubt.
         images.append(LabelledImage(classes, _core.ClassShares.certain(classes.ravel())))
-    frames = tuple(
-        FrameObservation(
-            LabelledCloud(sweep.points, np.digitize(values, limits).astype(np.uint8)),
-            image,
-            sweep.twist_per_s,
-        )
-        for sweep, values, image in zip(moved, contrasts, images, strict=True)
-    )
-    return Observations(
-        camera=drive.camera,
-        lidar=drive.lidar,
-        frames=frames,
-        point_class_names=names,
-        image_class_names=names,
-        motion_error_px=motion_error_px(drive, clouds),
-    )
+    labelled = [
+        LabelledCloud(sweep.points, np.digitize(values, limits).astype(np.uint8))
+        for sweep, values in zip(moved, contrasts, strict=True)
+    ]
+    return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
 def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.classes import NO_CLASS, ClassTable, class_table
 from semcal_cli.drive.document import Drive, Frame
-from semcal_cli.drive.motion import compensated, motion_error_px
+from semcal_cli.drive.motion import Compensated, compensated, motion_error_px
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
@@ -46,20 +46,42 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
     point_labels = _point_labels(drive, clouds)
     point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
     image_table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
+    labelled = [
+        LabelledCloud(sweep.points, *_dense(labels, point_table))
+        for sweep, labels in zip(moved, point_labels, strict=True)
+    ]
+    images = [_labelled_image(drive, labels, image_table) for labels in label_images]
+    return make_observations(drive, clouds, moved, labelled, images, (point_table.names, image_table.names))
+
+
+def make_observations(
+    drive: Drive,
+    clouds: Sequence[_core.PointCloud],
+    moved: Sequence[Compensated],
+    labelled: Sequence[LabelledCloud],
+    images: Sequence[LabelledImage],
+    names: tuple[Sequence[str], Sequence[str]],
+) -> Observations:
+    """Put the sweeps and pictures of a drive together.
+
+    Args:
+        drive: The drive.
+        clouds: The sweep of each frame as it was read.
+        moved: The sweep of each frame without the rig's motion.
+        labelled: The points of each frame with their classes.
+        images: The picture of each frame with its classes.
+        names: Names of the classes of points, and of pixels.
+    """
     frames = tuple(
-        FrameObservation(
-            LabelledCloud(sweep.points, *_dense(labels, point_table)),
-            _labelled_image(drive, pixel_labels, image_table),
-            sweep.twist_per_s,
-        )
-        for sweep, labels, pixel_labels in zip(moved, point_labels, label_images, strict=True)
+        FrameObservation(cloud, image, sweep.twist_per_s)
+        for cloud, image, sweep in zip(labelled, images, moved, strict=True)
     )
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
         frames=frames,
-        point_class_names=point_table.names,
-        image_class_names=image_table.names,
+        point_class_names=names[0],
+        image_class_names=names[1],
         motion_error_px=motion_error_px(drive, clouds),
     )
 

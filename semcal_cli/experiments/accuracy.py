@@ -113,7 +113,9 @@ class Case:
     """A row on one seed."""
 
     row: str
+    """Key of `ROWS`."""
     seed: int
+    """Seed of the drive."""
 
 
 def cases(seeds: range, rows: Sequence[str] = tuple(ROWS)) -> list[Case]:
@@ -218,17 +220,22 @@ class Summary:
     """The distribution of errors over the seeds of a row."""
 
     row: str
+    """Key of `ROWS`."""
     estimator: str
+    """Estimator that refined."""
     n: int
+    """Number of calibrations."""
     rotation_deg: tuple[float, float, float]
     """Median, 95 % quantile, worst."""
     camera_center_cm: tuple[float, float, float]
     num_right: int
     """Within the row's errors."""
     num_not_trusted: int
+    """Number that the calibration itself did not trust."""
     num_missed: int
     """Wrong, and not said to be."""
     num_failed: int
+    """Number that gave no pose."""
     refine_s: float
     """Median seconds from the initial pose to the end."""
 

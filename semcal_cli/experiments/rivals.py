@@ -71,6 +71,7 @@ class Case:
     """All settings on the drive of a seed."""
 
     seed: int
+    """Seed of the drive."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +79,19 @@ class Finding:
     """One calibration against the truth."""
 
     setting: str
+    """Name of the setting."""
     method: str
+    """Key of `METHODS`."""
     seed: int
+    """Seed of the drive."""
     rotation_deg: float
     """Infinite, as the other error is, where the calibration failed."""
     camera_center_cm: float
+    """Distance of the camera from its true place."""
     seconds: float
+    """Time from pairs in memory to a pose."""
     failure: str = ""
+    """Message of the error; empty if there was none."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +99,7 @@ class Experiment:
     """The settings that all cases have in common; calling it runs a case, and it can be sent to other processes."""
 
     settings: tuple[Setting, ...]
+    """What the drive is cut down to, one after another."""
     scratch: Path
     """Where drives are while they are needed."""
     config: SynthConfig = field(default_factory=SynthConfig)
@@ -144,8 +152,11 @@ class Summary:
     """The distribution of errors over the seeds of one setting, by one method."""
 
     setting: str
+    """Name of the setting."""
     method: str
+    """Key of `METHODS`."""
     n: int
+    """Number of drives."""
     rotation_deg: tuple[float, float, float]
     """Median, 95 % quantile, worst."""
     camera_center_cm: tuple[float, float, float]

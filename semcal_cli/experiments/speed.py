@@ -50,8 +50,11 @@ class Case:
     """A process, and which of its runs this is."""
 
     name: str
+    """Command and estimator, with a comma between them."""
     num_pairs: int
+    """Number of frames of the drive."""
     repeat: int
+    """Number of the run, counted from 0."""
 
 
 @dataclass(frozen=True)
@@ -59,11 +62,17 @@ class Timing:
     """One run of a process."""
 
     name: str
+    """The case's."""
     num_pairs: int
+    """Number of frames of the drive."""
     seconds: float
+    """Wall-clock time of the whole process."""
     peak_gib: float
+    """Largest resident memory."""
     rotation_deg: float
+    """Rotation error."""
     camera_center_cm: float
+    """Distance of the camera from its true place."""
 
 
 @dataclass(frozen=True)
@@ -71,13 +80,19 @@ class Summary:
     """All runs of a process."""
 
     name: str
+    """Command and estimator, with a comma between them."""
     num_pairs: int
+    """Number of frames of the drive."""
     n: int
+    """Number of runs."""
     seconds: tuple[float, float]
     """Median, worst."""
     peak_gib: float
+    """Largest resident memory of all runs."""
     rotation_deg: float
+    """Largest rotation error of all runs."""
     camera_center_cm: float
+    """Largest distance of the camera from its true place in all runs."""
     against_plain_torch: float | None
     """How many times faster than the plain-torch process of the same estimator and pairs."""
 
@@ -87,6 +102,7 @@ class Experiment:
     """Processes on synthetic drives in a folder; calling it runs one."""
 
     folder: Path
+    """Where drives and results go."""
     plain_torch: Path | None
     """The script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None."""
 

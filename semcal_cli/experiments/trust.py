@@ -55,6 +55,7 @@ class Scene:
     """What else a drive can be made impossible with."""
 
     truth: Pose
+    """(4, 4) true T_camera_lidar of the drive."""
     other: Callable[[], Observations]
     """Reads another drive of the same rig."""
 
@@ -69,9 +70,13 @@ class Case:
     kind: str
     """`good`, `mine`, a key of `BAD`, or `verify`."""
     seed: int
+    """Seed of the drive."""
     num_pairs: int
+    """Number of frames that are used."""
     noise: float
+    """Share of wrong labels on both sides."""
     draw: int = 0
+    """Number of the random draw on this drive."""
 
 
 @dataclass(frozen=True)
@@ -81,16 +86,23 @@ class Outcome:
     kind: str
     """The case's; of a verification the key of `OFFSETS`."""
     seed: int
+    """Seed of the drive."""
     rig: str
+    """Name of the rig."""
     num_pairs: int
+    """Number of frames that were used."""
     noise: float
+    """Share of wrong labels on both sides."""
     status: str
     """The calibration's, `failed`, or the verdict of `verify`."""
     reasons: str
+    """Sentences that speak against the transform."""
     errors: tuple[float, ...] = ()
     """Camera centre in centimetres and rotation in degrees, along the camera's axes."""
     sigmas: tuple[float, ...] = ()
+    """Stated standard errors of `errors`."""
     half_widths: tuple[float, ...] = ()
+    """Half widths of the stated intervals of `errors`."""
 
     @property
     def is_confidently_wrong(self) -> bool:

@@ -12,6 +12,7 @@ from semcal_cli.fleet.plot import plot_fleet
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import notations
 from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.report.words import Verdict
 from semcal_cli.result.provenance import versions
 
 TITLES = {
@@ -53,8 +54,8 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         version=versions()["semcal"],
         fleet=fleet,
         given=given,
-        title=TITLES[fleet.verdict],
-        sentence=SENTENCES[fleet.verdict],
+        verdict=Verdict(fleet.verdict, TITLES[fleet.verdict], SENTENCES[fleet.verdict], fleet.reasons),
+        notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
         known_cm=(100.0 * known[:3]).tolist(),
         known_deg=known[3:].tolist(),

@@ -22,6 +22,7 @@ from semcal_cli.formats.format import (
     FormatOptions,
     Source,
     from_rpy,
+    no_new_file,
     optical_axes,
     xyz,
 )
@@ -98,19 +99,12 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     entries[camera].update(zip(KEYS, [*xyz(T), *rpy(T)], strict=True))
 
 
-def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    raise InputError(
-        "--to autoware: poses are relative to the sensor kit, needed --into a sensor_kit_calibration.yaml with the "
-        "LiDAR's own entry"
-    )
-
-
 FORMAT = Format(
     "autoware",
     "p_base = T p_sensor: sensor_kit_calibration.yaml, x y z roll pitch yaw of each base link",
     lambda source: len([kit for kit in source.mapping.values() if _is_kit(kit)]) == 1,
     _read,
-    _write,
+    no_new_file("autoware", "sensor kit", "sensor_kit_calibration.yaml"),
     _put,
     FRAMES,
 )

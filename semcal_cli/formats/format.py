@@ -156,6 +156,22 @@ def document_writer(put: Put, *, as_json: bool = False) -> Callable[[Pose, Forma
     return write
 
 
+def no_new_file(name: str, relative_to: str, file: str) -> Callable[[Pose, FormatOptions], bytes]:
+    """Refuse to write a new file, where poses of camera and LiDAR mean something only beside each other.
+
+    Args:
+        name: The format's name.
+        relative_to: Name of the frame that poses are relative to.
+        file: Name of the files that a transform can be put into.
+    """
+
+    def write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+        needed = f"needed --into a {file} with the LiDAR's own entry"
+        raise InputError(f"--to {name}: poses are relative to the {relative_to}, {needed}")
+
+    return write
+
+
 def checked(where: str, T: Pose, options: FormatOptions) -> Pose:
     """Give the transform that a file states but for rounding, or if repairs are asked for the nearest one.
 

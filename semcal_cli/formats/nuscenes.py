@@ -11,7 +11,7 @@ from typing import Any
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.format import Format, FormatOptions, Source, from_quaternion, wxyz, xyz
+from semcal_cli.formats.format import Format, FormatOptions, Source, from_quaternion, no_new_file, wxyz, xyz
 from semcal_cli.formats.values import numbers_in
 from semcal_cli.geometry.poses import Pose, inverse
 
@@ -65,19 +65,12 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     camera["translation"], camera["rotation"] = xyz(T), wxyz(T)
 
 
-def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    raise InputError(
-        "--to nuscenes: poses are relative to the vehicle, needed --into a calibrated_sensor.json with the LiDAR's own "
-        "entry"
-    )
-
-
 FORMAT = Format(
     "nuscenes",
     "p_ego = T p_sensor: calibrated_sensor.json, --camera and --lidar name two entries",
     lambda source: bool(source.records) and all(record.keys() >= KEYS for record in source.records),
     _read,
-    _write,
+    no_new_file("nuscenes", "vehicle", "calibrated_sensor.json"),
     _put,
     ("camera", "lidar"),
 )

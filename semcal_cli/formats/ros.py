@@ -25,7 +25,7 @@ from semcal_cli.formats.format import (
     xyz,
 )
 from semcal_cli.formats.values import parse_number
-from semcal_cli.formats.xml import parse_xml
+from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
 
 PUBLISHER = "static_transform_publisher"
@@ -154,12 +154,6 @@ def _is_command(source: Source) -> bool:
     return False
 
 
-def _is_launch(source: Source) -> bool:
-    with suppress(InputError):
-        return source.text.lstrip().startswith("<") and "<launch" in source.text
-    return False
-
-
 COMMAND = Format(
     "ros2-static-transform",
     "p_parent = T p_child: --x --y --z --qx --qy --qz --qw --frame-id LIDAR --child-frame-id CAMERA",
@@ -171,7 +165,7 @@ COMMAND = Format(
 LAUNCH = Format(
     "ros2-launch",
     "p_parent = T p_child: a node of static_transform_publisher in an XML launch file",
-    _is_launch,
+    lambda source: looks_like_xml(source, "launch"),
     _read_launch,
     _write_launch,
     asks=FRAMES,

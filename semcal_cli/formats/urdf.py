@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from contextlib import suppress
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from semcal_cli.formats.format import (
     xyz,
 )
 from semcal_cli.formats.values import parse_numbers
-from semcal_cli.formats.xml import parse_xml
+from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose, inverse, rpy
 
 
@@ -106,16 +105,10 @@ def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return (ET.tostring(joint, encoding="unicode") + "\n").encode()
 
 
-def _recognises(source: Source) -> bool:
-    with suppress(InputError):
-        return source.text.lstrip().startswith("<") and "<joint" in source.text
-    return False
-
-
 FORMAT = Format(
     "urdf",
     "p_parent = T p_child: <origin xyz rpy> of a <joint>; of several, those between the two links",
-    _recognises,
+    lambda source: looks_like_xml(source, "joint"),
     _read,
     _write,
     asks=FRAMES,

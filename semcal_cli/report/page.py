@@ -71,6 +71,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     """Gather everything and fill the template."""
     observations, T, record = report.observations, report.T_camera_lidar, report.record
     agreement = _core.agreement(observations.core, T)
+    made_by = record.settings.versions if record else versions()
     before = None if report.before is None else _core.agreement(observations.core, report.before[1])
     progress("drawing points on pictures")
     frames, legend = frame_pictures(report)
@@ -83,6 +84,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         report=report,
         record=record,
         verdict=verdict(report),
+        notices=report.notices,
         agreement=agreement,
         num_visible=agreement.num_inside - agreement.num_hidden,
         camera_center=camera_center(T).tolist(),
@@ -100,7 +102,8 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         hypotheses=_hypothesis_rows(record) if record else [],
         cloud=asdict(frame_cloud(report)),
         options=document_text(record.settings.options, "yaml") if record else "",
-        versions=record.settings.versions if record else versions(),
+        version=made_by.get("semcal", ""),
+        versions=made_by,
         hashes=(record.input if record else describe_input(report.drive, None, Path())).sha256,
     )
 

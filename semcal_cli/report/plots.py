@@ -16,11 +16,17 @@ class Box(NamedTuple):
     """A drawing's size, and where its lines go."""
 
     width: float = 320.0
+    """Width of the drawing, in its own units, as of all that follows."""
     height: float = 200.0
+    """Height of the drawing."""
     left: float = 46.0
+    """Abscissa of the left end of lines."""
     right: float = 308.0
+    """Abscissa of the right end of lines."""
     top: float = 12.0
+    """Ordinate of the highest value, counted downwards."""
     bottom: float = 164.0
+    """Ordinate of the lowest value."""
 
 
 BOX = Box()
@@ -34,16 +40,21 @@ class Plot:
     """A curve in a drawing of the size of `BOX`."""
 
     curve: Curve
+    """What is drawn."""
     line: str
     """x,y x,y ..."""
     zero: float
+    """Abscissa of the pose."""
     optimum: float
+    """Abscissa of the highest point."""
     optimum_text: str
     """Where it is, no finer than the samples."""
     band: tuple[float, float] | None
     """Left border and width of two standard errors to either side of the pose."""
     x_ticks: tuple[tuple[float, str], ...]
+    """Abscissas of the offsets that are named, and what stands there."""
     y_ticks: tuple[tuple[float, str], ...]
+    """Ordinates of the values that are named, and what stands there."""
 
 
 def plots(curves: Sequence[Curve]) -> list[Plot]:

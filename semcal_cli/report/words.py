@@ -32,9 +32,13 @@ class Verdict:
     """What a reader learns first."""
 
     status: str
+    """`trusted`, `not_trusted` or `not_assessed`, as the page is coloured."""
     title: str
+    """The status in words."""
     sentence: str
+    """What it means."""
     reasons: tuple[str, ...] = ()
+    """What speaks against the transform, each a sentence."""
 
 
 def verdict(report: ReportInput) -> Verdict:
