@@ -31,7 +31,7 @@ from semcal_cli.cli.verify import verify
 from semcal_cli.errors import InputError, SemcalError
 
 EXIT_FAILURE = 1
-MAX_PICTURE_PIXELS = 2**27
+MAX_IMAGE_PIXELS = 2**27
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -56,7 +56,7 @@ def main() -> None:
 def run(arguments: Sequence[str]) -> tuple[int, str]:
     """Run a command; an expected failure is one line on stderr and exit code 1. Give the code and the line."""
     # OpenCV looks at these when it is imported: what a small file unpacks to is bounded, and complaints are ours.
-    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PIXELS))
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     # NumPy's, of numbers beyond all measure: what comes of them is checked.
     warnings.simplefilter("ignore", RuntimeWarning)

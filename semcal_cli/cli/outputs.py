@@ -140,12 +140,12 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
     Raises:
         InputError: they would.
     """
-    from semcal_cli.report.overlay import picture_paths
+    from semcal_cli.report.overlay import overlay_paths
 
     if folder.exists() and not is_folder(folder):
         raise InputError(f"{folder}: found a file, needed a folder for pictures")
     taken = set(map(os.path.realpath, read))
-    for path in picture_paths(folder, count):
+    for path in overlay_paths(folder, count):
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads, needed another folder")
 
