@@ -1,4 +1,4 @@
-"""What a calibration tells while it runs: what it does, and what each stage arrived at."""
+"""Events of a running calibration: its current work, and the result of each stage."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """What is being done now."""
+    """The current work, as a few words."""
 
     doing: str
 
 
 @dataclass(frozen=True)
 class StageDone:
-    """What a stage arrived at."""
+    """The result of a finished stage."""
 
     name: str
     seconds: float
     note: str
     agreement: _core.Agreement | None = None
-    """How well labels agree at its pose; None of a stage without one."""
+    """Agreement of the labels at the stage's pose; None for a stage without labels."""
     moved: PoseError | None = None
-    """How far its pose is from the one that it began with."""
+    """Difference of the stage's pose from its start."""
 
 
 Event: TypeAlias = Progress | StageDone
@@ -36,4 +36,4 @@ Listener: TypeAlias = Callable[[Event], None]
 
 
 def ignore(event: Event) -> None:
-    """Listen to nothing."""
+    """Listener that does nothing."""
