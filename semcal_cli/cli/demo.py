@@ -1,4 +1,4 @@
-"""`semcal demo`: the main job on a synthetic drive, from nothing, against the truth."""
+"""`semcal demo`: calibration of a synthetic drive without an initial guess, compared with the truth."""
 
 from __future__ import annotations
 

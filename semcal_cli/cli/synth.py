@@ -1,4 +1,4 @@
-"""`semcal synth`: a synthetic drive with a known answer."""
+"""`semcal synth`: a synthetic drive with a known transform."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class SettingOption(click.Option):
-    """An option for one field of `SynthConfig`, whose default is the field's."""
+    """An option for one field of `SynthConfig`, with the default of the field."""
 
     def __init__(self, *args: Any, section: str, **kwargs: Any) -> None:
         if isinstance(kwargs.get("type"), click.IntRange | click.FloatRange):
@@ -34,10 +34,10 @@ class SettingOption(click.Option):
 
 
 class SectionedCommand(click.Command):
-    """A command whose help lists its settings section by section."""
+    """A command whose help lists its settings by section."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options that every command has last."""
+        """Write the options that every command has at the end."""
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
@@ -49,7 +49,7 @@ class SectionedCommand(click.Command):
 
 
 def _section(title: str) -> Callable[..., Decorator]:
-    """Give what `click.option` is, for the settings of one section."""
+    """Make a decorator like `click.option` for the settings of one section."""
     return partial(click.option, cls=SettingOption, section=title)
 
 
@@ -199,7 +199,7 @@ def _teller(bar: Progress, task: TaskID) -> Callable[[int], None]:
 
 
 def _drives(config: SynthConfig, out: Path, num_drives: int | None) -> list[tuple[SynthConfig, Path]]:
-    """The drives to write, and where."""
+    """List the drives to write, with their folders."""
     if num_drives is None:
         return [(config, out)]
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed
