@@ -14,8 +14,8 @@ from semcal_cli.config import (
     PolishConfig,
     SensitivityConfig,
     SoicConfig,
+    SynthConfig,
 )
-from semcal_cli.synthetic.config import SynthConfig
 
 _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]

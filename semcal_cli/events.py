@@ -1,4 +1,4 @@
-"""What a calibration tells while it runs: what it does, and what each stage arrived at."""
+"""Events of a running calibration: its current work, and the result of each stage."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """What is being done now."""
+    """The current work, as a few words."""
 
     doing: str
     """A verb and what it is about, as `reading frames`."""
@@ -21,7 +21,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class StageDone:
-    """What a stage arrived at."""
+    """The result of a finished stage."""
 
     name: str
     """Name of the stage, as in the result."""
@@ -30,9 +30,9 @@ class StageDone:
     note: str
     """What is worth telling of it."""
     agreement: _core.Agreement | None = None
-    """How well labels agree at its pose; None of a stage without one."""
+    """Agreement of the labels at the stage's pose; None for a stage without labels."""
     moved: PoseError | None = None
-    """How far its pose is from the one that it began with."""
+    """Difference of the stage's pose from its start."""
 
 
 Event: TypeAlias = Progress | StageDone
@@ -40,4 +40,4 @@ Listener: TypeAlias = Callable[[Event], None]
 
 
 def ignore(event: Event) -> None:
-    """Listen to nothing."""
+    """Listener that does nothing."""

@@ -1,4 +1,4 @@
-"""What the commands `verify` and `convert` do, for programs."""
+"""The commands `verify` and `convert` as functions of Python."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ def verify(
     config: CalibrationConfig | None = None,
     on_event: Listener = ignore,
 ) -> Verification:
-    """Tell whether a transform still holds on a drive.
+    """Check whether a transform still holds on a drive.
 
     Args:
-        drive: A drive, its folder, its drive.yaml, or what `load` gave of it.
+        drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
         transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; or a file of any known format.
-        limits: What is allowed; the defaults if not given.
-        config: Seed, cues and number of frames; the defaults if not given.
-        on_event: Called with what is done.
+        limits: Largest allowed errors; None takes the defaults.
+        config: Seed, cues and number of frames; None takes the defaults.
+        on_event: Called with each event of the run.
 
     Raises:
-        InputError: the drive, one of its files or the transform is not what it should be.
+        InputError: the drive, one of its files or the transform is wrong.
         CalibrationError: the drive cannot be calibrated at all.
     """
     config = config or CalibrationConfig()
@@ -75,10 +75,10 @@ def convert(
     Args:
         source: A file of any known format, or a drive with a reference.
         to: Name of the format to write: see `semcal convert --formats`.
-        output: File to write; none is written if not given.
-        from_format: Name of the source's format; its content tells if not given.
-        read_options: What the source leaves open, such as its direction.
-        write_options: What the format to write leaves open.
+        output: File to write; None writes no file.
+        from_format: Name of the source's format; None recognises it by its content.
+        read_options: Options for what the source leaves open, such as its direction.
+        write_options: Options for what the written format leaves open.
 
     Returns:
         The content of the file.

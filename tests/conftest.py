@@ -9,12 +9,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure

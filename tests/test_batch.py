@@ -23,11 +23,11 @@ from semcal_cli.batch.drives import find_drives, folder_of
 from semcal_cli.batch.summary import worst
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
+from semcal_cli.config import SynthConfig
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.jobs import processes
 from semcal_cli.jobs.resume import locked
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 TINY = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)

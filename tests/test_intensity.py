@@ -14,6 +14,7 @@ from conftest import make_pose
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
+from semcal_cli.config import SynthConfig
 from semcal_cli.drive.cues import INTENSITY, choose_frames, load_cues, summed
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.intensity import lens_mask, observe_intensity
@@ -22,7 +23,6 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import make_camera
 
 UNMOVED = 0.9

@@ -21,6 +21,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
+from semcal_cli.config import Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import find_format, read_transform
@@ -34,7 +35,6 @@ from semcal_cli.report.notations import files, notations
 from semcal_cli.report.overlay import class_colors
 from semcal_cli.report.words import uncertainty_sentences, verdict
 from semcal_cli.result.calibration import read_calibration, write_calibration
-from semcal_cli.synthetic.config import Lens, SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 T_ANY = make_pose((0.4, -1.1, 0.7), (0.3, -0.2, 1.4))

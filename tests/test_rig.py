@@ -14,6 +14,7 @@ from conftest import make_pose
 from scipy.linalg import expm
 
 from semcal_cli.cli import semcal
+from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError, InputError
@@ -23,7 +24,6 @@ from semcal_cli.geometry.poses import Pose, inverse
 from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.rig.document import find_rig, read_rig
 from semcal_cli.rig.pairs import Reference, adjoint, make_pair
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 SMALL = SynthConfig(

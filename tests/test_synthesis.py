@@ -9,13 +9,13 @@ from click.testing import CliRunner
 
 from semcal_cli import _core
 from semcal_cli.cli.synth import synth
+from semcal_cli.config import SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, camera_center, check_rigid
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import LENSES, UNLABELED, make_camera, make_renderer, mounting, synthesize
 
 TINY = SynthConfig(num_frames=2, seed=5, channels=32, columns=400, width=320, height=180)

@@ -1,1 +1,1 @@
-"""Many drives: each by a process that may crash or hang, with a record that says what came of what."""
+"""Batches of drives: processes that may crash or hang run them, and a record keeps the outcome of each."""

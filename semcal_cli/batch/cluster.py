@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 CONNECT_S = 30
 _processes = Processes(MODULE)
-"""Of a worker of the cluster, one for each of its threads; they stay for the next batch."""
+"""Processes of a worker of the cluster, one for each of its threads; they stay for the next batch."""
 
 
 def connect(address: str) -> Client:
     """Connect to a scheduler.
 
     Raises:
-        InputError: distributed is not installed, or nobody answers there.
+        InputError: distributed is not installed, or no scheduler answers at the address.
     """
     try:
         from distributed import Client
@@ -39,7 +39,7 @@ def connect(address: str) -> Client:
 
 
 def execute_on(client: Client, folder: Path) -> Execute:
-    """Do tasks on a cluster, a drive a thread of its workers; those of a worker that is lost are done by others."""
+    """Run tasks on a cluster, one drive on each thread of its workers; other workers repeat those of a lost worker."""
 
     def execute(tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
         from distributed import KilledWorker, as_completed
@@ -61,5 +61,5 @@ def execute_on(client: Client, folder: Path) -> Execute:
 
 
 def _execute(folder: str, task: Task) -> Outcome:
-    """Do a drive, on a worker of the cluster."""
+    """Run the task of a drive on a worker of the cluster."""
     return execute_task(Path(folder), _processes, task)

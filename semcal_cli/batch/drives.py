@@ -1,4 +1,4 @@
-"""Which drives a batch is of, and where the results of each go."""
+"""The drives of a batch, and the folders of their results."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ def find_drives(arguments: Sequence[str], stdin: Iterable[str]) -> list[str]:
 
     Args:
         arguments: Folders, drive files, patterns, text files with one of these a line, or - for standard input.
-        stdin: Its lines.
+        stdin: Lines of standard input.
 
     Raises:
-        InputError: there are none, a pattern matches nothing, or a text file cannot be read.
+        InputError: no drives are named, a pattern matches nothing, or a text file cannot be read.
     """
     found: dict[str, str] = {}
     for argument in arguments:
         for name in _expanded(argument, stdin):
             normal = os.path.normpath(name)
-            # The same drive under two names is one.
+            # Two names of the same drive count once.
             found.setdefault(os.path.realpath(drive_file(Path(normal))), normal)
     if not found:
         raise InputError(f"{', '.join(arguments)}: found no drive, needed at least one")
@@ -36,7 +36,7 @@ def find_drives(arguments: Sequence[str], stdin: Iterable[str]) -> list[str]:
 
 
 def folder_of(drive: str) -> PurePosixPath:
-    """Give the folder of a drive's results, relative to that of all results: it is named as the drive is."""
+    """Folder of a drive's results, relative to the folder of all results: it has the drive's name."""
     path = PurePosixPath(drive)
     if path.name == DRIVE_FILE:
         path = path.parent
@@ -45,10 +45,10 @@ def folder_of(drive: str) -> PurePosixPath:
 
 
 def check_folders(drives: Iterable[str]) -> None:
-    """Check that results of no two drives go to one folder.
+    """Check that no two drives have the same results folder.
 
     Raises:
-        InputError: those of two do.
+        InputError: two drives have the same folder.
     """
     owners: dict[PurePosixPath, str] = {}
     for drive in drives:
@@ -70,7 +70,7 @@ def _expanded(argument: str, stdin: Iterable[str]) -> list[str]:
 
 
 def _listed(lines: Iterable[str]) -> list[str]:
-    """Names of drives, one a line; empty lines and those that begin with # are none."""
+    """Names of drives, one on each line; empty lines and lines that begin with # are ignored."""
     stripped = (line.strip() for line in lines)
     return [name for line in stripped if line and not line.startswith("#") for name in _matches(line)]
 

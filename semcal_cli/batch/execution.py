@@ -1,4 +1,4 @@
-"""One drive of a batch, done by a process that may crash or hang."""
+"""The run of one drive of a batch, in a process that may crash or hang."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from semcal_cli.errors import InputError
 from semcal_cli.jobs.processes import Processes, Reply, in_processes
 
 Execute: TypeAlias = Callable[[Sequence[Task]], Generator[Outcome, None, None]]
-"""Does tasks, and gives what came of each when it is done."""
+"""Function that runs tasks, and yields the outcome of each when it is done."""
 MODULE = "semcal_cli.cli.worker"
-"""What the processes run. Of each task it answers the state of the files first, then how the command ended."""
+"""Module that the processes run. It answers a task with the state of its files, then with the command's outcome."""
 
 
 def execute_here(folder: Path, num_jobs: int) -> Execute:
-    """Do tasks on this machine, so many at a time; the folder is that of all results."""
+    """Run tasks on this machine, `num_jobs` at a time; `folder` is that of all results."""
     do = partial(execute_task, folder)
     return lambda tasks: in_processes(tasks, do, MODULE, num_jobs)
 
 
 def execute_task(folder: Path, processes: Processes, task: Task) -> Outcome:
-    """Do a drive, and keep what came of it; a folder that cannot be written to is the failure of one drive.
+    """Run the task of a drive, and record its outcome; a folder that cannot be written fails only this drive.
 
     Raises:
         StoppedError: the batch was stopped.
@@ -63,7 +63,7 @@ def _execute(folder: Path, processes: Processes, task: Task) -> Outcome:
 
 
 def _outcome(folder: Path, task: Task, reply: Reply) -> Outcome:
-    """Tell what came of a drive by what its process answered."""
+    """Make the outcome of a drive from the answers of its process."""
     if reply.failure is not None:
         reason = f"timed out after {task.timeout_s:g} s" if reply.is_timed_out else reply.failure
         with suppress(OSError), (Path(task.folder) / LOG).open("a") as log:

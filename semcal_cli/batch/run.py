@@ -1,4 +1,4 @@
-"""A batch: what is done stays, what is missing is done, here or on a cluster, and the summary is of all."""
+"""A run of a batch: finished drives stay, the others are run here or on a cluster, and the summary covers all."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ def run_batch(
     force: bool = False,
     on_done: Callable[[Outcome, bool], None] = lambda outcome, is_new: None,
 ) -> list[Outcome]:
-    """Do all drives that have no outcome yet, and write the summary of all: also when it is stopped, of what there is.
+    """Run all drives that have no outcome yet, and write the summary of all, also when the run is stopped.
 
     Args:
-        tasks: One for each drive.
-        folder: Where the summary goes; the tasks' folders are in it.
-        execute: Does tasks.
-        force: Do again what is done.
-        on_done: Told each outcome, and whether it is new.
+        tasks: One task for each drive.
+        folder: Folder of the summary; the tasks' folders are in it.
+        execute: Function that runs tasks.
+        force: Whether finished drives are run again.
+        on_done: Called with each outcome, and whether it is new.
 
     Raises:
-        InputError: the folder is another batch's at this moment, or cannot be written to.
+        InputError: another batch is using the folder, or it cannot be written to.
     """
     with locked(folder / LOCK, "batch"):
         return resume(

@@ -1,4 +1,4 @@
-"""The summary of a batch: a line a drive, sorted, the same bytes whoever computed it and however long it took."""
+"""The summary of a batch: a sorted line for each drive; its bytes do not depend on the machine or the duration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import camera_center, quaternion_xyzw
 
 WORST_FIRST = (1, 3, 4, 0)
-"""Exit codes: what matters most over many drives."""
+"""Exit codes of drives, the most important first."""
 CSV, JSONL = "summary.csv", "summary.jsonl"
 COLUMNS = (
     *("drive", "status", "exit_code", "mutual_information_nats"),
@@ -29,7 +29,7 @@ COLUMNS = (
 
 
 def worst(exit_codes: Iterable[int]) -> int:
-    """Give the exit code of many drives: 1 over 3 over 4 over 0."""
+    """Exit code of a batch from those of its drives: 1 over 3 over 4 over 0."""
     return min(exit_codes, key=WORST_FIRST.index, default=0)
 
 
@@ -56,7 +56,7 @@ def _row(outcome: Outcome) -> list[object]:
         T = np.array(outcome.T_camera_lidar)
         pose = [*T[:3, 3].tolist(), *quaternion_xyzw(T).tolist(), *camera_center(T).tolist()]
     if outcome.covariance is not None:
-        # Of a twist on the left, rho moves the camera's centre along the camera's axes.
+        # The covariance is of a twist on the left: rho moves the camera's centre along the camera's axes.
         deviations = np.sqrt(np.diag(np.array(outcome.covariance))).tolist()
         sigmas = [*deviations[:3], *map(math.degrees, deviations[3:])]
     known = (outcome.mutual_information_nats, outcome.stamp, outcome.result)

@@ -1,7 +1,7 @@
-"""What a batch asks of a process, and what it keeps of every drive.
+"""The tasks of a batch, and the record that it keeps of each drive.
 
-A record is written when all is done, and as a whole. It names the files that were read, with their hashes: so a batch
-that was stopped goes on where it was, and does again what would come out differently.
+A record is written as a whole when the drive is done. It names the files that were read, with their hashes. A stopped
+batch can then resume where it was, and run those drives again whose result would change.
 """
 
 from __future__ import annotations
@@ -27,25 +27,25 @@ from semcal_cli.result.provenance import camera_hash
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
 RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}
 FAILED = "failed"
-"""The status of a drive that gave no answer."""
+"""Status of a drive without an answer."""
 
 
 @dataclass(frozen=True)
 class Task:
-    """One drive to be done, by whichever process does it; paths are absolute."""
+    """The run of a command on one drive, by any process; paths are absolute."""
 
     drive: str
-    """As it was given."""
+    """Name of the drive as the user gave it."""
     path: str
     """The drive's folder or file."""
     folder: str
-    """Where its result, log and record go."""
+    """Folder of the drive's result, log and record."""
     command: str
     """`calibrate` or `verify`."""
     arguments: tuple[str, ...] = ()
-    """Of the command, that change the answer."""
+    """Arguments of the command that change the answer."""
     also: tuple[str, ...] = ()
-    """Files that it reads beside the drive's."""
+    """Files that the command reads beside those of the drive."""
     num_threads: int = 1
     """Threads of the Rust core."""
     timeout_s: float | None = None
@@ -53,13 +53,13 @@ class Task:
 
     @property
     def result(self) -> Path:
-        """The file of the result."""
+        """File of the result."""
         return Path(self.folder) / RESULTS[self.command]
 
 
 @dataclass(frozen=True)
 class FileState:
-    """A file as it was read."""
+    """Size, time and hash of a file when it was read."""
 
     size: int
     """Size in bytes."""
@@ -71,7 +71,7 @@ class FileState:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of a drive: a line of the summary. Neither times nor machines are part of it."""
+    """The outcome of a drive: a line of the summary. It contains neither times nor machines."""
 
     drive: str
     """The drive as it was given."""
@@ -82,21 +82,21 @@ class Outcome:
     reasons: tuple[str, ...] = ()
     """Sentences that say why it is not trusted or has failed."""
     stamp: float | None = None
-    """Seconds, of the first frame, if it has one."""
+    """Stamp of the first frame in seconds, if it has one."""
     T_camera_lidar: tuple[tuple[float, ...], ...] | None = None
     """(4, 4) rows of the transform."""
     covariance: tuple[tuple[float, ...], ...] | None = None
-    """(6, 6) of xi = (rho, phi), camera frame, left perturbation."""
+    """(6, 6) covariance of xi = (rho, phi), camera frame, left perturbation."""
     mutual_information_nats: float | None = None
     """Mutual information at the transform."""
     camera: str | None = None
-    """Tells lens and picture size from others: see `provenance.camera_hash`."""
+    """Hash of the camera's lens and image size: see `provenance.camera_hash`."""
     result: str | None = None
-    """Its file, relative to the batch's folder."""
+    """File of the result, relative to the folder of the batch."""
 
 
 def read_state(path: Path) -> FileState | None:
-    """Give the state of a file, or nothing if it cannot be read."""
+    """Read the state of a file; None if the file cannot be read."""
     try:
         content, found = read_bytes(path), path.stat()
     except (InputError, OSError):
@@ -105,7 +105,7 @@ def read_state(path: Path) -> FileState | None:
 
 
 def read_inputs(task: Task) -> dict[str, FileState | None]:
-    """Give the state of each file that a task reads, by absolute path; of a broken drive, those that are known."""
+    """Read the state of each file that a task reads, by absolute path; for a broken drive, of its known files."""
     file = drive_file(Path(task.path))
     paths = [file, *map(Path, task.also)]
     with suppress(InputError):
@@ -117,10 +117,10 @@ def read_inputs(task: Task) -> dict[str, FileState | None]:
 def write_record(
     task: Task, outcome: Outcome, inputs: dict[str, FileState | None], *, timed_out: bool
 ) -> None:
-    """Keep what came of a drive.
+    """Write the record of a drive.
 
     Raises:
-        InputError: it cannot be written.
+        InputError: the record cannot be written.
     """
     files = {path: state and vars(state) for path, state in inputs.items()}
     if outcome.result is not None:
@@ -136,7 +136,7 @@ def write_record(
 
 
 def read_outcome(task: Task) -> Outcome | None:
-    """Give what came of a drive, if it would come out the same again."""
+    """Read the outcome of a drive; None if it has none, or if a new run could give another one."""
     try:
         document = json.loads(read_text(Path(task.folder) / RECORD))
         timed_out_s = document["timed_out_s"]
@@ -147,18 +147,18 @@ def read_outcome(task: Task) -> Outcome | None:
             return None
         return Outcome(**document["outcome"])
     except (InputError, ValueError, KeyError, TypeError, AttributeError):
-        return None  # There is none, or somebody wrote something else there.
+        return None  # The file is missing, or something else wrote it.
 
 
 def _asked(task: Task) -> dict[str, object]:
-    """What changes the answer, beside the files."""
+    """All that changes the answer, except the files."""
     asked = {"drive": task.drive, "path": task.path, "command": task.command}
     return {**asked, "arguments": list(task.arguments), "version": _version()}
 
 
 @cache
 def _version() -> str:
-    """Of semcal; looking it up takes milliseconds."""
+    """Version of semcal; looking it up takes milliseconds."""
     return version("semcal")
 
 
@@ -176,15 +176,15 @@ def _is_unchanged(path: Path, state: dict[str, Any] | None) -> bool:
 
 
 def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
-    """Read what a command wrote.
+    """Read the result of a command.
 
     Args:
-        task: What was asked.
-        exit_code: How it ended: 0, 3 or 4.
-        result: The name of its file, relative to the batch's folder.
+        task: Task of the command.
+        exit_code: Exit code of the command: 0, 3 or 4.
+        result: Name of the result's file, relative to the folder of the batch.
 
     Raises:
-        InputError: it is not what the command writes.
+        InputError: the file is not a result of the command.
     """
     if task.command == "calibrate":
         found = read_calibration(task.result)

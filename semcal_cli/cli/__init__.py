@@ -31,7 +31,7 @@ from semcal_cli.cli.verify import verify
 from semcal_cli.errors import InputError, SemcalError
 
 EXIT_FAILURE = 1
-MAX_PICTURE_PIXELS = 2**27
+MAX_IMAGE_PIXELS = 2**27
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -55,10 +55,10 @@ def main() -> None:
 
 def run(arguments: Sequence[str]) -> tuple[int, str]:
     """Run a command; an expected failure is one line on stderr and exit code 1. Give the code and the line."""
-    # OpenCV looks at these when it is imported: what a small file unpacks to is bounded, and complaints are ours.
-    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PICTURE_PIXELS))
+    # OpenCV reads these when it is imported: they limit the size of an unpacked image, and leave error messages to us.
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PIXELS))
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    # NumPy's, of numbers beyond all measure: what comes of them is checked.
+    # NumPy need not warn of overflowing numbers: their results are checked.
     warnings.simplefilter("ignore", RuntimeWarning)
     try:
         for argument in arguments:
@@ -67,7 +67,7 @@ def run(arguments: Sequence[str]) -> tuple[int, str]:
     except SystemExit as end:
         return int(end.code or 0), ""
     except SemcalError as error:
-        # One line, also where a file's name holds a line break.
+        # The message is one line, even if a file's name contains a line break.
         line = " ".join(str(error).splitlines())
     except OSError as error:
         line = f"{error.filename or 'standard output'}: {(error.strerror or str(error)).lower()}"
@@ -76,7 +76,7 @@ def run(arguments: Sequence[str]) -> tuple[int, str]:
 
 
 def _check_text(argument: str) -> None:
-    """Refuse names that no YAML, JSON or HTML can hold."""
+    """Refuse names that YAML, JSON or HTML cannot represent."""
     try:
         argument.encode()
     except UnicodeEncodeError:

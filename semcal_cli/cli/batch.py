@@ -1,4 +1,4 @@
-"""`semcal batch`: many drives, one command."""
+"""`semcal batch`: one command on many drives."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 EXIT_STOPPED = 130
 COMMANDS: dict[str, click.Command] = {"calibrate": calibrate, "verify": verify}
 OURS = {"output", "log", "threads", "quiet", "page", "pictures", "to", "as_json", "junit", "calibration"}
-"""Options of these commands that a batch gives itself, or that name one file where there are many."""
+"""Options of these commands that a batch sets itself, or that name one file although there are many drives."""
 REST = "semcal.rest"
 
 
 class WithRest(click.Command):
-    """A command that leaves what follows -- to another."""
+    """A command that passes the arguments after -- on."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Take the rest away."""
+        """Parse the arguments before --, and keep those after it."""
         if "--" in args:
             place = args.index("--")
             ctx.meta[REST] = args[place + 1 :]
@@ -45,7 +45,7 @@ class WithRest(click.Command):
         return super().parse_args(ctx, args)
 
     def collect_usage_pieces(self, ctx: click.Context) -> list[str]:
-        """Tell of the rest."""
+        """Add the arguments after -- to the usage line."""
         return [*super().collect_usage_pieces(ctx), "[-- OPTIONS OF THE COMMAND]"]
 
 
@@ -99,7 +99,7 @@ def batch(
     address: str | None,
     quiet: bool,
 ) -> None:
-    """Do many drives."""
+    """Run a command on many drives."""
     from semcal_cli.batch.cluster import connect, execute_on
     from semcal_cli.batch.execution import execute_here
     from semcal_cli.batch.run import run_batch
@@ -139,11 +139,11 @@ def _make_tasks(
     num_threads: int,
     timeout_s: float | None,
 ) -> list[Task]:
-    """List what is to be done: the command on each drive, its results below the folder.
+    """List the tasks: the command on each drive, with its results below the folder.
 
     Raises:
-        click.UsageError: the command has no such options, or the batch gives them.
-        InputError: there are no drives, results of two would go to one folder, or a transform is none.
+        click.UsageError: the command has no such option, or the batch sets it.
+        InputError: there are no drives, two drives have the same results folder, or a transform is invalid.
     """
     from semcal_cli.batch.drives import check_folders, find_drives, folder_of
     from semcal_cli.batch.tasks import Task
@@ -167,11 +167,11 @@ def _make_tasks(
 
 
 def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[str]]:
-    """Check what goes to the command, once for all drives; give it with absolute paths, and the files it names.
+    """Check the options that go to the command, once for all drives; return them with absolute paths, and their files.
 
     Raises:
-        click.UsageError: the command has no such options, or the batch gives them.
-        InputError: a transform is none.
+        click.UsageError: the command has no such option, or the batch sets it.
+        InputError: a transform is invalid.
     """
     from semcal_cli.drive.document import drive_file
     from semcal_cli.formats import read_transform
@@ -187,7 +187,7 @@ def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[
     for path in named:
         read_transform(path)
     if init is not None:
-        # Other machines have other working folders; of an option given twice, the last counts.
+        # Other machines have other working folders; the last value of a repeated option counts.
         rest = [*rest, "--init", str(init.absolute())]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]

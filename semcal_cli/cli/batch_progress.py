@@ -1,4 +1,4 @@
-"""What is seen of a batch while it runs."""
+"""The progress of a running batch on the terminal."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from semcal_cli.batch.tasks import FAILED, Outcome
 from semcal_cli.cli.terminal import make_console
 
 RECENT = 12
-"""Drives that the table shows."""
+"""Number of drives that the table shows."""
 
 
 class BatchProgress:
-    """Tells how a batch goes: a table that lives on a terminal, a line a drive on a pipe."""
+    """Shows the progress of a batch: a live table on a terminal, or a line for each drive on a pipe."""
 
     def __init__(self, num_drives: int, quiet: bool) -> None:
         self.num_drives, self.num_done = num_drives, 0
@@ -38,7 +38,7 @@ class BatchProgress:
         self._console.print(f"{self.num_done:,} of {self.num_drives:,} drives: {counts or 'none done'}")
 
     def tell(self, outcome: Outcome, is_new: bool) -> None:
-        """Show what came of a drive."""
+        """Show the outcome of a drive."""
         self.num_done += 1
         self._counts[outcome.status] += 1
         if self._live is not None:

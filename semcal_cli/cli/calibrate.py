@@ -34,7 +34,7 @@ WITH_SOIC = (
     *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),
     *("max_baseline_m", "page", "images", "output", "threads", "quiet", "log", "max_frames"),
 )
-"""Parameters of `calibrate` that say nothing of mutual information."""
+"""Parameters of `calibrate` that do not concern mutual information."""
 
 
 @click.command()
@@ -113,7 +113,7 @@ def calibrate(
 
 
 def _by_method(method: str, priors: tuple[Prior, ...]) -> Callable[..., Calibration]:
-    """Choose the function that calibrates."""
+    """Choose the calibration function of a method."""
     if method == "soic":
         from semcal_cli.baselines.soic_calibration import calibrate_by_soic
 
@@ -130,7 +130,7 @@ def _calibrate_drive(
     common: ResultOptions,
     initial_pose: InitialPose | None,
 ) -> int:
-    """Calibrate one camera, write what was found, and tell the exit code."""
+    """Calibrate one camera, write the result, and return the exit code."""
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
     from semcal_cli.jobs.threads import set_num_threads
@@ -146,10 +146,10 @@ def _calibrate_drive(
 
 
 def _check_soic() -> None:
-    """Check that no option is given that says how mutual information is searched or climbed.
+    """Check that no option is given for the search or the ascent of mutual information.
 
     Raises:
-        click.UsageError: one is.
+        click.UsageError: such an option is given.
     """
     context = click.get_current_context()
     for parameter in given_parameters(context):

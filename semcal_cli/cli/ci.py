@@ -1,4 +1,4 @@
-"""What CI systems read of checks: JUnit XML, and annotations of GitHub."""
+"""Checks for CI systems: JUnit XML, and GitHub annotations."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check, Verdict
 
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML 1.0 cannot hold."""
+"""Characters that XML 1.0 does not allow."""
 
 EXIT_CODES: dict[Verdict, int] = {"pass": 0, "fail": 3, "inconclusive": 4}
 
 
 def check_line(check: Check, width: int = 21) -> str:
-    """Write a check for reading."""
+    """Format a check as one line of text."""
     half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
     return (
         f"{check.name:<{width}}{check.offset:10.4f} {half} {check.unit:<4} "
@@ -31,7 +31,7 @@ def check_line(check: Check, width: int = 21) -> str:
 
 @dataclass(frozen=True)
 class Case:
-    """What CI is told of one check."""
+    """A test case for CI, made from one check."""
 
     name: str
     verdict: Verdict
@@ -39,12 +39,12 @@ class Case:
 
     @classmethod
     def of_check(cls, check: Check, reasons: Sequence[str] = ()) -> Case:
-        """Tell of a check, and why it is as it is."""
+        """Make a test case from a check, with the reasons for its verdict."""
         return cls(check.name, check.verdict, "; ".join([" ".join(check_line(check).split()), *reasons]))
 
 
 def junit_xml(command: str, cases: Sequence[Case]) -> str:
-    """Make JUnit XML with a test case for each check: a failure fails, what cannot be decided is skipped."""
+    """Make JUnit XML with a test case for each check: a failed check fails, an inconclusive one is skipped."""
     verdicts = [case.verdict for case in cases]
     suite = ElementTree.Element(
         "testsuite",
@@ -65,7 +65,7 @@ def junit_xml(command: str, cases: Sequence[Case]) -> str:
 
 
 def annotate(command: str, verdict: Verdict, names: Iterable[str], reasons: Iterable[str]) -> None:
-    """Put the verdict, and what it is of, where GitHub shows it, in a job of its; on stderr, which it reads as well."""
+    """Print the verdict with its names as an annotation, if this is a GitHub job; GitHub reads stderr as well."""
     if os.environ.get("GITHUB_ACTIONS") != "true":
         return
     kind = {"pass": "notice", "fail": "error", "inconclusive": "warning"}[verdict]
@@ -76,5 +76,5 @@ def annotate(command: str, verdict: Verdict, names: Iterable[str], reasons: Iter
 
 
 def of_verdict(verdict: Verdict, cases: Iterable[Case]) -> list[str]:
-    """Name what is as bad as the verdict; nothing if that is good."""
+    """Names of the cases with the same verdict; none if the verdict is good."""
     return [case.name for case in cases if case.verdict == verdict != "pass"]

@@ -19,12 +19,12 @@ FRAMES = ("optical", "body")
 
 
 class FormatName(click.ParamType[str]):
-    """The name of a format; they are loaded when one is given, not for `--help` of other commands."""
+    """The name of a format; formats are imported when a name is given, not for `--help` of other commands."""
 
     name = "format"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Check the name."""
+        """Check that the name is that of a format."""
         from semcal_cli.formats import FORMATS
 
         names = [format.name for format in FORMATS]
@@ -34,7 +34,7 @@ class FormatName(click.ParamType[str]):
 
 
 def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
-    """Add what says what a file leaves open: of the one that is read, or with a prefix of the one that is written."""
+    """Add the options for what a file leaves open: the file that is read, or with a prefix the file that is written."""
 
     def add(command: Command) -> Command:
         for option in (
@@ -61,7 +61,7 @@ def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
 
 
 def take_format_options(options: dict[str, Any], prefix: str = "") -> FormatOptions:
-    """Take these options out of a command's."""
+    """Take these options out of a command's options."""
     from semcal_cli.formats.format import FormatOptions
 
     return FormatOptions(*(options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")))

@@ -1,4 +1,4 @@
-"""`semcal demo`: the main job on a synthetic drive, from nothing, against the truth."""
+"""`semcal demo`: calibration of a synthetic drive without an initial guess, compared with the truth."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import error_lines
     from semcal_cli.cli.terminal import Terminal, make_console
-    from semcal_cli.config import CalibrationConfig
+    from semcal_cli.config import CalibrationConfig, SynthConfig
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.reading import load_observations
     from semcal_cli.formats import read_transform
@@ -36,7 +36,6 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import calibrate
     from semcal_cli.report.overlay import Overlays
-    from semcal_cli.synthetic.config import SynthConfig
     from semcal_cli.synthetic.synthesis import synthesize
 
     console = make_console(quiet)

@@ -1,4 +1,4 @@
-"""`semcal evaluate`: a calibration against a reference."""
+"""`semcal evaluate`: the error of a calibration against a reference."""
 
 from __future__ import annotations
 

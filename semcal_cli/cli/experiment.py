@@ -1,4 +1,4 @@
-"""`semcal experiment`: accuracy and speed, measured here and now on synthetic drives."""
+"""`semcal experiment`: accuracy and speed, measured on synthetic drives on this machine."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ out_option = click.option(
 
 
 def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Command], Command]:
-    """Say of which drives an experiment is, and how many runs go at a time.
+    """Add the options for the drives of an experiment, and for the number of parallel runs.
 
     Args:
-        num_seeds: How many drives if nobody says.
-        help: What is done with them.
-        first_seed: That of the first drive if nobody says.
+        num_seeds: Default number of drives.
+        help: Help text of the number of drives.
+        first_seed: Default seed of the first drive.
     """
 
     def add(command: Command) -> Command:
@@ -62,7 +62,7 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
 
 
 def _progress(what: str) -> Callable[[int, int], None]:
-    """Tell how many of a run's cases are done."""
+    """Show how many cases of a run are done."""
     from semcal_cli.cli.terminal import make_console
 
     console = make_console(quiet=False)
@@ -116,7 +116,7 @@ def accuracy(
             )
     band = EDGE_BAND_PX if edge_band is None else edge_band
     chosen: tuple[Estimator, ...] = tuple(name for name in get_args(Estimator) if name in estimators)
-    # Runs that measure something else go on where they were, each in its own folder.
+    # Runs with other settings resume where they were, each in its own folder.
     name = "_".join(
         ["accuracy", *(chosen if len(chosen) == 1 else ()), *(() if edge_band is None else (f"band{band}",))]
     )
@@ -165,7 +165,7 @@ def _rivals_command(name: str, help: str) -> None:
 
         folder = runner.make_folder(out, name)
         scratch = folder / "drives"
-        # Of a run that was stopped.
+        # A stopped run leaves these files.
         shutil.rmtree(scratch, ignore_errors=True)
         scratch.mkdir()
         findings = runner.run_cases(

@@ -1,4 +1,4 @@
-"""`semcal fleet`: what many drives say of one rig."""
+"""`semcal fleet`: the combined result of many drives of one rig."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from semcal_cli.fleet.fleet import Fleet
 
 MAX_LINES = 20
-"""So many drives that disagree or are left out are named on the terminal; files name all."""
+"""Largest number of disagreeing or left-out drives that the terminal names; files name all."""
 PLOTS = (".png", ".svg")
 
 
@@ -57,7 +57,7 @@ def fleet(
     junit: Path | None,
     quiet: bool,
 ) -> None:
-    """Put the drives of a rig together."""
+    """Combine the drives of a rig."""
     from semcal_cli.batch.summary import JSONL
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.terminal import make_console
@@ -82,7 +82,7 @@ def fleet(
     place = Path() if output is None else output.parent
     reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
     text = _result_text(found, hash_files(read, place), reference_name, form, output)
-    # All is made before anything is written, and the result comes last.
+    # All content is made before anything is written, and the result is written last.
     for path, content in _other_files(found, [str(path) for path in results], page, plot, junit):
         write_bytes(content, path)
     if output is None:
@@ -95,10 +95,10 @@ def fleet(
 
 
 def _check_suffixes(page: Path | None, plot: Path | None) -> None:
-    """Check the names of the page and of the plot.
+    """Check the suffixes of the page and of the plot.
 
     Raises:
-        InputError: a name ends otherwise than what is written there.
+        InputError: a suffix does not match the file's format.
     """
     from semcal_cli.cli.outputs import check_page
     from semcal_cli.errors import InputError
@@ -112,10 +112,10 @@ def _check_suffixes(page: Path | None, plot: Path | None) -> None:
 def _result_text(
     found: Fleet, hashes: Mapping[str, str], reference: str | None, form: Format, output: Path | None
 ) -> str:
-    """Give the result as YAML or JSON.
+    """Format the result as YAML or JSON.
 
     Raises:
-        InputError: it is more YAML than other commands read.
+        InputError: the YAML is larger than other commands read.
     """
     from semcal_cli.errors import InputError
     from semcal_cli.files.dialect import document_text
@@ -133,7 +133,7 @@ def _result_text(
 def _other_files(
     found: Fleet, given: Sequence[str], page: Path | None, plot: Path | None, junit: Path | None
 ) -> list[tuple[Path, bytes]]:
-    """Make the files beside the result that were asked for."""
+    """Make the requested files beside the result."""
     from semcal_cli.fleet.page import page_html
     from semcal_cli.fleet.plot import plot_fleet
 
@@ -148,13 +148,13 @@ def _other_files(
 
 
 def _cases(found: Fleet) -> list[Case]:
-    """Each check, each drive, and the verdict on all."""
+    """Make a test case of each check, of each drive, and of the verdict on all."""
     cases = [Case.of_check(check) for check in found.checks]
     for drive in found.drives:
-        # A drive that is not known well enough is no reason to doubt the rig, one that seems far off is.
+        # A drive whose pose is uncertain is no reason to distrust the rig; a drive that seems far off is.
         verdict = drive.verdict if drive.is_far else "pass"
         cases.append(Case(f"drive {drive.member.drive}", verdict, f"{drive.offset.words} off"))
-    # Whatever decides, the file says what the exit code does.
+    # The file has the same verdict as the exit code, whatever decides it.
     return [*cases, Case("all together", found.verdict, "; ".join(found.reasons))]
 
 
@@ -180,5 +180,5 @@ def _summarise(found: Fleet, console: Console) -> None:
         found.verdict,
     ]
     for line in lines:
-        # Names of drives may hold anything.
+        # Names of drives may contain markup.
         console.print("".join(c if c.isprintable() else "?" for c in line), markup=False)

@@ -1,4 +1,4 @@
-"""`semcal import`: drives from data sets, and from folders of one's own files."""
+"""`semcal import`: drives from data sets, and from folders of the user's own files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
     name = "START:STOP:STEP"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> slice:
-        """Give the slice."""
+        """Parse the slice."""
         if isinstance(value, slice):
             return value
         try:
@@ -49,7 +49,7 @@ def import_() -> None:
 
 
 def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add what every import takes."""
+    """Add the options that every import has."""
     for option in (
         quiet_option,
         click.option(

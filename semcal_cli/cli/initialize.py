@@ -1,4 +1,4 @@
-"""`semcal initialize`: the first half of the pipeline."""
+"""`semcal initialize`: the initial calibration, the first half of the pipeline."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`semcal inspect`: what a drive holds."""
+"""`semcal inspect`: the content of a drive."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from semcal_cli.assessment.inspection import DriveReport
 
 NUM_NAMED = 4
-"""Classes that are named in the table, the commonest first."""
+"""Number of classes that the table names, the commonest first."""
 WIDE = 240
-"""Columns of a pipe."""
+"""Width in columns of the output on a pipe."""
 
 
 @click.command()
@@ -66,8 +66,8 @@ def _print(report: DriveReport) -> None:
             _commonest(frame.image_classes),
             "" if frame.gap_s is None else f"{frame.gap_s:.3f}",
         )
-        table.add_row(*map(Text, cells))  # names are no markup
-    # Lines are cut to the terminal; a pipe gets them whole.
+        table.add_row(*map(Text, cells))  # names are not markup
+    # Lines are cut to the width of the terminal; a pipe gets them whole.
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:
         console.width = WIDE

@@ -15,10 +15,10 @@ from semcal_cli.config import LABELS, MAX_BASELINE_M, MAX_FRAMES, CalibrationCon
 
 
 class FiniteRange(click.FloatRange):
-    """A range of numbers; not a number and infinity are none."""
+    """A range of finite numbers: NaN and infinity are refused."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Give the number."""
+        """Parse the number, and check that it is finite."""
         number = float(super().convert(value, param, ctx))
         if not math.isfinite(number):
             self.fail(f"{number} is not a finite number.", param, ctx)
@@ -32,7 +32,7 @@ PATH = click.Path(path_type=Path)
 MAX_SEED = 2**63 - 1
 MAX_THREADS = 1024
 MAX_LIMIT = 1e6
-"""Metres or degrees: no two transforms are farther apart."""
+"""Largest limit in metres or degrees: no two transforms are farther apart."""
 
 KNOWN_TRANSFORMS = "a calibration, a drive with its reference, or any format that `convert --formats` lists"
 
@@ -106,7 +106,7 @@ max_frames_option = number_option(
 
 
 def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
-    """Say how far transforms may be apart."""
+    """Add the options for the largest allowed difference of transforms."""
     limit = partial(
         click.option, type=FiniteRange(0.0, MAX_LIMIT, min_open=not may_be_zero), show_default=True
     )
@@ -136,7 +136,7 @@ max_baseline_option = click.option(
 
 
 def given_parameters(context: click.Context) -> list[click.Parameter]:
-    """List the parameters of a command that were given on the command line."""
+    """List the parameters of a command that are given on the command line."""
     return [
         parameter
         for parameter in context.command.params
@@ -145,14 +145,14 @@ def given_parameters(context: click.Context) -> list[click.Parameter]:
 
 
 class CueList(click.ParamType[tuple[str, ...]]):
-    """Cues by name, several with commas between them."""
+    """Names of cues, separated by commas."""
 
     name = "cues"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, ...]:
-        """Give the names."""
+        """Parse the names."""
         if isinstance(value, tuple):
             return value
         names = tuple(str(value).split(","))
@@ -179,7 +179,7 @@ cue_option = click.option(
 
 @dataclass(frozen=True)
 class ResultOptions:
-    """What every command takes that computes a calibration."""
+    """Options of every command that computes a calibration."""
 
     output: Path | None
     log: Path | None
@@ -191,7 +191,7 @@ class ResultOptions:
 
 
 def result_options(command: Command) -> Command:
-    """Add what every command takes that computes a calibration."""
+    """Add the options of every command that computes a calibration."""
     for option in (
         cue_option,
         max_frames_option,

@@ -1,4 +1,4 @@
-"""Where the results of a command go: checked before the work begins, written after it."""
+"""The output files of a command: checked before the work begins, written after it."""
 
 from __future__ import annotations
 
@@ -30,34 +30,34 @@ if TYPE_CHECKING:
 
 EXIT_NOT_TRUSTED = 3
 MAX_IMAGES = 20
-"""Number of frames, evenly spaced, that overlays are drawn of."""
+"""Number of evenly spaced frames with an overlay."""
 
 
 @dataclass(frozen=True)
 class Outputs:
-    """What a calibration is written to; None of what is not asked for."""
+    """Output files of a calibration; None for those not requested."""
 
     output: Path | None = None
-    """The result; standard output if None."""
+    """File of the result; None is standard output."""
     log: Path | None = None
-    """Times, host and threads."""
+    """File of times, host and threads."""
     to: tuple[str, FormatOptions] | None = None
-    """A format to write the transform in, instead of all that is known."""
+    """Format to write the bare transform in, instead of the whole result."""
     page: Path | None = None
-    """A report."""
+    """File of the report."""
     images: Path | None = None
-    """A folder of overlays."""
+    """Folder of the overlays."""
 
     @property
     def folder(self) -> Path:
-        """Where the result goes."""
+        """Folder of the result."""
         return self.output.parent if self.output else Path()
 
     def check(self, drive: Drive, initial_pose: InitialPose | None = None) -> None:
-        """Check before the work begins that everything can be written, and replaces nothing that is read.
+        """Check before the work begins that all outputs can be written, and that none replaces an input.
 
         Raises:
-            InputError: something cannot go where it shall.
+            InputError: an output cannot be written to its path.
         """
         read = [drive.path, *map(drive.resolve, drive.files())]
         if initial_pose is not None and initial_pose.source is not None:
@@ -75,7 +75,7 @@ class Outputs:
             output_format(self.output)
 
     def write(self, calibration: Calibration, terminal: Terminal, num_threads: int | None) -> int:
-        """Write and summarise a calibration, and tell the exit code: 3 if it is not trusted."""
+        """Write and summarise a calibration, and return the exit code: 3 if it is not trusted."""
         if self.log is not None:
             write_text(json.dumps(terminal.log_document(num_threads), indent=2) + "\n", self.log)
         if self.to is not None:
@@ -90,7 +90,7 @@ class Outputs:
         return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
 
     def illustrate(self, drive: Drive, calibration: Calibration, terminal: Terminal) -> None:
-        """Write the report and the overlays of a calibration, where asked, of the frames that it used."""
+        """Write the report and the overlays of a calibration, where requested, from the frames that it used."""
         if self.page is None and self.images is None:
             return
         from semcal_cli.report import make_report_input, write_report
@@ -110,7 +110,7 @@ class Outputs:
 
 
 def _check_frame_images(drive: Drive) -> None:
-    """Check the images that points will be drawn on, if the drive is no longer than what is shown of it."""
+    """Check the images under the drawn points, if the drive has no more frames than are drawn."""
     from semcal_cli.drive.reading import read_frame_image
 
     for index in evenly_spaced(range(len(drive.frames)), MAX_IMAGES):
@@ -121,7 +121,7 @@ def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
     """Check that results have a folder to go to, and overwrite neither an input nor one another.
 
     Raises:
-        InputError: they have none, or they do.
+        InputError: a folder is missing, or a result would overwrite a file.
     """
     taken = set(map(os.path.realpath, read))
     for path in outputs:
@@ -135,17 +135,17 @@ def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
 
 
 def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
-    """Check that images would not replace files that are read.
+    """Check that the images would not replace files that are read.
 
     Raises:
-        InputError: they would.
+        InputError: an image would replace such a file.
     """
-    from semcal_cli.report.overlay import picture_paths
+    from semcal_cli.report.overlay import overlay_paths
 
     if folder.exists() and not is_folder(folder):
         raise InputError(f"{folder}: found a file, needed a folder for pictures")
     taken = set(map(os.path.realpath, read))
-    for path in picture_paths(folder, count):
+    for path in overlay_paths(folder, count):
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads, needed another folder")
 
@@ -154,7 +154,7 @@ def check_page(path: Path) -> None:
     """Check the suffix of a page.
 
     Raises:
-        InputError: it is none of HTML.
+        InputError: the suffix is not that of HTML.
     """
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .html")

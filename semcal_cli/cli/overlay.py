@@ -1,4 +1,4 @@
-"""`semcal overlay`: points on pictures."""
+"""`semcal overlay`: points drawn on images."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The options that say what is known of a pose beforehand."""
+"""The options for prior knowledge of a pose."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ UNKNOWN = math.inf
 
 
 class Axes(click.ParamType[tuple[str, ...]]):
-    """Axes of a camera, with commas between them."""
+    """Axes of a camera, separated by commas."""
 
     name = "axes"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, ...]:
-        """Give the axes in their order."""
+        """Parse the axes, and sort them."""
         named = [name.strip() for name in value.split(",")]
         for name in named:
             if name not in AXES:
@@ -63,7 +63,7 @@ PRIOR_OPTIONS = (
 
 
 def prior_options(command: Command) -> Command:
-    """Add what says what is known of the pose."""
+    """Add the options for prior knowledge of the pose."""
     for option in reversed(PRIOR_OPTIONS):
         command = option(command)
     return command
@@ -72,12 +72,12 @@ def prior_options(command: Command) -> Command:
 def make_priors(
     options: dict[str, Any], initial_pose: InitialPose | None, max_baseline_m: float
 ) -> tuple[Prior, ...]:
-    """Take the options out of a command's, and turn them into what is known; what is exact comes last.
+    """Take the prior options out of a command's options, and make priors of them; exact ones come last.
 
     Raises:
-        click.UsageError: axes to keep without a transform to keep them from, a standard deviation that is none, or
-            nothing left to find.
-        InputError: the camera is known to be farther from the LiDAR than it may be.
+        click.UsageError: axes are kept without a transform to keep them from, a standard deviation is invalid, or
+            no axis is left to estimate.
+        InputError: the known place of the camera is farther from the LiDAR than is allowed.
     """
     from semcal_cli.assessment.priors import EXACT, Prior
     from semcal_cli.geometry.baseline import check_baseline

@@ -1,4 +1,4 @@
-"""`semcal refine`: the second half of the pipeline."""
+"""`semcal refine`: the refinement of a given transform, the second half of the pipeline."""
 
 from __future__ import annotations
 

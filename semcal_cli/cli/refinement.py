@@ -1,4 +1,4 @@
-"""The options that say how a pose is refined."""
+"""The options for the refinement of a pose."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ REFINEMENT_OPTIONS = (
 
 
 def refinement_options(command: Command) -> Command:
-    """Add what says how a pose is refined, and what is known of it."""
+    """Add the options for the refinement of a pose, and for prior knowledge of it."""
     command = prior_options(command)
     for option in reversed(REFINEMENT_OPTIONS):
         command = option(command)
@@ -52,15 +52,15 @@ def refinement_options(command: Command) -> Command:
 def make_refinement(
     options: dict[str, Any], max_baseline_m: float, initial_pose: InitialPose | None
 ) -> tuple[RefinementConfig, tuple[Prior, ...]]:
-    """Take the refinement options out of a command's, and turn them into how to refine, and what is known.
+    """Take the refinement options out of a command's options, and make a configuration and priors of them.
 
     Args:
-        options: The command's.
-        max_baseline_m: Largest distance between camera and LiDAR.
-        initial_pose: The transform that is started at.
+        options: Options of the command.
+        max_baseline_m: Largest distance between camera and LiDAR, metres.
+        initial_pose: Transform that the refinement starts at.
 
     Raises:
-        click.UsageError: options that exclude one another.
+        click.UsageError: two options exclude one another.
     """
     names = ("estimator", "device", "no_polish", "edge_band")
     estimator, device, no_polish, edge_band_px = (options.pop(name) for name in names)

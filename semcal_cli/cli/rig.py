@@ -35,25 +35,25 @@ OF_ONE_CAMERA = (
     *("init", "init_rpy_xyz", "search_deg", "fix", "prior_translation_m", "prior_rotation_deg"),
     *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "images"),
 )
-"""Parameters of `calibrate` that would mean another thing for each camera."""
+"""Parameters of `calibrate` that would have another meaning for each camera."""
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
 def calibrate_rig(path: Path, calibrate: Callable[..., Calibration], options: ResultOptions) -> int:
-    """Calibrate the cameras of a rig one after another, each sweep read once, and write what was found.
+    """Calibrate the cameras of a rig one after another, reading each sweep once, and write the results.
 
     Args:
-        path: The rig.yaml.
-        calibrate: Calibrates the camera of a drive: `pipeline.calibrate` with its settings.
-        options: Those of every command that computes a calibration; the output is a folder.
+        path: File of the rig, rig.yaml.
+        calibrate: Function that calibrates the camera of a drive: `pipeline.calibrate` with its settings.
+        options: Options of every command that computes a calibration; the output is a folder.
 
     Returns:
         The exit code.
 
     Raises:
-        click.UsageError: an option that is of one camera.
+        click.UsageError: an option that concerns a single camera is given.
         InputError: the rig, a drive or the output is wrong.
-        CalibrationError: there is no answer for a camera; what was found of the others is written.
+        CalibrationError: a camera has no answer; the results of the others are written.
     """
     _check_options(path)
     folder = options.output
@@ -104,7 +104,7 @@ def _calibrate_camera(
 def _write(
     found: RigCalibration, rig: Rig, drives: Mapping[str, Drive], folder: Path, hashes: dict[str, str]
 ) -> None:
-    """Write what was found of the whole rig."""
+    """Write the result of the whole rig."""
     files = {name: f"{name}.yaml" for name in drives}
     read = [rig.path, *(drive.path for drive in drives.values())]
     source = os.path.relpath(rig.path, folder)
@@ -113,7 +113,7 @@ def _write(
 
 
 def _lines(found: RigCalibration, drives: Mapping[str, Drive], folder: Path) -> list[str]:
-    """Describe what was found of the whole rig, for reading."""
+    """Describe the result of the whole rig as lines of text."""
     used = [calibration.quality.num_frames for calibration in found.cameras.values()]
     num_frames = sum(used) + sum(len(drives[name].frames) for name in found.failures)
     return [
@@ -138,7 +138,7 @@ def _check_options(path: Path) -> None:
 
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
-    """Make the folder of results; it goes again if what is done in it fails."""
+    """Create the folder of results, and remove it again if the work in it fails."""
     if folder.suffix.lower() in SUFFIXES and not is_folder(folder):
         raise InputError(
             f"{folder}: found suffix {folder.suffix!r}, needed a folder: a rig has several results"
@@ -159,7 +159,7 @@ def _made(folder: Path) -> Iterator[None]:
 def _check_outputs(
     rig: Rig, drives: Mapping[str, Drive], outputs: Mapping[str, Outputs], result: Path, log: Path | None
 ) -> None:
-    """Check that results overwrite nothing that is read of any camera."""
+    """Check that no result overwrites a file that is read for any camera."""
     read = [rig.path, *(drive.path for drive in drives.values())]
     read += [drive.resolve(name) for drive in drives.values() for name in drive.files()]
     written = [each.output for each in outputs.values()]
@@ -169,7 +169,7 @@ def _check_outputs(
 
 
 def _pair_lines(pair: Pair) -> list[str]:
-    """What is known of a pair, for reading."""
+    """Describe a pair of cameras as lines of text."""
     lines = [f"T_{pair.a}_{pair.b}", *(f"{'':<17}{line}" for line in matrix_lines(pair.T_a_b))]
     if pair.uncertainty is not None:
         half = pair.uncertainty.half_widths

@@ -1,4 +1,4 @@
-"""The options that say where and how the initial calibration is searched for."""
+"""The options for the search of the initial calibration."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Roll(FiniteRange):
     """Degrees, or the word `any` for all in-plane rotations."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Give the largest in-plane rotation in degrees."""
+        """Parse the largest in-plane rotation in degrees."""
         return ALL_ROLLS_DEG if value == "any" else super().convert(value, param, ctx)
 
 
@@ -63,18 +63,18 @@ SEARCH_OPTIONS = (
 
 
 def search_options(command: Command) -> Command:
-    """Add what says where and how the initial calibration is searched for."""
+    """Add the options for the search of the initial calibration."""
     for option in reversed(SEARCH_OPTIONS):
         command = option(command)
     return command
 
 
 def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialPose | None]:
-    """Take the search options out of a command's, and turn them into how to search, and where.
+    """Take the search options out of a command's options, and make a configuration and a start of them.
 
     Raises:
-        click.UsageError: options that exclude one another.
-        InputError: the file of `--init` is no transform, or the camera is too far from the LiDAR.
+        click.UsageError: two options exclude one another.
+        InputError: the file of `--init` is not a transform, or its camera is too far from the LiDAR.
     """
     names = ("init", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
     init, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = (options.pop(name) for name in names)
@@ -94,7 +94,7 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialP
 
 
 def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, zoom: bool) -> None:
-    """Check which options are given together."""
+    """Check that the given options can be combined."""
     if init and init_rpy_xyz:
         raise click.UsageError("--init and --init-rpy-xyz: give one of them")
     is_given = init or init_rpy_xyz
@@ -125,10 +125,10 @@ def _initial_pose(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> 
 
 
 def read_initial_pose(path: Path) -> InitialPose:
-    """Read the transform to start at, or to verify.
+    """Read the transform to start from, or to verify.
 
     Raises:
-        InputError: the file is no transform.
+        InputError: the file is not a transform.
     """
     from semcal_cli.formats import read_transform
     from semcal_cli.initialization.initial_pose import InitialPose

@@ -1,4 +1,4 @@
-"""`semcal synth`: a synthetic drive with a known answer."""
+"""`semcal synth`: a synthetic drive with a known transform."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 import click
 
 from semcal_cli.cli.options import MAX_SEED, PATH, number_option, quiet_option, seed_option, threads_option
-from semcal_cli.synthetic.config import MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
+from semcal_cli.config import SYNTH_MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -22,7 +22,7 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
 class SettingOption(click.Option):
-    """An option for one field of `SynthConfig`, whose default is the field's."""
+    """An option for one field of `SynthConfig`, with the default of the field."""
 
     def __init__(self, *args: Any, section: str, **kwargs: Any) -> None:
         if isinstance(kwargs.get("type"), click.IntRange | click.FloatRange):
@@ -34,10 +34,10 @@ class SettingOption(click.Option):
 
 
 class SectionedCommand(click.Command):
-    """A command whose help lists its settings section by section."""
+    """A command whose help lists its settings by section."""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options that every command has last."""
+        """Write the options that every command has at the end."""
         sections: dict[str, list[tuple[str, str]]] = {}
         for parameter in self.get_params(ctx):
             record = parameter.get_help_record(ctx)
@@ -49,7 +49,7 @@ class SectionedCommand(click.Command):
 
 
 def _section(title: str) -> Callable[..., Decorator]:
-    """Give what `click.option` is, for the settings of one section."""
+    """Make a decorator like `click.option` for the settings of one section."""
     return partial(click.option, cls=SettingOption, section=title)
 
 
@@ -110,7 +110,7 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
 )
 @mounting_option(
     "--baseline-m",
-    type=click.FloatRange(0.0, MAX_BASELINE_M, max_open=True),
+    type=click.FloatRange(0.0, SYNTH_MAX_BASELINE_M, max_open=True),
     help="Distance between the two sensors. At least 0.1 if not given.",
 )
 @mounting_option(
@@ -119,7 +119,9 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     help="Draw what these options leave open from this seed: drives of one rig share it.",
 )
 @mounting_option(
-    "--max-baseline-m", type=click.FloatRange(0.2, MAX_BASELINE_M), help="The largest distance that is drawn."
+    "--max-baseline-m",
+    type=click.FloatRange(0.2, SYNTH_MAX_BASELINE_M),
+    help="The largest distance that is drawn.",
 )
 @label_option("--label-noise", type=SHARE, help="Share of the labels, on both sides, of another class.")
 @label_option(
@@ -198,7 +200,7 @@ def _teller(bar: Progress, task: TaskID) -> Callable[[int], None]:
 
 
 def _drives(config: SynthConfig, out: Path, num_drives: int | None) -> list[tuple[SynthConfig, Path]]:
-    """The drives to write, and where."""
+    """List the drives to write, with their folders."""
     if num_drives is None:
         return [(config, out)]
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed

@@ -19,7 +19,7 @@ LABEL_WIDTH = 17
 
 
 def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
-    """Describe a calibration, for reading."""
+    """Describe a calibration as lines of text."""
     T, quality = calibration.pose, calibration.quality
     rows = {
         "T_camera_lidar": matrix_lines(T),
@@ -42,12 +42,12 @@ def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
 
 
 def labelled(label: str, line: str) -> str:
-    """Write a line behind its label."""
+    """Put a label before a line."""
     return f"{label:<{LABEL_WIDTH}}{line}"
 
 
 def _uncertainty_rows(uncertainty: Uncertainty | None) -> dict[str, list[str]]:
-    """What is known of the pose's error; intervals are along the camera's axes."""
+    """Describe the uncertainty of the pose; intervals are along the camera's axes."""
     if uncertainty is None:
         return {}
     center, rotation = uncertainty.half_width_95_camera_center_m, uncertainty.half_width_95_rotation_deg
@@ -103,10 +103,10 @@ def error_lines(error: PoseError) -> list[str]:
 
 
 def matrix_lines(T: Pose) -> list[str]:
-    """Write a transform, a row a line."""
+    """Format a transform, one row on each line."""
     return [row(values) for values in T.tolist()]
 
 
 def row(values: Sequence[float], digits: int = 6) -> str:
-    """Write numbers side by side."""
+    """Format numbers side by side."""
     return " ".join(f"{value:{digits + 4}.{digits}f}" for value in np.round(values, digits) + 0.0)

@@ -1,4 +1,4 @@
-"""What a person sees while a command works: a progress line on a terminal, and a line for each stage."""
+"""The terminal output of a running command: a progress line, and a line for each stage."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Terminal:
             self.console.print(line, markup=False)
 
     def log_document(self, num_threads: int | None) -> dict[str, object]:
-        """Give times, host and threads."""
+        """Document of times, host and threads."""
         stages = [{"name": s.name, "seconds": round(s.seconds, 4), "note": s.note} for s in self._stages]
         host = {
             "machine": platform.machine(),
@@ -64,7 +64,7 @@ class Terminal:
 
 @contextmanager
 def progress_line(console: Console) -> Iterator[Callable[[str], None]]:
-    """Show what is being done, and for how long, on a terminal."""
+    """Show the current work and its duration on a terminal."""
     if not console.is_terminal:
         yield lambda doing: None
         return
@@ -75,5 +75,5 @@ def progress_line(console: Console) -> Iterator[Callable[[str], None]]:
 
 
 def make_console(quiet: bool) -> Console:
-    """A console on stderr that neither wraps nor highlights, so that a pipe gets plain lines."""
+    """Make a console on stderr that neither wraps nor highlights, so that a pipe gets plain lines."""
     return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True)

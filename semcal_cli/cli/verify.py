@@ -1,4 +1,4 @@
-"""`semcal verify`: whether a transform still holds."""
+"""`semcal verify`: the check whether a transform still holds."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def verify(
         )
     initial_pose = read_initial_pose(calibration)
     spec = read_drive(drive)
-    # The JUnit file replaces nothing that is read, as a log does not.
+    # The JUnit file must not replace an input; neither must a log.
     Outputs(log=junit).check(spec, initial_pose)
     set_num_threads(threads)
     config = CalibrationConfig(seed, cues, max_frames)

@@ -1,4 +1,4 @@
-"""The process that does the drives of a batch: see `semcal_cli.batch.execution`."""
+"""The process that calibrates the drives of a batch: see `semcal_cli.batch.execution`."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from semcal_cli.jobs.serving import serve
 
 
 def main() -> None:
-    """Do tasks until there are no more."""
+    """Run tasks until there are no more."""
     serve(_do)
 
 
 def _do(question: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Tell the state of a task's files, then how its command ended."""
+    """Yield the state of a task's files, then the outcome of its command."""
     task = Task(**question | {"arguments": tuple(question["arguments"]), "also": tuple(question["also"])})
     yield {"files": {path: state and vars(state) for path, state in read_inputs(task).items()}}
     yield _execute(task)
 
 
 def _execute(task: Task) -> dict[str, Any]:
-    """Run the command of a task, with its output in files."""
+    """Run the command of a task, with its output redirected to files."""
     folder, result = task.folder, str(task.result)
     arguments = [task.command, task.path, *task.arguments, "--threads", str(task.num_threads)]
     output = os.devnull
@@ -55,7 +55,7 @@ def _execute(task: Task) -> dict[str, Any]:
 
 @contextmanager
 def _redirected(descriptor: int, path: Path) -> Iterator[None]:
-    """Let what is written to a descriptor go to a file for a while."""
+    """Redirect a file descriptor to a file for a while."""
     before = os.dup(descriptor)
     try:
         with path.open("wb") as file:

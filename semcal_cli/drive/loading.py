@@ -1,4 +1,4 @@
-"""The first stage: a drive is read, or as many of its frames as are used."""
+"""The first stage: reading a drive, or the frames of it that are used."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from semcal_cli.files.point_clouds import Sweeps
 
 @dataclass(frozen=True)
 class LoadedDrive:
-    """A drive, or the frames of it that are used, with what was read of them."""
+    """A drive, or the used frames of it, with the observations read from its files."""
 
     drive: Drive
-    """The document, with the frames that are used."""
+    """Document of the drive, with the used frames."""
     observations: Observations
-    """Points and pixels. With several cues, the frames of each cue follow one another."""
+    """Points and pixels; with several cues, the frames of each cue follow one another."""
     cues: tuple[Cue, ...] = LABELS
 
     def of_frames(self, indices: Sequence[int]) -> LoadedDrive:
-        """Give some frames only, of the document and of what was read alike."""
+        """Take some of the frames, of both the document and the observations."""
         num_frames = len(self.drive.frames)
         frames = tuple(self.drive.frames[index] for index in indices)
         all_cues = [cue * num_frames + index for cue in range(len(self.cues)) for index in indices]
@@ -35,7 +35,7 @@ class LoadedDrive:
 
     @property
     def first_cue(self) -> Observations:
-        """What was read of the first cue."""
+        """Observations of the first cue."""
         if len(self.cues) == 1:
             return self.observations
         return self.observations.of_frames(range(len(self.drive.frames)))
@@ -47,11 +47,11 @@ def load(
     on_event: Listener = ignore,
     sweeps: Sweeps | None = None,
 ) -> LoadedDrive:
-    """Read a drive, or as many of its frames as are used.
+    """Read a drive, or the frames of it that are used.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says.
-        CalibrationError: one side says nothing.
+        CalibrationError: one side's labels carry no information.
     """
     start, config = perf_counter(), config or CalibrationConfig()
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
@@ -64,7 +64,7 @@ def load(
 
 
 def _describe(data: LoadedDrive, num_frames: int) -> str:
-    """What was loaded of a drive of so many frames, for the user who watches."""
+    """Describe the loaded drive, of `num_frames` frames, in a line for the terminal."""
     observations, num_used = data.observations, len(data.drive.frames)
     num_points = sum(cloud.num_points for cloud in data.first_cue.clouds)
     chosen = f" of {num_frames:,}" if num_used < num_frames else ""

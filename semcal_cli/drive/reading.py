@@ -20,11 +20,11 @@ from semcal_cli.files.images import read_image
 from semcal_cli.files.point_clouds import Sweeps
 
 Labels: TypeAlias = npt.NDArray[np.uint16] | _core.ClassShares
-"""Raw ids of pixels or points as read, or their probabilities."""
+"""Raw ids of pixels or points, or their probabilities, as read."""
 
 
 def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
-    """Load every frame of a drive, in parallel, and mend isolated pixels; sweeps that were read are not read again.
+    """Load all frames of a drive, in parallel, and mend isolated pixels; `sweeps` are not read twice.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
@@ -34,7 +34,7 @@ def load_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
 
 
 def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observations:
-    """Load every frame of a drive, in parallel, with labels as they are.
+    """Load all frames of a drive, in parallel, with unchanged labels.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
@@ -87,7 +87,7 @@ def make_observations(
 
 
 def load_points(drive: Drive) -> Observations:
-    """Load the clouds of a drive, and its label images where every frame has one; no point has a class.
+    """Load the clouds of a drive, and its label images if all frames have one; no point has a class.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says.
@@ -106,7 +106,7 @@ def load_points(drive: Drive) -> Observations:
 
 
 def _hard_images(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]]:
-    """Read the label images and the names of their classes; without a class unless every frame has one."""
+    """Read the label images and the names of their classes; without classes unless all frames have one."""
     if any(frame.image_labels is None for frame in drive.frames):
         blank = LabelledImage(np.full((drive.camera.height, drive.camera.width), NO_CLASS, np.uint8))
         return [blank] * len(drive.frames), ()
@@ -116,12 +116,12 @@ def _hard_images(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]]:
 
 
 def colors(drive: Drive) -> list[tuple[int, int, int]] | None:
-    """Red, green, blue of each class of colour-coded label images, in the palette's order."""
+    """Red, green and blue of each class of colour-coded label images, in the order of the palette."""
     return None if drive.palette is None else [(r, g, b) for r, g, b in drive.palette.values()]
 
 
 def read_label_images(drive: Drive) -> list[Labels]:
-    """Read the label images of all frames, ids or probabilities by their suffix.
+    """Read the label images of all frames: ids or probabilities, depending on the suffix.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says.
@@ -138,7 +138,7 @@ def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None
     """Read the image (H, W, 3) of a frame, blue, green, red, if it has one.
 
     Raises:
-        InputError: it is damaged, or of another size than the camera's.
+        InputError: the image is damaged, or its size is not the camera's.
     """
     if frame.image is None:
         return None
@@ -155,7 +155,7 @@ def _ids(labels: Labels) -> npt.NDArray[np.uint16]:
 
 
 def _dense(labels: Labels, table: ClassTable) -> tuple[npt.NDArray[np.uint8], _core.ClassShares | None]:
-    """Classes of all items, and their shares where they were read."""
+    """Classes of all items, with their probabilities if these were read."""
     if not isinstance(labels, _core.ClassShares):
         return table(labels), None
     shares = labels.renamed(table.lookup[:256])
@@ -170,7 +170,7 @@ def _labelled_image(drive: Drive, labels: Labels, table: ClassTable) -> Labelled
 def mend(observations: Observations) -> Observations:
     """Give isolated pixels of the label images the class around them: see `rust/speckle.rs`.
 
-    Pictures with probabilities stay as they are.
+    Label images with probabilities stay unchanged.
     """
     images = observations.images
     hard = [index for index, image in enumerate(images) if image.shares is None]
@@ -184,7 +184,7 @@ def mend(observations: Observations) -> Observations:
 
 
 def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[_core.PointCloud]:
-    """Read the sweep of every frame, in parallel, with labels where there are some.
+    """Read the sweeps of all frames, in parallel, with labels where there are any.
 
     Raises:
         InputError: a file is missing or is not what its name says.
@@ -206,10 +206,10 @@ def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labe
 
 
 def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> list[Path]:
-    """Give the files of the labels of one side, of each frame.
+    """List the label files of one side, one for each frame.
 
     Raises:
-        InputError: a frame has none.
+        InputError: a frame has no label file.
     """
     for frame in drive.frames:
         if getattr(frame, key) is None:
@@ -220,7 +220,7 @@ def label_paths(drive: Drive, key: Literal["point_labels", "image_labels"]) -> l
 def count_labels(
     drive: Drive, side: Literal["points", "image"], labels: Labels
 ) -> tuple[dict[str, int], int]:
-    """Count labels by name, and those that carry no information; probabilities by the likeliest."""
+    """Count labels by class name, and labels without information; probabilities count as their likeliest class."""
     ignored = set(getattr(drive.ignore, side))
     if isinstance(labels, _core.ClassShares):
         counts = np.bincount(labels.classes)
@@ -238,7 +238,7 @@ def count_labels(
 
 
 def _named_ids(drive: Drive, side: Literal["points", "image"]) -> Mapping[str, Sequence[int]]:
-    """Raw ids under each name: those of the palette are places in it."""
+    """Raw ids of each class name; with a palette, an id is an index into it."""
     if side == "image" and drive.palette is not None:
         return {name: (place,) for place, name in enumerate(drive.palette)}
     return getattr(drive.classes, side) if drive.classes else {}

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semcal_cli.config import SynthConfig
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import mend, read_observations
@@ -33,7 +34,6 @@ from semcal_cli.experiments.result_files import machine, markdown_table, write_r
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 from semcal_cli.synthetic.synthesis import synthesize
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import CalibrationError
 from semcal_cli.experiments.accuracy import off
@@ -24,7 +25,6 @@ from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 if TYPE_CHECKING:

@@ -233,11 +233,11 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
         "failures": found.failures,
     }
     write_results(document, rows, rows, table, None, folder)
-    _write_pictures(found, frame, folder)
+    _write_images(found, frame, folder)
     return table
 
 
-def _write_pictures(found: Comparison, frame: int, folder: Path) -> None:
+def _write_images(found: Comparison, frame: int, folder: Path) -> None:
     """Draw the points of a frame at each pose, as the paper's (a) to (d), one picture each."""
     pictures, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
     swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)

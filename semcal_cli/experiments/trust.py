@@ -139,7 +139,7 @@ def _wrong_focal_length(observations: Observations, scene: Scene, rng: np.random
     return replace(observations, camera=camera)
 
 
-def _other_pictures(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
+def _other_images(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     """The pictures of another drive, class by class of the same name."""
     other = scene.other()
     places = {name: place for place, name in enumerate(observations.image_class_names)}
@@ -164,7 +164,7 @@ def _behind(observations: Observations, scene: Scene, rng: np.random.Generator) 
 
 BAD: dict[str, Degrade] = {
     "one class everywhere": _one_class,
-    "pictures of another drive": _other_pictures,
+    "pictures of another drive": _other_images,
     "sweeps behind the camera only": _behind,
     "labels shuffled": _shuffled,
     "K wrong by 10 %": _wrong_focal_length,

@@ -1,1 +1,1 @@
-"""What is read and written: documents, images and point clouds."""
+"""Reading and writing of documents, images and point clouds."""

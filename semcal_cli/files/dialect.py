@@ -1,7 +1,7 @@
 """The dialects of YAML and JSON that are read without surprises, and written to the last bit.
 
 YAML follows the 1.2 core schema: `no` and `1:30` are text, `1e-3` is a number. Anchors, aliases and tags are
-refused: no file of ours needs them, and so no small file can grow into a large document.
+refused: semcal's files do not need them, and with them a small file could grow into a large document.
 """
 
 import json
@@ -48,10 +48,10 @@ class _Loader(yaml.SafeLoader):
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes for readers of YAML 1.1 and 1.2: text that either would take for something else is quoted."""
+    """Writes for readers of YAML 1.1 and 1.2: text that either would read as another type is quoted."""
 
     def represent_list(self, data: Iterable[Any]) -> yaml.SequenceNode:
-        """Put numbers side by side, so that a matrix has a row a line."""
+        """Put numbers side by side, so that each row of a matrix is on one line."""
         flow_style = all(isinstance(item, int | float) for item in data)
         return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flow_style)
 
@@ -63,14 +63,14 @@ _Dumper.add_representer(list, _Dumper.represent_list)
 
 
 def parse(text: str, format: Format) -> Any:
-    """Read what a text holds.
+    """Parse a text.
 
     Raises:
-        ValueError: it is not well-formed; the message says where, and what is wrong.
+        ValueError: the text is not well-formed; the message names the place and the error.
     """
     try:
         document = _parse_json(text) if format == "json" else yaml.load(text, _Loader)
-        # Only an escape can stand for a lone surrogate.
+        # A lone surrogate can only come from an escape.
         texts = _texts(document) if "\\" in text else iter(())
         text_found = next(filter(_is_no_text, texts), None)
     except RecursionError:
@@ -83,7 +83,7 @@ def parse(text: str, format: Format) -> Any:
 
 
 def document_text(document: Mapping[str, Any], format: Format) -> str:
-    """Write a document of plain values as text, keys in the order given, every float to its last bit."""
+    """Format a document of plain values as text, with keys in the order given and floats exact to the last bit."""
     plain = _plain(document)
     if format == "json":
         return json.dumps(plain, indent=2, allow_nan=False) + "\n"
@@ -95,7 +95,7 @@ def _parse_json(text: str) -> Any:
 
 
 def _texts(document: object) -> Iterator[str]:
-    """All keys and values that are text."""
+    """All keys and values of a document that are text."""
     if isinstance(document, str):
         yield document
     elif isinstance(document, dict):
@@ -107,7 +107,7 @@ def _texts(document: object) -> Iterator[str]:
 
 
 def _is_no_text(text: str) -> bool:
-    """Tell whether an escape stands for half a character, which no file can hold."""
+    """Tell whether a text contains a lone surrogate, which no file can hold."""
     return any("\ud800" <= character <= "\udfff" for character in text)
 
 
@@ -123,7 +123,7 @@ def _refuse_constant(name: str) -> float:
 
 
 def _repeated(keys: Iterable[Hashable]) -> int | None:
-    """Find the first key that was there before."""
+    """Index of the first key that repeats an earlier one."""
     seen: set[Hashable] = set()
     for index, key in enumerate(keys):
         if key in seen:
@@ -145,13 +145,13 @@ def _reason(error: Exception) -> str:
             return line + ", ".join(filter(None, (error.context, error.problem)))
         case yaml.reader.ReaderError():
             return f"character {error.position} is a control character"
-    if "set_int_max_str_digits" in str(error):  # Python's advice to programmers
+    if "set_int_max_str_digits" in str(error):  # This is Python's advice to programmers.
         return "found a whole number of too many digits"
     return str(error)
 
 
 def _plain(value: Any) -> Any:
-    """Reduce to what both formats hold: plain floats without negative zero, lists, dicts."""
+    """Reduce a value to types of both formats: plain floats without negative zero, lists, dicts."""
     match value:
         case dict():
             return {key: _plain(item) for key, item in value.items()}

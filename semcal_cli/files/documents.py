@@ -1,4 +1,4 @@
-"""Documents: YAML and JSON files of a mapping or a list, read with complaints that name the file."""
+"""Documents: YAML and JSON files of a mapping or a list, read with messages that name the file."""
 
 from pathlib import Path
 from typing import Any
@@ -13,16 +13,16 @@ def read_document(path: Path) -> dict[Any, Any]:
     """Read a mapping from a JSON file (by its suffix) or a YAML file.
 
     Raises:
-        InputError: there is no such file, it is not UTF-8 or not well-formed, or holds something else.
+        InputError: the file is missing, not UTF-8 or not well-formed, or its content is not a mapping.
     """
     return parse_document(read_text(path), path)
 
 
 def parse_document(text: str, path: Path) -> dict[Any, Any]:
-    """Read a mapping from the text of a JSON file (by its suffix) or a YAML file; `path` is for complaints.
+    """Read a mapping from the text of a JSON file (by its suffix) or a YAML file; messages name `path`.
 
     Raises:
-        InputError: the text is not well-formed, or holds something else.
+        InputError: the text is not well-formed, or is not a mapping.
     """
     document = parse_any(text, path)
     if not isinstance(document, dict):
@@ -34,7 +34,7 @@ def read_list(path: Path) -> list[dict[Any, Any]]:
     """Read a list of mappings from a JSON file (by its suffix) or a YAML file.
 
     Raises:
-        InputError: there is no such file, it is not UTF-8 or not well-formed, or holds something else.
+        InputError: the file is missing, not UTF-8 or not well-formed, or its content is not a list of mappings.
     """
     document = parse_any(read_text(path), path)
     if not isinstance(document, list):
@@ -46,17 +46,17 @@ def read_list(path: Path) -> list[dict[Any, Any]]:
 
 
 def read_json_lines(path: Path) -> list[Any]:
-    """Read what the lines of a file hold, each a JSON document of its own; blank lines hold none.
+    """Read the lines of a file, each a JSON document of its own; blank lines are skipped.
 
     Raises:
-        InputError: there is no such file, it is not UTF-8, or a line is not well-formed.
+        InputError: the file is missing or not UTF-8, or a line is not well-formed.
     """
     lines = enumerate(read_text(path).split("\n"), start=1)
     return [_parse(line, "json", f"{path}: line {number}") for number, line in lines if line.strip()]
 
 
 def parse_any(text: str, path: Path) -> Any:
-    """Read what the text of a JSON file (by its suffix) or a YAML file holds; `path` is for complaints.
+    """Parse the text of a JSON file (by its suffix) or a YAML file; messages name `path`.
 
     Raises:
         InputError: the text is not well-formed.
@@ -72,7 +72,7 @@ def _parse(text: str, format: Format, where: str) -> Any:
 
 
 def output_format(path: Path) -> Format:
-    """Choose the format by the suffix.
+    """Choose the output format by the suffix.
 
     Raises:
         InputError: the suffix is neither YAML's nor JSON's.

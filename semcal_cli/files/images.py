@@ -1,4 +1,4 @@
-"""Images on disk."""
+"""Reading and writing of images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from semcal_cli.files.reading import read_bytes
 from semcal_cli.files.writing import write_bytes
 
 MAGIC = b"\x89PNG", b"\xff\xd8\xff", b"BM"
-"""How PNG, JPEG and BMP begin."""
+"""First bytes of PNG, JPEG and BMP files."""
 
 
 def read_image(path: Path) -> npt.NDArray[np.uint8]:
@@ -23,7 +23,7 @@ def read_image(path: Path) -> npt.NDArray[np.uint8]:
         (H, W, 3) blue, green, red.
 
     Raises:
-        InputError: there is no such file, or it is no image.
+        InputError: the file is missing, or is not an image.
     """
     content = read_bytes(path)
     if not content.startswith(MAGIC):
@@ -45,10 +45,10 @@ def write_image(image: npt.NDArray[np.uint8], path: Path) -> None:
 
     Args:
         image: (H, W) grey, or (H, W, 3) blue, green, red.
-        path: What to write; its suffix is .png.
+        path: File to write; its suffix is .png.
 
     Raises:
-        InputError: the suffix is another, or the file cannot be written. An existing one is untouched then.
+        InputError: the suffix is not .png, or the file cannot be written. An existing file stays untouched then.
     """
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .png")

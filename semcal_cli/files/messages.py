@@ -1,4 +1,4 @@
-"""How messages say what was found and what was needed."""
+"""Phrases of error messages: the value that was found, and the one that was needed."""
 
 import difflib
 from collections.abc import Iterable
@@ -8,12 +8,12 @@ MAX_LISTED_LENGTH = 40
 
 
 def mismatch(found: object, needed: object) -> ValueError:
-    """Make the error that a validator raises."""
+    """Make the error that a validator raises for a wrong value."""
     return ValueError(f"found {found}, needed {needed}")
 
 
 def describe(value: object) -> str:
-    """Say in a few words, on one line, what was found in a document."""
+    """Describe a value of a document in a few words on one line."""
     match value:
         case None:
             return "nothing"
@@ -28,7 +28,7 @@ def describe(value: object) -> str:
 
 
 def one_of(wanted: str, known: Iterable[str]) -> str:
-    """List what there is, the nearest first, if it is much."""
+    """List the known names; the nearest to the wanted one first, if there are many."""
     names = list(known)
     if not names:
         return "one, but there is none"
@@ -39,7 +39,7 @@ def one_of(wanted: str, known: Iterable[str]) -> str:
 
 
 def listed(names: Iterable[object]) -> str:
-    """List the first of what was found in a file."""
+    """List the first names of those found in a file."""
     first = [_cut(str(name)) for name in names]
     more = [f"and {len(first) - MAX_LISTED:,} more"] if len(first) > MAX_LISTED else []
     return ", ".join(first[:MAX_LISTED] + more) or "none"
@@ -50,5 +50,5 @@ def _cut(name: str) -> str:
 
 
 def os_reason(error: OSError) -> str:
-    """Say in a few words why the operating system refused."""
+    """Describe in a few words why the operating system refused."""
     return (error.strerror or str(error)).lower()

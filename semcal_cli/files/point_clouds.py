@@ -1,4 +1,4 @@
-"""Point clouds of every format: LAS and LAZ by laspy, the extra `las`; all others by the core."""
+"""Reading of point clouds: laspy, the extra `las`, reads LAS and LAZ; the core reads all other formats."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ if TYPE_CHECKING:
     import laspy
 
 CHUNK = 1_000_000
-"""Points that are unpacked at a time, so that a header that promises too many costs nothing."""
+"""Points unpacked at a time, so that a header that promises too many costs nothing."""
 MAX_INFLATION = 100
-"""A LAZ file that promises to grow more than that is refused; ten times is common."""
+"""Largest growth of a LAZ file when it is unpacked; a factor of ten is common."""
 HEADER = struct.Struct("<4s20xBB68xHIIBHI")
-"""Signature, version, bytes of the header and before the points, VLRs, point format, bytes a point, points."""
+"""Header: signature, version, header size, offset of points, number of VLRs, point format, point size, points."""
 COUNT_1_4 = struct.Struct("<247xQ")
-"""The number of points since version 1.4."""
+"""Header since version 1.4: number of points."""
 VLR = struct.Struct("<H16sHH32s")
-"""Reserved, user, record, bytes after this header, description."""
+"""Header of a VLR: reserved, user, record, bytes after it, description."""
 VLR_BYTES = VLR.size
 PACKED = 0x80
-"""The bit of the point format that says LAZ."""
+"""Bit of the point format that marks LAZ."""
 LASZIP_RECORD = (b"laszip encoded", 22204)
 LASZIP = struct.Struct("<12xI16xH")
 """Points in a chunk, and items in a point."""
 MIN_CHUNK_POINTS = 100
-"""Fewer make more table than data."""
+"""Least number of points in a chunk; smaller chunks make more table than data."""
 
 FIELDS = {
     "x": "x",
@@ -46,27 +46,27 @@ FIELDS = {
     "gps_time": "time",
     "classification": "label",
 }
-"""What is used of a LAS, and what it is called in a cloud."""
+"""Fields of a LAS file that are used, with their names in a cloud."""
 
 
 def read_point_clouds(files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
-    """Read sweeps, each with its file of labels or, without one, with its own field of labels, if any.
+    """Read sweeps, each with its file of labels, or else with its own field of labels, if it has one.
 
     Raises:
-        InputError: a file cannot be read or is not what its name says, or counts differ.
+        InputError: a file cannot be read, is not what its name says, or has another number of points than labels.
     """
     others = iter(_core.read_point_clouds([file for file in files if not _is_las(file[0])]))
     return [_read_las(*file) if _is_las(file[0]) else next(others) for file in files]
 
 
 class Sweeps:
-    """Reads each sweep, with its labels, once, however many cameras or cues need it, and keeps it."""
+    """Reads each sweep with its labels once, for all cameras and cues, and keeps it."""
 
     def __init__(self) -> None:
         self._clouds: dict[tuple[str, str | None], _core.PointCloud] = {}
 
     def read(self, files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
-        """Give sweeps as `read_point_clouds` does; arguments and errors are the same."""
+        """Read sweeps as `read_point_clouds` does, with the same arguments and errors."""
         keys = [
             (os.path.realpath(points), None if labels is None else os.path.realpath(labels))
             for points, labels in files
@@ -77,7 +77,7 @@ class Sweeps:
 
     @property
     def num_different(self) -> int:
-        """How many different clouds were read; one with labels of each camera's own is read for each."""
+        """Number of different clouds read; a cloud with labels for each camera counts once for each."""
         return len({points for points, _ in self._clouds})
 
 
@@ -109,7 +109,7 @@ def _read_las(path: Path, labels: Path | None) -> _core.PointCloud:
 
 
 def _check_header(path: Path) -> None:
-    """Refuse what laspy and lazrs would take on trust: how many points, records and chunks there are."""
+    """Refuse counts of points, records and chunks that laspy and lazrs would trust."""
     start = read_bytes(path, COUNT_1_4.size)
     size = path.stat().st_size
     if len(start) < HEADER.size or not start.startswith(b"LASF"):
@@ -131,7 +131,7 @@ def _check_header(path: Path) -> None:
 
 
 def _check_packing(path: Path, records: bytes, num_vlrs: int, offset: int, size: int) -> None:
-    """Check LASzip's record and the table of chunks."""
+    """Check LASzip's record, and the table of chunks."""
     begin, laszip = 0, None
     for _ in range(num_vlrs):
         _, user, record_id, length, _ = VLR.unpack_from(records, min(begin, max(len(records) - VLR.size, 0)))

@@ -1,4 +1,4 @@
-"""Regular files read as a whole, and what there is under a name."""
+"""Reading of regular files as a whole, and tests of paths."""
 
 import os
 import stat
@@ -10,22 +10,22 @@ from semcal_cli.files.messages import os_reason
 
 
 def is_folder(path: Path) -> bool:
-    """Tell whether there is a folder, also for names that are too long to ask for."""
+    """Tell whether a path is a folder, also for names that are too long for the system."""
     with suppress(OSError):
         return path.is_dir()
     return False
 
 
 def is_same_file(a: Path, b: Path) -> bool:
-    """Tell whether two names are of one file, by links or otherwise."""
+    """Tell whether two paths lead to one file, by links or otherwise."""
     return os.path.realpath(a) == os.path.realpath(b)
 
 
 def read_bytes(path: Path, count: int | None = None) -> bytes:
-    """Read a regular file, or its first `count` bytes: neither a pipe that nobody writes to nor an endless device.
+    """Read a regular file, or its first `count` bytes; pipes and devices are refused, since reading them may not end.
 
     Raises:
-        InputError: there is no such file, or it cannot be read.
+        InputError: the file is missing, or cannot be read.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -41,7 +41,7 @@ def read_text(path: Path) -> str:
     """Read a UTF-8 file, with or without a byte order mark.
 
     Raises:
-        InputError: there is no such file, or it is not UTF-8.
+        InputError: the file is missing, or is not UTF-8.
     """
     try:
         return read_bytes(path).decode("utf-8-sig")
@@ -50,7 +50,7 @@ def read_text(path: Path) -> str:
 
 
 def read_reason(error: OSError) -> str:
-    """Say in a few words why nothing can be read or written under a name."""
+    """Describe in a few words why a path cannot be read or written."""
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return "no such file or folder"
     return os_reason(error)

@@ -1,4 +1,4 @@
-"""Checks of documents: pydantic's strictness, and complaints of one line."""
+"""Checks of documents: strict pydantic models, and error messages of one line."""
 
 import difflib
 from collections.abc import Iterable, Mapping
@@ -14,11 +14,11 @@ from semcal_cli.files.messages import describe, mismatch
 from semcal_cli.geometry.poses import check_rigid
 
 MAX_TRANSLATION_M = 1e6
-"""No LiDAR is farther from its camera, in whatever unit."""
+"""Largest translation: no LiDAR is farther from its camera, whatever the unit."""
 
 
 class StrictModel(BaseModel):
-    """Immutable; nothing is converted but a whole number to a float; unknown keys are errors."""
+    """Immutable model without conversions, except from a whole number to a float; unknown keys are errors."""
 
     model_config = ConfigDict(
         strict=True, frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
@@ -42,7 +42,7 @@ def validate(model: type[Model], document: object, path: Path) -> Model:
     """Check a document that was read from `path`.
 
     Raises:
-        InputError: the first complaint, as `file: key: what was found, what was needed`.
+        InputError: the document is wrong; the message is `file: key: what was found, what was needed`.
     """
     try:
         return model.model_validate(document)
@@ -55,7 +55,7 @@ def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
     """Check that no value belongs to two names.
 
     Raises:
-        ValueError: one does.
+        ValueError: a value belongs to two names.
     """
     owners: dict[object, str] = {}
     for name, values in names.items():
@@ -86,7 +86,7 @@ def _check_rigid(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...]
 
 
 def length(minimum: int, maximum: int | None = None) -> Any:
-    """Annotate a tuple: made of a list, the only sequence of YAML and JSON, and as long as said."""
+    """Annotate a tuple that is read from a list, the only sequence of YAML and JSON, with limits on its length."""
     return Field(strict=False, min_length=minimum, max_length=maximum)
 
 
@@ -101,7 +101,7 @@ Transform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidat
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
 Width: TypeAlias = Annotated[float, Field(ge=0.0, le=1e100)]
-"""How far something is off: never less than 0, and no number that overflows in other units."""
+"""Size of an offset: not negative, and small enough not to overflow in other units."""
 Widths: TypeAlias = Annotated[tuple[Width, ...], length(3, 3)]
 
 _NEEDED = {
@@ -136,7 +136,7 @@ def _complaint(error: ErrorDetails) -> str:
 
 
 def _key(error: ErrorDetails) -> str:
-    parts = [part for part in error["loc"] if part != "[key]"]  # pydantic marks a complaint about a key so
+    parts = [part for part in error["loc"] if part != "[key]"]  # pydantic marks an error in a key like this
     return "".join(_key_part(part) for part in parts).removeprefix(".")
 
 

@@ -1,4 +1,4 @@
-"""Files written as a whole or not at all, so that a crash leaves no half a file."""
+"""Writing of files as a whole or not at all, so that a crash leaves no incomplete file."""
 
 import os
 import secrets
@@ -19,10 +19,10 @@ def write_text(text: str, path: Path) -> None:
 def write_bytes(content: bytes, path: Path) -> None:
     """Write a file as a whole or not at all: to a temporary file beside it, which is then renamed.
 
-    Devices and pipes are written to, not replaced. A file that is replaced keeps its permissions.
+    Devices and pipes are written to, not replaced. A replaced file keeps its permissions.
 
     Raises:
-        InputError: the file cannot be written. An existing one is untouched then.
+        InputError: the file cannot be written. An existing file stays untouched then.
     """
     target = Path(os.path.realpath(path))
     try:
@@ -51,10 +51,10 @@ def write_bytes(content: bytes, path: Path) -> None:
 
 
 def make_folder(path: Path) -> None:
-    """Make a folder, unless there is one.
+    """Create a folder, unless it exists.
 
     Raises:
-        InputError: it cannot be made.
+        InputError: the folder cannot be created.
     """
     try:
         path.mkdir(parents=True, exist_ok=True)

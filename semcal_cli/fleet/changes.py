@@ -1,4 +1,4 @@
-"""Whether a rig has changed: change points in a series of transforms, or a steady drift.
+"""Detection of changes of a rig: change points in a series of transforms, or a steady drift.
 
 Change points are found by binary segmentation (Scott and Knott, 1974): a series is split where two means explain it
 best, if they explain it better than chance does, and then each part again. The gain of a split is the statistic of the
@@ -18,11 +18,11 @@ from semcal_cli.fleet.consensus import STUDENT_DOF, Matrices, Vectors
 
 ALPHA = 0.01
 MIN_LENGTH = 3
-"""Of a part, so that no single calibration is one."""
+"""Least number of calibrations between two changes, so that no single calibration is taken for a stretch of time."""
 NUM_ROUNDS = 10
-"""Of weighing drives anew by how far they are from the line."""
+"""Rounds in which drives are weighted again by their distance from the line."""
 WINDOW = 5
-"""Calibrations whose median says what is usual about then."""
+"""Number of calibrations whose median is the usual place at a time."""
 
 
 @dataclass(frozen=True)
@@ -30,22 +30,22 @@ class Drift:
     """A steady change over the whole series, a straight line of (rho, phi) over time."""
 
     per_unit: npt.NDArray[np.float64]
-    """(6,) a unit of time."""
+    """(6,) change of (rho, phi) per unit of time."""
     covariance: npt.NDArray[np.float64]
-    """(6, 6) of that."""
+    """(6, 6) covariance of the change per unit of time."""
     level: npt.NDArray[np.float64]
-    """(6,) at the middle of the series, where it is hardly correlated with the slope."""
+    """(6,) value at the middle of the series, where it is hardly correlated with the slope."""
     level_covariance: npt.NDArray[np.float64]
-    """(6, 6) of that."""
+    """(6, 6) covariance of the level."""
     middle: float
     is_significant: bool = False
 
     def at(self, times: npt.NDArray[np.float64]) -> Vectors:
-        """Give the line (N, 6) at some times."""
+        """Evaluate the line at some times, (N, 6)."""
         return self.level + (times - self.middle)[:, None] * self.per_unit
 
     def covariance_at(self, time: float) -> npt.NDArray[np.float64]:
-        """Give the covariance (6, 6) of the line at a time."""
+        """Covariance (6, 6) of the line at a time."""
         covariance: npt.NDArray[np.float64] = (
             self.level_covariance + (time - self.middle) ** 2 * self.covariance
         )
@@ -53,12 +53,12 @@ class Drift:
 
 
 def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: float) -> list[int]:
-    """Find the places, ascending, at which a part of a series begins that differs from the one before.
+    """Find the indices, ascending, at which a part of a series begins that differs from the part before.
 
     Args:
-        series: In the order of time.
-        covariances: Of each, with what they scatter beyond what they say.
-        degrees_of_freedom: That this scatter is known with.
+        series: (N, 6) local coordinates, in the order of time.
+        covariances: (N, 6, 6) covariance of each, including the scatter beyond the stated errors.
+        degrees_of_freedom: Degrees of freedom of that scatter.
     """
     weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
     found: list[int] = []
@@ -76,7 +76,7 @@ def change_points(series: Vectors, covariances: Matrices, degrees_of_freedom: fl
 def drift(
     times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices, degrees_of_freedom: float
 ) -> Drift:
-    """Fit a straight line, robustly; arguments as of `change_points`, and times in any unit."""
+    """Fit a straight line robustly; `times` are in any unit, the other arguments are those of `change_points`."""
     information = np.linalg.inv(covariances)
     weights = _weights(series, covariances)
     for _ in range(NUM_ROUNDS):
@@ -89,7 +89,7 @@ def drift(
 
 def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -> Drift:
     total = weighted.sum(0)
-    # Times are counted from their weighted mean, per axis alike: slope and level are then hardly correlated.
+    # Times are counted from their weighted mean, the same for all axes: slope and level are then hardly correlated.
     middle = float(np.average(times, weights=np.trace(weighted, axis1=1, axis2=2)))
     centered = times - middle
     crossed = np.einsum("n,nij->ij", centered, weighted)
@@ -103,9 +103,9 @@ def _line(times: npt.NDArray[np.float64], series: Vectors, weighted: Matrices) -
 
 
 def misfit(series: Vectors, model: Vectors, covariances: Matrices, num_parameters: int) -> float:
-    """Give the Bayesian information criterion (Schwarz, 1978) of a model of a series: the smallest is the best.
+    """Bayesian information criterion (Schwarz, 1978) of a model of a series: the smallest is the best.
 
-    Weights are those of the series, whatever the model.
+    The weights are those of the series, whatever the model is.
     """
     weighted = np.linalg.inv(covariances) * _weights(series, covariances)[:, None, None]
     off = series - model
@@ -114,7 +114,7 @@ def misfit(series: Vectors, model: Vectors, covariances: Matrices, num_parameter
 
 
 def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:
-    """The best place to split, if it is better than chance."""
+    """The best place to split the series, if the split explains more than chance does."""
     count = len(series)
     if count < 2 * MIN_LENGTH:
         return None
@@ -130,14 +130,14 @@ def _split(series: Vectors, weighted: Matrices, threshold: float) -> int | None:
 
 
 def _explained(information: Matrices, pull: Vectors) -> npt.NDArray[np.float64]:
-    """What a weighted mean explains: b^T A^-1 b."""
+    """Part of the squared series that a weighted mean explains: b^T A^-1 b."""
     explained: npt.NDArray[np.float64] = (pull * np.linalg.solve(information, pull[..., None])[..., 0]).sum(1)
     return explained
 
 
 def _weights(series: Vectors, covariances: Matrices) -> npt.NDArray[np.float64]:
-    """Weights of Student's distribution about what is usual at the time: what lies alone is no change."""
-    # At either end the window is that of the nearest drive that has one all around.
+    """Weights of Student's distribution about the usual place at each time: a single outlier is then no change."""
+    # At either end the window is that of the nearest drive with a whole window around it.
     count = len(series)
     begins = np.clip(np.arange(count) - WINDOW // 2, 0, max(count - WINDOW, 0))
     usual = np.array([np.median(series[begin : begin + WINDOW], axis=0) for begin in begins])

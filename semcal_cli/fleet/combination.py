@@ -1,6 +1,6 @@
-"""The drives of one rig put together: what they agree on, who disagrees, whether something moved, and a verdict.
+"""The drives of one rig combined: their mean, the drives that disagree, the changes of the rig, and a verdict.
 
-Every drive is compared with what holds at its time, and the last is what holds now.
+Every drive is compared with the rig's pose at its time; the pose at the last drive is the current one.
 """
 
 from __future__ import annotations
@@ -31,17 +31,17 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 ALPHA = 0.01
-"""A fleet that agrees has a drive that is said to disagree no more often than this (Bonferroni)."""
+"""Probability that a drive of a consistent fleet is said to disagree (Bonferroni)."""
 DAY_S = 86_400.0
 
 
 def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose | None = None) -> Fleet:
-    """Put the drives of one rig together.
+    """Combine the drives of one rig.
 
     Args:
-        members: The drives, in any order: their stamps give it, or without stamps their names.
-        limits: What drives may be off, and the rig may move.
-        T_reference: T_camera_lidar that the rig should have.
+        members: The drives, in any order: their stamps sort them, or their names if they have no stamps.
+        limits: Largest allowed offsets of the drives, and changes of the rig.
+        T_reference: T_camera_lidar (4, 4) that the rig should have.
 
     Raises:
         CalibrationError: no drive can be used.
@@ -80,26 +80,26 @@ def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose 
 
 @dataclass(frozen=True)
 class _Series:
-    """Drives in the order of time, in local coordinates about what they agree on."""
+    """Drives in the order of time, in local coordinates about their mean."""
 
     times: npt.NDArray[np.float64]
     T_middle: Pose
-    """What they agree on."""
+    """Mean of the drives, T_camera_lidar."""
     coordinates: Vectors
     covariances: Matrices
-    """As stated, with what they scatter beyond that."""
+    """Stated covariances, with the scatter beyond them."""
     extra: Scatter
     factors: npt.NDArray[np.float64]
-    """(6,) standard errors of half a 95 % interval, by Student's distribution."""
+    """(6,) half widths of a 95 % interval in standard errors, by Student's distribution."""
 
     @property
     def degrees_of_freedom(self) -> float:
-        """That the scatter is known with, of the axis of which it is known least."""
+        """Degrees of freedom of the scatter, for the axis that has the fewest."""
         return float(self.extra.degrees_of_freedom.min())
 
 
 def _usable(members: Sequence[Member]) -> tuple[list[Member], tuple[Member, ...]]:
-    """Part the drives that can be used from those that are left out.
+    """Separate the drives that can be used from those that are left out.
 
     Raises:
         CalibrationError: none can be used.
@@ -117,7 +117,7 @@ def _usable(members: Sequence[Member]) -> tuple[list[Member], tuple[Member, ...]
 
 
 def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64], Order]:
-    """Sort drives by their stamps, days since the first, or if these do not compare by their names."""
+    """Sort drives by their stamps, in days since the first; by their names if the stamps do not compare."""
     by_name = sorted(used, key=lambda member: _natural(member.drive))
     stamps = [member.stamp for member in by_name if member.stamp is not None and member.has_stamp]
     if len(stamps) < len(used) or len(set(stamps)) == 1:
@@ -127,14 +127,14 @@ def _in_order(used: list[Member]) -> tuple[list[Member], npt.NDArray[np.float64]
 
 
 def _natural(name: str) -> tuple[list[tuple[int, str]], str]:
-    """Sort key by which 10 comes after 2."""
+    """Sort key that puts 10 after 2."""
     parts = re.split(r"([0-9]+)", name)
     digits = (part.lstrip("0") if index % 2 else part for index, part in enumerate(parts))
     return [(len(part) if index % 2 else 0, part) for index, part in enumerate(digits)], name
 
 
 def _make_series(used: Sequence[Member], times: npt.NDArray[np.float64]) -> _Series:
-    """Find what drives agree on, how much they scatter, and where each is beside it."""
+    """Compute the mean of the drives, their scatter, and the coordinates of each about the mean."""
     poses = [member.T_camera_lidar for member in used if member.T_camera_lidar is not None]
     stated = np.array([member.covariance for member in used])
     T_middle = robust_mean(poses, stated).T_camera_lidar
@@ -148,7 +148,7 @@ def _make_series(used: Sequence[Member], times: npt.NDArray[np.float64]) -> _Ser
 def _compare_drives(
     used: Sequence[Member], series: _Series, history: RigHistory, limits: Limits
 ) -> tuple[ComparedDrive, ...]:
-    """Compare each drive with what holds at its time."""
+    """Compare each drive with the rig's pose at its time."""
     off = series.coordinates - history.expected
     squared = np.einsum("ni,nij,nj->n", off, np.linalg.inv(series.covariances), off)
     disagrees = squared > joint_quantile(ALPHA / len(used), series.degrees_of_freedom)
@@ -199,7 +199,7 @@ def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tupl
 
 
 def _total_drift(series: _Series, history: RigHistory) -> Offset | None:
-    """Give the drift from the first drive to the last, if the rig drifts."""
+    """Compute the drift from the first drive to the last, if the rig drifts."""
     if history.drift is None:
         return None
     span = float(series.times[-1] - series.times[0])
@@ -211,13 +211,13 @@ def _offset(
     covariance: npt.NDArray[np.float64],
     factors: npt.NDArray[np.float64],
 ) -> Offset:
-    """Give what local coordinates say of the camera: rho moves its centre the other way."""
+    """Express local coordinates as an offset of the camera: rho moves its centre the other way."""
     return Offset(-coordinates[:3], np.degrees(coordinates[3:]), _half_widths(covariance, factors))
 
 
 def _half_widths(
     covariance: npt.NDArray[np.float64], factors: npt.NDArray[np.float64]
 ) -> npt.NDArray[np.float64]:
-    """Give (6,) standard errors times factors (6,), metres and degrees."""
+    """Half widths (6,): standard errors times factors (6,), metres and degrees."""
     sigmas = factors * np.sqrt(np.diag(covariance))
     return np.concatenate([sigmas[:3], np.degrees(sigmas[3:])])

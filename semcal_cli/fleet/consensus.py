@@ -1,11 +1,11 @@
-"""What calibrations of one rig agree on: a robust mean of transforms, weighted by how sure each is.
+"""The mean of the calibrations of one rig: a robust mean of transforms, weighted by their certainty.
 
 Transforms are compared in local coordinates about a reference (`geometry.twists.local_coordinates`), in which
 their covariances are stated.
 
-The mean is that of a multivariate Student distribution (Lange, Little and Taylor, 1989), whose weights fall for what
-lies far off. Calibrations of one rig scatter by more than each says of itself, since labels of one drive err alike. How
-much more is told by how much neighbours in time differ, which a rig that changes once hardly alters.
+The mean is that of a multivariate Student distribution (Lange, Little and Taylor, 1989), which gives outliers a small
+weight. Calibrations of one rig scatter by more than their stated errors, since the labels of one drive err alike. The
+differences of neighbours in time measure this scatter; a rig that changes once hardly alters them.
 """
 
 from __future__ import annotations
@@ -24,22 +24,23 @@ from semcal_cli.geometry.twists import local_coordinates, pose_at
 Vectors = npt.NDArray[np.float64]
 """(N, 6) local coordinates."""
 Matrices = npt.NDArray[np.float64]
-"""(N, 6, 6) covariances of them."""
+"""(N, 6, 6) covariances of local coordinates."""
 
 STUDENT_DOF = 4.0
 WIDENING = 1.23
-"""Of the inverse of the weighted information: makes it the covariance of this mean of normal transforms (the
+"""Factor from the inverse of the weighted information to the covariance of this mean of normal transforms (the
 sandwich of an M-estimator: E[w^2 d^2] / 6 by the square of E[w + w' d^2 / 3], times E[w]; d^2 is chi squared)."""
 MAX_SQUARE = 4.0
-"""Of a difference of neighbours, in variances."""
+"""Limit on the squared difference of neighbours, in variances."""
 EFFICIENCY, MEDIAN_EFFICIENCY = 0.6, 0.25
-"""Of the variance of neighbours' differences, and of their median, beside the variance about a mean that is known."""
+"""Efficiency of the variance of neighbours' differences, and of their median, relative to the variance about a
+known mean."""
 FAR = 0.0005
-"""Differences that chance makes this seldom, to either side, say nothing of the scatter."""
+"""Probability, to either side, of a difference by chance; rarer differences are left out of the scatter."""
 NUM_HALVINGS = 80
 MAX_ROUNDS = 50
 SETTLED = 1e-12
-"""Metres and radians of the last step."""
+"""Length of the last step, metres and radians, at which the mean has converged."""
 
 
 @dataclass(frozen=True)
@@ -48,25 +49,26 @@ class Mean:
 
     T_camera_lidar: Pose
     covariance: npt.NDArray[np.float64]
-    """(6, 6) of (rho, phi) about it."""
+    """(6, 6) covariance of (rho, phi) about the mean."""
 
 
 @dataclass(frozen=True)
 class Scatter:
-    """By how much a series scatters more than its covariances say."""
+    """The scatter of a series beyond its stated covariances."""
 
     variances: npt.NDArray[np.float64]
-    """(6,) along each axis."""
+    """(6,) extra variance along each axis."""
     degrees_of_freedom: npt.NDArray[np.float64]
-    """(6,) that the whole scatter is known with, stated and extra together (Satterthwaite)."""
+    """(6,) degrees of freedom of the whole scatter, stated and extra together (Satterthwaite)."""
 
 
 def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
-    """Tell how much a series scatters beyond what is stated.
+    """Estimate the scatter of a series beyond its stated covariances.
 
-    With it, differences of neighbours are as large as a normal distribution's. First their median is, which less than
-    half of them cannot spoil; those that are then too large for chance, as where a drive lies alone or the rig changed,
-    are left out; of the rest squares count up to a limit (Huber's second proposal, 1964), which uses more of them.
+    With the extra variance the differences of neighbours are as large as those of a normal distribution. Their median
+    is matched first: a minority of wrong drives cannot spoil it. Differences that are then too large for chance are
+    left out, as where a drive is an outlier or the rig changed. The squares of the others count up to a limit (Huber's
+    second proposal, 1964), which uses more of the data than the median.
     """
     num_differences = len(series) - 1
     if num_differences < 2:
@@ -85,16 +87,16 @@ def extra_scatter(series: Vectors, covariances: Matrices) -> Scatter:
         stated[is_near], squared[is_near], lambda squares: np.minimum(squares, MAX_SQUARE).mean(axis=0) - mean
     )
     share = np.maximum(found / (found + variances.mean(axis=0)), np.finfo(float).tiny)
-    # That there is none is not known any better than by so many drives.
+    # An extra variance of zero is not known any better than this number of differences allows.
     return Scatter(found, np.minimum(EFFICIENCY * len(is_near) / share**2, len(is_near)))
 
 
 def _solve(
     stated: Vectors, squared: Vectors, excess: Callable[[Vectors], npt.NDArray[np.float64]]
 ) -> npt.NDArray[np.float64]:
-    """Find the extra variances (6,) with which the excess of squared differences, in their variances, is nothing.
+    """Find the extra variances (6,) at which the excess of the squared differences, in variances, is zero.
 
-    Where stated variances are enough, that is none.
+    They are zero where the stated variances are enough.
     """
     low, high = np.zeros(6), squared.max(axis=0) * len(squared)
     for _ in range(NUM_HALVINGS):
@@ -106,14 +108,14 @@ def _solve(
 
 
 def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
-    """Average transforms.
+    """Compute the robust mean of transforms.
 
     Args:
         poses: T_camera_lidar (4, 4) of each.
-        covariances: (N, 6, 6) of (rho, phi), with what they scatter beyond that.
+        covariances: (N, 6, 6) of (rho, phi) of each, including the scatter beyond the stated errors.
     """
     information = np.linalg.inv(covariances)
-    # From the one that is nearest to the others: a start that outliers do not move.
+    # The start is the pose nearest to the medians, which outliers do not move.
     T = poses[_medoid(poses)]
     for _ in range(MAX_ROUNDS):
         coordinates = local_coordinates(poses, T)
@@ -128,7 +130,7 @@ def robust_mean(poses: Sequence[Pose], covariances: Matrices) -> Mean:
 
 
 def _medoid(poses: Sequence[Pose]) -> int:
-    """The one whose rotation and centre are nearest to the medians."""
+    """The pose whose rotation and centre are nearest to the medians."""
     coordinates = local_coordinates(poses, poses[0])
     off = np.abs(coordinates - np.median(coordinates, axis=0))
     scale = np.maximum(np.median(off, axis=0), np.finfo(float).eps)

@@ -1,4 +1,4 @@
-"""What a fleet of drives says of one rig: where the camera is, who disagrees, and whether something moved."""
+"""The result of combining the drives of one rig: the camera's pose, the drives that disagree, and the changes."""
 
 from __future__ import annotations
 
@@ -18,39 +18,39 @@ Order: TypeAlias = Literal["stamp", "name"]
 
 @dataclass(frozen=True)
 class Offset:
-    """How far a transform is from another, along and about the axes of the other's camera."""
+    """The offset of a transform from another one, along and about the axes of the other one's camera."""
 
     center_m: npt.NDArray[np.float64]
-    """(3,) of the camera's place."""
+    """(3,) offset of the camera's centre, metres."""
     rotation_deg: npt.NDArray[np.float64]
-    """(3,)"""
+    """(3,) offset of the rotation, degrees."""
     half_widths: npt.NDArray[np.float64]
-    """(6,) of the 95 % intervals, metres and degrees."""
+    """(6,) half widths of the 95 % intervals, metres and degrees."""
 
     @property
     def words(self) -> str:
-        """How far it is in all."""
+        """Total offset as text."""
         center_cm, rotation_deg = 100.0 * np.linalg.norm(self.center_m), np.linalg.norm(self.rotation_deg)
         return f"{center_cm:.2f} cm and {rotation_deg:.3f} deg"
 
     def judge(self, limits: Limits) -> tuple[Check, ...]:
-        """Judge it along and about each axis, and in all."""
+        """Judge the offset along and about each axis, and in all."""
         return judge(self.center_m.tolist(), self.rotation_deg.tolist(), self.half_widths.tolist(), limits)
 
 
 @dataclass(frozen=True)
 class ComparedDrive:
-    """A drive beside what holds at its time."""
+    """A drive compared with the rig's pose at its time."""
 
     member: Member
     time: float
     part: int
     expected: npt.NDArray[np.float64]
-    """(6,) what holds then relative to what holds at the last drive: the camera's place and rotation, metres and
+    """(6,) camera's place and rotation at the time of the drive, relative to those at the last drive; metres and
     degrees."""
     offset: Offset
     disagrees: bool
-    """By more than chance explains."""
+    """Whether the offset is larger than chance explains."""
     is_far: bool
     """Whether the offset itself, whatever its interval, is beyond a limit."""
     verdict: Verdict
@@ -58,7 +58,7 @@ class ComparedDrive:
 
     @property
     def is_suspect(self) -> bool:
-        """Whether it may be beyond a limit, and nobody knows."""
+        """Whether the offset is beyond a limit, but not surely."""
         return self.is_far and self.verdict != "fail"
 
 
@@ -70,38 +70,38 @@ class Part:
     last: str
     num_drives: int
     T_camera_lidar: Pose
-    """At its end."""
+    """T_camera_lidar (4, 4) at the end of the stretch."""
     half_widths: npt.NDArray[np.float64]
-    """(6,) of the 95 % intervals of the camera's place and rotation, metres and degrees."""
+    """(6,) half widths of the 95 % intervals of the camera's place and rotation, metres and degrees."""
     change: Offset | None
-    """From the part before; None for the first."""
+    """Offset from the part before; None for the first part."""
     change_in_all: Offset | None
-    """From the first part, if that is not the one before."""
+    """Offset from the first part, unless that is the part before."""
 
 
 @dataclass(frozen=True)
 class Fleet:
-    """What the drives of a rig say together."""
+    """The combined result of the drives of a rig."""
 
     verdict: Verdict
     reasons: tuple[str, ...]
     notes: tuple[str, ...]
-    """What a reader has to know that is no reason for the verdict."""
+    """Notes for the reader that do not affect the verdict."""
     checks: tuple[Check, ...]
-    """Of what they agree on; single drives are judged beside."""
+    """Checks of the combined pose; single drives have their own verdicts."""
     T_camera_lidar: Pose
-    """At the last drive."""
+    """T_camera_lidar (4, 4) at the last drive."""
     covariance: npt.NDArray[np.float64]
-    """(6, 6) of a twist on its left, (rho, phi)."""
+    """(6, 6) covariance of a twist on the left of the pose, (rho, phi)."""
     scatter: npt.NDArray[np.float64]
-    """(6,) standard deviation of the camera's place and rotation beyond what drives say of themselves, metres and
+    """(6,) standard deviation of the camera's place and rotation beyond the stated errors of the drives, metres and
     degrees."""
     order: Order
-    """`stamp`: times are days since the first; `name`: they count drives, since stamps do not compare."""
+    """`stamp`: times are days since the first drive; `name`: times count drives, since stamps do not compare."""
     parts: tuple[Part, ...]
     drift: Offset | None
-    """From the first drive to the last, if it explains them better than changes do."""
+    """Offset from the first drive to the last, if a drift explains the drives better than changes do."""
     drives: tuple[ComparedDrive, ...]
-    """In the order of time."""
+    """Drives in the order of time."""
     left_out: tuple[Member, ...]
     limits: Limits

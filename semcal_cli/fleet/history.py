@@ -1,6 +1,6 @@
-"""How a rig went: it stays as it is, changes now and then, or drifts.
+"""The history of a rig: it stays as it is, changes at some times, or drifts.
 
-Which of the three explains the drives best is told by the Bayesian information criterion.
+The Bayesian information criterion chooses the model that explains the drives best.
 """
 
 from __future__ import annotations
@@ -15,32 +15,32 @@ from semcal_cli.fleet.consensus import Matrices, Vectors, robust_mean
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 MIN_DRIFT_DRIVES = 6
-"""Fewer do not tell a line from chance."""
+"""Least number of drives that tell a line from chance."""
 
 
 @dataclass(frozen=True)
 class RigHistory:
-    """Where a rig was at each drive, in local coordinates."""
+    """Places of a rig at each drive, in local coordinates."""
 
     expected: Vectors
-    """(N, 6) at each drive."""
+    """(N, 6) place of the rig at each drive."""
     covariances: Matrices
-    """(N, 6, 6) of that."""
+    """(N, 6, 6) covariance of the place at each drive."""
     starts: tuple[int, ...] = (0,)
-    """Where parts begin."""
+    """Indices of the drives at which parts begin."""
     drift: Drift | None = None
 
 
 def find_history(
     times: npt.NDArray[np.float64], series: Vectors, covariances: Matrices, degrees_of_freedom: float
 ) -> RigHistory:
-    """Find what explains the drives best: nothing happened, changes, or a drift.
+    """Find the model that explains the drives best: no change, changes, or a drift.
 
     Args:
-        times: In any unit, ascending.
-        series: Local coordinates of the drives.
-        covariances: Of each, with what they scatter beyond what they say.
-        degrees_of_freedom: That this scatter is known with.
+        times: Times of the drives in any unit, ascending.
+        series: (N, 6) local coordinates of the drives.
+        covariances: (N, 6, 6) covariance of each drive, including the scatter beyond the stated errors.
+        degrees_of_freedom: Degrees of freedom of that scatter.
     """
     steady = _in_parts(series, covariances, (0,))
     found = [(misfit(series, steady.expected, covariances, 6), steady)]
@@ -57,10 +57,10 @@ def find_history(
 
 
 def _in_parts(series: Vectors, covariances: Matrices, starts: tuple[int, ...]) -> RigHistory:
-    """Take the robust mean of each part for what holds in it."""
+    """Take the robust mean of each part as the place of the rig in it."""
     expected, known = np.zeros_like(series), np.zeros_like(covariances)
     for begin, end in zip(starts, (*starts[1:], len(series)), strict=True):
-        # Local coordinates are far smaller than what would make their own frame matter.
+        # Local coordinates are so small that the rotation of their own frame does not matter.
         poses = [pose_at(np.eye(4), each) for each in series[begin:end]]
         mean = robust_mean(poses, covariances[begin:end])
         expected[begin:end] = local_coordinates([mean.T_camera_lidar], np.eye(4))

@@ -1,4 +1,4 @@
-"""The drives of a fleet: what batches and single calibrations found, and which of them can be used."""
+"""The drives of a fleet: results of batches and single calibrations, and whether each can be used."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from semcal_cli.result.calibration import read_calibration
 from semcal_cli.result.provenance import camera_hash
 
 SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
-"""Standard errors that a calibration can have, of the camera's place and of its rotation."""
+"""Range of plausible standard errors of the camera's place, and of its rotation."""
 LEAST_EIGENVALUE = 1e-9
-"""Of correlations: a direction that is known so much better than any axis is none that data determine."""
+"""Least eigenvalue of a correlation matrix; data cannot determine a direction so much better than each axis."""
 EPOCH_S = 1e9
-"""Stamps of drives compare if they are seconds since 1970, which now are more than this; others begin anywhere."""
+"""Least stamp that counts as seconds since 1970; smaller stamps begin anywhere and do not compare."""
 SAME = 1e-6
-"""Relative difference between two statements of one figure."""
+"""Largest relative difference between two statements of one figure."""
 
 
 class _Line(StrictModel):
@@ -50,29 +50,29 @@ class _Line(StrictModel):
 
 @dataclass(frozen=True)
 class Member:
-    """What one drive says of the rig."""
+    """The calibration of one drive of the rig."""
 
     drive: str
     stamp: float | None
-    """Seconds, of its first frame."""
+    """Stamp of the drive's first frame, seconds."""
     T_camera_lidar: Pose | None
     covariance: npt.NDArray[np.float64] | None
-    """(6, 6) of a twist on the left, (rho, phi), metres and radians."""
+    """(6, 6) covariance of a twist on the left of the pose, (rho, phi), metres and radians."""
     left_out: str | None
-    """Why it cannot be used; None if it can."""
+    """Reason why the drive cannot be used; None if it can."""
     camera: str | None = None
-    """Tells lens and picture size from others: see `provenance.camera_hash`."""
+    """Hash of the camera's lens and image size: see `provenance.camera_hash`."""
 
     @property
     def has_stamp(self) -> bool:
-        """Whether its stamp compares with those of other drives."""
+        """Whether the drive's stamp compares with those of other drives."""
         return self.stamp is not None and self.stamp >= EPOCH_S
 
 
 def read_members(paths: Sequence[Path]) -> list[Member]:
     """Read drives, from folders that `semcal batch` wrote and from single calibrations.
 
-    Drives of several batches may have the same name; they are then told apart by their batches.
+    Drives of several batches may have the same name; the names of their batches then tell them apart.
 
     Raises:
         InputError: a file is missing or wrong, or a result is there twice.
@@ -96,7 +96,7 @@ def _check_different(members: Sequence[Member]) -> None:
     """Check that no result is a copy of another: calibrations of two drives never agree to the last bit.
 
     Raises:
-        InputError: two do.
+        InputError: two calibrations are equal.
     """
     owners: dict[tuple[bytes, bytes], str] = {}
     for member in members:
@@ -110,7 +110,7 @@ def _check_different(members: Sequence[Member]) -> None:
 
 
 def _read_batch(folder: Path) -> list[tuple[Path, Member]]:
-    """Give the folder of each drive's results, by which it is known, and what it says."""
+    """Read the result of each drive of a batch, with the folder that identifies it."""
     path, found = folder / JSONL, []
     for number, document in enumerate(read_json_lines(path), start=1):
         where = Path(f"{path}: line {number}")
@@ -161,10 +161,10 @@ def _left_out(status: str, reasons: Sequence[str], covariance: npt.NDArray[np.fl
 
 
 def _checked(covariance: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:
-    """Give a covariance, without round-off that makes it unsymmetric.
+    """Check a covariance, and make it exactly symmetric.
 
     Raises:
-        InputError: it is none.
+        InputError: the matrix is not a plausible covariance.
     """
     symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))

@@ -29,7 +29,7 @@ SENTENCES = {
 
 @dataclass(frozen=True)
 class DriveRow:
-    """A drive, as text."""
+    """A row of the table of drives, as text."""
 
     drive: str
     time: str
@@ -44,8 +44,8 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
     """Make the page.
 
     Args:
-        fleet: What was found.
-        given: What it was read from.
+        fleet: Combined result that the page shows.
+        given: Names of the inputs that it was computed from.
     """
     known, scatter = fleet.parts[-1].half_widths, fleet.scatter
     return ENVIRONMENT.get_template("fleet/page.html").render(

@@ -19,15 +19,15 @@ TITLES = (
     *("rotation about x, deg", "rotation about y, deg", "rotation about z, deg"),
 )
 UNITS = np.array([100.0] * 3 + [1.0] * 3)
-"""Of what is drawn, centimetres and degrees, in metres and degrees."""
+"""Factors from metres and degrees to the drawn units, centimetres and degrees."""
 AGREES, DISAGREES, EXPECTED = "#0072b2", "#d55e00", "#444444"
 
 
 def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
-    """Draw the drives beside what holds at their times, relative to what holds at the last; 95 % intervals."""
+    """Draw the drives and the rig's pose at their times, relative to the pose at the last drive; 95 % intervals."""
     import matplotlib as mpl
 
-    # Nothing depends on the user's settings, on chance (ids in the drawing) or on the clock.
+    # The drawing must not depend on the user's settings, on chance (ids in the drawing) or on the clock.
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update({"svg.hashsalt": "semcal", "svg.fonttype": "path"})
@@ -59,7 +59,7 @@ def _draw(fleet: Fleet) -> Figure:
 
 
 def _draw_expected(axes: Axes, fleet: Fleet, index: int) -> None:
-    """Draw what holds at each time, part by part, with what is allowed about it."""
+    """Draw the rig's pose at each time, part by part, with the allowed range about it."""
     times, expected = _times(fleet), _expected(fleet)[:, index]
     reach = 100.0 * fleet.limits.translation_m if index < 3 else fleet.limits.rotation_deg
     for part in range(len(fleet.parts)):
@@ -77,7 +77,7 @@ def _draw_expected(axes: Axes, fleet: Fleet, index: int) -> None:
 
 
 def _draw_drives(axes: Axes, fleet: Fleet, index: int) -> None:
-    """Draw what the drives say, with its 95 % interval."""
+    """Draw the pose of each drive, with its 95 % interval."""
     times, disagrees = _times(fleet), np.array([drive.disagrees for drive in fleet.drives])
     offsets = np.array([np.concatenate([d.offset.center_m, d.offset.rotation_deg]) for d in fleet.drives])
     found = (_expected(fleet) + UNITS * offsets)[:, index]
@@ -100,11 +100,11 @@ def _draw_drives(axes: Axes, fleet: Fleet, index: int) -> None:
 
 
 def _times(fleet: Fleet) -> npt.NDArray[np.float64]:
-    """Give (N,) when each drive was."""
+    """Times (N,) of the drives."""
     return np.array([drive.time for drive in fleet.drives])
 
 
 def _expected(fleet: Fleet) -> npt.NDArray[np.float64]:
-    """Give (N, 6) what holds at the time of each drive, centimetres and degrees."""
+    """Pose of the rig (N, 6) at the time of each drive, centimetres and degrees."""
     expected: npt.NDArray[np.float64] = UNITS * np.array([drive.expected for drive in fleet.drives])
     return expected

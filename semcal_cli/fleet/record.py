@@ -1,4 +1,4 @@
-"""What is written of a fleet: YAML or JSON, the same content."""
+"""The result file of a fleet: YAML or JSON with the same content."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None 
     """Make the document of a fleet.
 
     Args:
-        fleet: What was found.
-        read: The SHA-256 of each file that was read.
-        reference: That of the transform that the rig should have.
+        fleet: Combined result of the drives.
+        read: SHA-256 of each file that was read, by its name.
+        reference: SHA-256 of the file of the transform that the rig should have.
     """
     T = fleet.T_camera_lidar
     return {

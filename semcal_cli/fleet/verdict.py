@@ -1,4 +1,4 @@
-"""The verdict on a fleet, with sentences on what happened and what is missing."""
+"""The verdict on a fleet, with sentences on the changes and on missing information."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from semcal_cli.fleet.fleet import ComparedDrive, Offset, Order, Part
 from semcal_cli.fleet.members import Member
 
 MIN_DRIVES = 3
-"""Fewer do not tell how they scatter."""
+"""Least number of drives that tell how they scatter."""
 MIN_USED = 0.5
-"""Share of the drives; of a fleet that mostly could not be calibrated the rest says little."""
+"""Least share of the drives that can be used; if most drives fail, the rest says little."""
 MAX_NAMED = 8
-"""Of the changes, in one sentence."""
+"""Largest number of changes that one sentence names."""
 
 
 def judge_fleet(
     known: Offset, off_reference: Offset | None, parts: Sequence[Part], drifted: Offset | None, limits: Limits
 ) -> tuple[Check, ...]:
-    """Judge what the drives agree on.
+    """Judge the combined pose.
 
     Args:
-        known: Nothing, with the intervals of the transform at the last drive.
-        off_reference: How far that is from the transform that the rig should have, if there is one.
-        parts: Each with its change.
-        drifted: From the first drive to the last, if the rig drifts.
-        limits: What is allowed.
+        known: A zero offset, with the intervals of the transform at the last drive.
+        off_reference: Offset from the transform that the rig should have, if there is one.
+        parts: Parts of the history, each with its change.
+        drifted: Offset from the first drive to the last, if the rig drifts.
+        limits: Largest allowed offsets.
     """
     offsets = [("known to", known), ("from the reference", off_reference)]
     for part in parts:
@@ -51,7 +51,7 @@ def conclude(
     parts: Sequence[Part],
     drifted: Offset | None,
 ) -> tuple[Verdict, tuple[str, ...]]:
-    """Give the verdict on all, and sentences on what happened and what is missing."""
+    """Give the verdict on the fleet, with sentences on the changes and on missing information."""
     num_used, num_all = len(drives), len(drives) + len(left_out)
     verdicts: list[Verdict] = [check.verdict for check in checks]
     changed = [f"{part.first} by {part.change.words}" for part in parts if part.change is not None]
@@ -67,11 +67,11 @@ def conclude(
         if found:
             names = listed(drive.member.drive for drive in found)
             reasons.append(f"{len(found):,} of {num_used:,} drives {words}: {names}")
-    # A drive that is not known well enough is no reason to doubt the others, one that seems far off is.
+    # A drive whose pose is uncertain is no reason to distrust the fleet; a drive that seems far off is.
     verdicts += [drive.verdict for drive in drives if drive.is_far]
     num_stamped = sum(drive.member.has_stamp for drive in drives)
     if 0 < num_stamped < num_used:
-        # By their names, a change or a drift may look like scatter.
+        # With drives ordered by name, a change or a drift may look like scatter.
         reasons.append(
             f"{num_used - num_stamped:,} of {num_used:,} drives have no stamp in seconds since 1970, needed one of "
             "each: the order of time is not known"
@@ -88,7 +88,7 @@ def conclude(
 
 
 def notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
-    """Say what a reader has to know that is no reason for the verdict."""
+    """Give notes for the reader that do not affect the verdict."""
     found = []
     if order == "name":
         found.append("drives have no stamps in seconds since 1970 that differ: ordered by name")

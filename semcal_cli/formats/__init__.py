@@ -67,7 +67,7 @@ def read_transform(path: Path | str, name: str | None = None, options: FormatOpt
 
     Args:
         path: The file.
-        name: Its format; None: as its content tells.
+        name: Name of its format; None recognises it by its content.
         options: What the file leaves open.
 
     Returns:
@@ -88,13 +88,13 @@ def read_transform(path: Path | str, name: str | None = None, options: FormatOpt
         raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
     except InputError as error:
         if options is None and OPTION.search(str(error)):
-            # Commands that read transforms by the way have no such options.
+            # Commands that read a transform as one input of several have no such options.
             raise InputError(f"{error}; `semcal convert` takes it") from None
         raise
 
 
 def find_format(name: str) -> Format:
-    """Give the format of a name.
+    """Find a format by its name.
 
     Raises:
         InputError: there is no such format.
@@ -122,13 +122,13 @@ def _recognised(source: Source) -> Format:
 
 
 def _check_form(source: Source) -> None:
-    """Complain of a document that is none, by its suffix, where that may be why nothing is found in it."""
+    """Raise an `InputError` if the suffix announces a document and the content is malformed: that explains more."""
     if source.path.suffix.lower() in DOCUMENTS:
         _ = source.document
 
 
 def _content(source: Source) -> str:
-    """What a file of no known format holds, in a few words."""
+    """Describe the content of a file of no known format in a few words."""
     if source.mapping:
         return f"top-level keys {listed(map(describe, source.mapping))}"
     if not source.content.strip():
@@ -140,10 +140,10 @@ def _content(source: Source) -> str:
 def write_transform(
     T_camera_lidar: Pose, path: Path | None, name: str, options: FormatOptions | None = None
 ) -> bytes:
-    """Make the file of a transform, and write it if there is a path.
+    """Write a transform in a format, to a file if a path is given, and return the content of the file.
 
     Raises:
-        InputError: the format needs something that is not asked, or the file cannot be written.
+        InputError: the format needs an option that is not given, or the file cannot be written.
     """
     format, options = find_format(name), options or FormatOptions()
     _check_options(format, options, "--to-")
@@ -154,10 +154,10 @@ def write_transform(
 
 
 def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> None:
-    """Set the transform in a file of the user's, and leave all else, comments too, as it is.
+    """Replace the transform in a user's file, and leave everything else in it, including comments, as it is.
 
     Raises:
-        InputError: the file is of no format that this can be done with, or needs something that is not asked.
+        InputError: files of this format cannot be edited, or the format needs an option that is not given.
     """
     source = Source.read(path)
     format = _recognised(source)
@@ -179,7 +179,7 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
 
 
 def _check_options(format: Format, options: FormatOptions, prefix: str) -> None:
-    """Refuse what would be said in vain."""
+    """Refuse options that the format does not use."""
     said = vars(options)
     for name in ("camera", "lidar"):
         if said[name] == "":

@@ -1,9 +1,9 @@
 """Autoware's sensor_kit_calibration.yaml: p_base = T p_sensor, as x y z (metres) roll pitch yaw (radians).
 
 Poses are relative to the kit, so the LiDAR's own entry is needed. `camera0/camera_link` is a camera's body frame,
-`camera0/camera_optical_link` its optical one (Autoware documentation, "Creating a sensor model"). Of a LiDAR the kit
-has the base link; where a description puts the frame of its clouds elsewhere (a VLP-16's lies 3.77 cm above it), that
-is another joint, which no kit holds.
+`camera0/camera_optical_link` its optical one (Autoware documentation, "Creating a sensor model"). The kit holds the
+LiDAR's base link; if a description puts the frame of its clouds elsewhere (a VLP-16's lies 3.77 cm above it), another
+joint states that offset, which no kit holds.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Files with an entry for each camera, which holds p_camera = T p_lidar.
 
-A Kalibr camchain with `T_cam_lidar`, as Kalibr has `T_cam_imu`, and `lidar2cam` as MMDetection3D's infos and the like
-name it.
+One is a Kalibr camchain with `T_cam_lidar`, named after Kalibr's `T_cam_imu`; the other has `lidar2cam`, as the infos
+of MMDetection3D and similar projects do.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def _format(name: str, equation: str, key: str, first_camera: str, *, as_json: b
         return from_rows(f"{where}: {camera}.{key}", rows, options)
 
     def put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-        # A chain has its cameras before their poses.
+        # In a chain the cameras come before their poses.
         found = cameras(document) or [camera for camera in document if str(camera).startswith("cam")]
         if len(found) > 1 if options.camera is None else bool(found) and options.camera not in found:
             raise InputError(

@@ -15,7 +15,7 @@ ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation
 
 
 def _cameras(document: Any) -> list[dict[Any, Any]]:
-    """Those with a pose in their rig."""
+    """Cameras of all rigs that have a pose in their rig."""
     rigs = document if isinstance(document, list) else []
     cameras = [rig.get("cameras") for rig in rigs if isinstance(rig, dict)]
     listed_ = [

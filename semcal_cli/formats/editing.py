@@ -1,7 +1,7 @@
-"""Documents of the user's that are changed in place: keys, order and comments stay.
+"""Changes of a user's document in place: keys, order and comments stay.
 
-Layout does as far as ruamel.yaml keeps it, which takes the indentation of the first lists and mappings for that of all.
-JSON is laid out anew, with the indentation that it had.
+The layout stays as far as ruamel.yaml keeps it: it indents all lists and mappings like the first ones. JSON is
+formatted again with its former indentation.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from semcal_cli.formats.format import Source
 
 
 def edited(source: Source, change: Callable[[Any], object]) -> str:
-    """Give the text of a JSON file (by its suffix) or a YAML file after a change of its document.
+    """Change the document of a JSON file (by its suffix) or a YAML file, and return the new text.
 
     Raises:
         InputError: the file is not well-formed.
     """
-    document = source.document  # Checked by our own reader, whatever the next one lets pass.
+    document = source.document  # Our own reader checks the file first, whatever the next one accepts.
     if source.path.suffix.lower() == ".json":
         change(document)
         return json.dumps(document, indent=_indent(source.text), allow_nan=False, ensure_ascii=False) + "\n"
@@ -47,7 +47,7 @@ def edited(source: Source, change: Callable[[Any], object]) -> str:
 
 
 def _set_in_rows(document: Any) -> Any:
-    """Let new lists of numbers stand on one line."""
+    """Write new lists of numbers on one line each."""
     from ruamel.yaml.comments import CommentedSeq
 
     if isinstance(document, dict):
@@ -62,6 +62,6 @@ def _set_in_rows(document: Any) -> Any:
 
 
 def _indent(text: str) -> int | None:
-    """Spaces of the first line that has some; none where all is on one line."""
+    """Number of spaces of the first indented line; None if no line is indented."""
     inner = next((line for line in text.splitlines() if line.startswith(" ")), None)
     return None if inner is None else len(inner) - len(inner.lstrip(" "))

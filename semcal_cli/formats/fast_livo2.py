@@ -15,7 +15,7 @@ BLOCK, KEYS = "extrin_calib", {"Rcl", "Pcl"}
 
 
 def _blocks(document: Any) -> list[dict[Any, Any]]:
-    """The blocks with the two keys, wherever they are nested."""
+    """All blocks with the two keys, at any depth."""
     if not isinstance(document, dict):
         return []
     inner = [block for value in document.values() for block in _blocks(value)]

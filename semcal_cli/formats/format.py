@@ -1,4 +1,4 @@
-"""What a format of transforms offers, what a file is, and what it leaves open."""
+"""The interface of a format of transforms, a source file, and the options for what a file leaves open."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
-"""Which points a matrix maps: p_camera = T p_lidar, or p_lidar = T p_camera."""
+"""Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""
 CameraFrame: TypeAlias = Literal["optical", "body"]
-"""Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
+"""Axes of a camera's frame. Optical: x right, y down, z forward. Body: x forward, y left, z up (ROS REP 103)."""
 
 LIDAR, CAMERA, CAMERA_BODY = "lidar", "camera_optical_frame", "camera_link"
-"""What frames are called where nobody says."""
+"""Default names of the frames."""
 CAMERA_NAME = re.compile("cam|optical", re.IGNORECASE)
 OPTICAL_NAME = re.compile("optical", re.IGNORECASE)
 LIDAR_NAME = re.compile(
     "lidar|laser|scan|velodyne|vlp|hdl|ouster|os_|os[0-2]|hesai|pandar|livox|robosense|rslidar", re.IGNORECASE
 )
-"""A frame of another name, such as `base_link`, is taken for the LiDAR's only if the user says so."""
+"""Names of LiDAR frames; a frame of another name, such as `base_link`, is the LiDAR's only if the user says so."""
 
 T_BODY_OPTICAL = np.eye(4)
 T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
@@ -39,19 +39,19 @@ T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
 
 @dataclass(frozen=True)
 class FormatOptions:
-    """What the user says beside the file."""
+    """Options of the user for what a file leaves open."""
 
     direction: Direction | None = None
     frame: CameraFrame | None = None
-    """What the camera's frame in the file is."""
+    """Axes of the camera's frame in the file."""
     camera: str | None = None
-    """The name in the file of the camera's frame, entry or token."""
+    """Name in the file of the camera's frame, entry or token."""
     lidar: str | None = None
-    """Likewise of the LiDAR's."""
+    """Name in the file of the LiDAR's frame, entry or token."""
     file: Path | None = None
-    """What is written or edited, if it is a file."""
+    """Path of the file to write or edit, if there is one."""
     on_repair: Callable[[str], None] | None = None
-    """Told of each rotation that was none and was replaced by the nearest; None: such files are refused."""
+    """Called for each invalid rotation that the nearest rotation replaces; None refuses such files."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +66,7 @@ class Source:
         """Read a file.
 
         Raises:
-            InputError: there is none, or it is too large to hold a transform.
+            InputError: the file is missing, or too large to hold a transform.
         """
         content = read_bytes(path, MAX_BYTES + 1)
         if len(content) > MAX_BYTES:
@@ -75,10 +75,10 @@ class Source:
 
     @property
     def text(self) -> str:
-        """Its text.
+        """Content of the file as text.
 
         Raises:
-            InputError: it is not UTF-8.
+            InputError: the content is not UTF-8.
         """
         try:
             return self.content.decode("utf-8-sig")
@@ -87,10 +87,10 @@ class Source:
 
     @cached_property
     def document(self) -> Any:
-        """What it holds as JSON, by its suffix, or as YAML.
+        """Content of the file as JSON or YAML, chosen by its suffix.
 
         Raises:
-            InputError: it is neither, or too large.
+            InputError: the content is not well-formed, or too large.
         """
         if self.path.suffix.lower() != ".json" and len(self.content) > MAX_YAML_BYTES:
             raise InputError(
@@ -100,13 +100,13 @@ class Source:
 
     @cached_property
     def mapping(self) -> dict[Any, Any]:
-        """Likewise if that is a mapping; an empty one otherwise: to recognise formats by."""
+        """The document if it is a mapping, else an empty mapping, for recognising formats."""
         found = self._quietly()
         return found if isinstance(found, dict) else {}
 
     @cached_property
     def records(self) -> list[dict[Any, Any]]:
-        """Likewise if it is a list of mappings."""
+        """The document if it is a list of mappings, else an empty list, for recognising formats."""
         found = self._quietly()
         is_so = isinstance(found, list) and all(isinstance(item, dict) for item in found)
         return found if is_so else []
@@ -119,33 +119,33 @@ class Source:
 
 
 MAX_BYTES, MAX_YAML_BYTES = 50_000_000, 1_000_000
-"""Of a table with a transform, and of YAML, which takes its reader ten seconds for so much."""
+"""Largest size of a file with a transform, and of a YAML file, whose parser takes ten seconds for that size."""
 
 FRAMES = ("frame", "camera", "lidar")
-"""What files with named frames leave open."""
+"""Options that files with named frames leave open."""
 Put: TypeAlias = Callable[[Any, Pose, FormatOptions], None]
 
 
 @dataclass(frozen=True)
 class Format:
-    """One format of transforms."""
+    """A format of transforms, with its reader and writer."""
 
     name: str
     equation: str
-    """Which points its numbers map, and where they stand."""
+    """Equation of the stored transform, and the place of its numbers in the file."""
     recognises: Callable[[Source], bool]
     read: Callable[[Source, FormatOptions], Pose]
-    """Gives T_camera_lidar; raises `InputError` where the file is wrong or leaves something open."""
+    """Reads T_camera_lidar; raises `InputError` if the file is wrong or leaves something open."""
     write: Callable[[Pose, FormatOptions], bytes]
-    """Makes a new file of T_camera_lidar; raises `InputError` where something is left open."""
+    """Makes a new file of T_camera_lidar; raises `InputError` if an option is missing."""
     put: Put | None = None
-    """Sets the transform in a document of this format and leaves the rest, if it is one."""
+    """Replaces the transform in a document and leaves the rest; None if files of the format cannot be edited."""
     asks: tuple[str, ...] = ()
-    """What of `direction`, `frame`, `camera` and `lidar` its files leave open."""
+    """Options among `direction`, `frame`, `camera` and `lidar` that its files leave open."""
 
 
 def document_writer(put: Put, *, as_json: bool = False) -> Callable[[Pose, FormatOptions], bytes]:
-    """Write a new file by putting a transform into an empty document, as JSON also where the file's suffix says so."""
+    """Make a writer that puts a transform into an empty document, written as JSON if asked or if the suffix says so."""
 
     def write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
         document: dict[str, Any] = {}
@@ -173,10 +173,10 @@ def no_new_file(name: str, relative_to: str, file: str) -> Callable[[Pose, Forma
 
 
 def checked(where: str, T: Pose, options: FormatOptions) -> Pose:
-    """Give the transform that a file states but for rounding, or if repairs are asked for the nearest one.
+    """Check a transform that a file states, and remove its rounding; if repairs are allowed, take the nearest one.
 
     Raises:
-        InputError: it is not rigid, or farther than any rig.
+        InputError: the transform is not rigid, or farther than any rig.
     """
     if options.on_repair is None or not np.isfinite(T).all():
         try:
@@ -199,14 +199,14 @@ def checked(where: str, T: Pose, options: FormatOptions) -> Pose:
 
 ROUNDING = 1e-6
 LEAST_SCALE = 1e-3
-"""Rows that are stretched so differently come from no rotation, and none is near."""
+"""Least ratio of the rows' scales; rows with a smaller one come from no rotation, and none is near."""
 
 
 def from_rows(where: str, values: npt.ArrayLike, options: FormatOptions) -> Pose:
-    """Make a transform of the 12 or 16 numbers of its rows.
+    """Make a transform from the 12 or 16 numbers of its rows.
 
     Raises:
-        InputError: they are no rigid transform.
+        InputError: the numbers are not a rigid transform.
     """
     rows = np.array(values, np.float64).reshape(-1, 4)
     return checked(
@@ -215,7 +215,7 @@ def from_rows(where: str, values: npt.ArrayLike, options: FormatOptions) -> Pose
 
 
 def from_quaternion(where: str, xyzw: list[float], xyz: list[float], options: FormatOptions) -> Pose:
-    """Make a transform of a unit quaternion and a translation, metres.
+    """Make a transform from a unit quaternion and a translation in metres.
 
     Raises:
         InputError: the quaternion is not of unit norm, or the translation farther than any rig.
@@ -231,7 +231,7 @@ def from_quaternion(where: str, xyzw: list[float], xyz: list[float], options: Fo
 
 
 def from_rpy(where: str, rpy_rad: list[float], xyz: list[float]) -> Pose:
-    """Make a transform of roll, pitch and yaw as in URDF, R = Rz(yaw) Ry(pitch) Rx(roll), and a translation, metres."""
+    """Make a transform from URDF angles, R = Rz(yaw) Ry(pitch) Rx(roll) in radians, and a translation in metres."""
     from scipy.spatial.transform import Rotation
 
     T = np.eye(4)
@@ -253,10 +253,10 @@ def wxyz(T: Pose) -> list[float]:
 
 
 def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
-    """Give T_camera_lidar of a transform whose direction the file does not say, or the other way round.
+    """Apply the user's direction to a transform whose file does not state one: T_camera_lidar, or its inverse.
 
     Raises:
-        InputError: the user does not say it, either.
+        InputError: the user does not state the direction either.
     """
     if options.direction is None:
         option = "--to-direction" if where.startswith("--to") else "--direction"
@@ -266,11 +266,11 @@ def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
 
 
 def between(where: str, T_parent_child: Pose, parent: str, child: str, options: FormatOptions) -> Pose:
-    """Give T_camera_lidar of a transform between two named frames, p_parent = T p_child.
+    """Convert a transform between two named frames, p_parent = T p_child, to T_camera_lidar.
 
     Raises:
-        InputError: names do not tell which frame is the camera's, or whether it is an optical one, and the user does
-            not say it.
+        InputError: the names do not tell which frame is the camera's, or whether it is an optical one, and the user
+            does not state it.
     """
     camera = camera_frame(where, parent, child, options)
     T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
@@ -278,10 +278,10 @@ def between(where: str, T_parent_child: Pose, parent: str, child: str, options: 
 
 
 def camera_frame(where: str, parent: str, child: str, options: FormatOptions, prefix: str = "--") -> str:
-    """Tell which of two frames is the camera's, the other being the LiDAR's; options begin with `prefix`.
+    """Find which of two frames is the camera's; the other one is the LiDAR's. Option names begin with `prefix`.
 
     Raises:
-        InputError: names do not tell, and the user does not say it.
+        InputError: the names do not tell, and the user does not state it.
     """
     found = f"{where}: found frames {parent!r} and {child!r}"
     cameras = [name for name in (parent, child) if CAMERA_NAME.search(name)]
@@ -299,10 +299,10 @@ def camera_frame(where: str, parent: str, child: str, options: FormatOptions, pr
 
 
 def optical_axes(where: str, camera: str, options: FormatOptions, prefix: str = "--") -> Pose:
-    """T_frame_optical of a camera's frame, by its name or by what the user says.
+    """T_frame_optical of a camera's frame, by its name or by the user's option.
 
     Raises:
-        InputError: neither tells.
+        InputError: neither the name nor an option tells the axes.
     """
     frame = options.frame or ("optical" if OPTICAL_NAME.search(camera) else None)
     if frame is None:
@@ -314,7 +314,7 @@ def optical_axes(where: str, camera: str, options: FormatOptions, prefix: str = 
 
 
 def named(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
-    """T_lidar_frame of the camera's frame that is to be written, and the names of both."""
+    """T_lidar_frame of the camera's frame to write, and the names of the LiDAR's and the camera's frame."""
     for name in filter(None, (options.lidar, options.camera)):
         if not name.isprintable():
             raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a name that can be printed")

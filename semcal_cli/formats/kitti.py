@@ -20,7 +20,7 @@ OBJECT_KEY, ODOMETRY_KEY = "Tr_velo_to_cam", "Tr"
 
 
 def _shift(source: Source, keyed: dict[str, str], options: FormatOptions) -> Pose:
-    """T_camera_camera0 of the camera `P0` to `P3` that is asked for; the identity if none is."""
+    """T_camera_camera0 of the requested camera, `P0` to `P3`; the identity if none is requested."""
     T = np.eye(4)
     if options.camera is not None:
         if options.camera not in CAMERAS:
@@ -48,7 +48,7 @@ def _read_object(source: Source, options: FormatOptions) -> Pose:
 
 
 def row(T: Pose) -> str:
-    """The 12 numbers of a transform."""
+    """Format the first 12 numbers of a transform, by rows."""
     return " ".join(map(repr, T[:3].ravel().tolist()))
 
 

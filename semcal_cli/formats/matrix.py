@@ -1,4 +1,4 @@
-"""Bare numbers, whose --direction has to be given: an array or a text of 3 x 4 or 4 x 4, or a line of TUM's format."""
+"""Bare numbers, which need --direction: an array or a text of 3 x 4 or 4 x 4, or a line of TUM's format."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _read_array(source: Source, options: FormatOptions) -> Pose:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             array = np.load(io.BytesIO(source.content), allow_pickle=False)
-    except Exception:  # Its header is Python, and fails in as many ways.
+    except Exception:  # NumPy parses the header as Python, which fails in many ways.
         raise InputError(
             f"{source.path}: found a damaged NumPy array, needed a whole one of numbers"
         ) from None
@@ -75,7 +75,7 @@ def _write_tum(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
 
 
 def _counts(source: Source) -> list[int]:
-    """How many numbers there are a line; none if there is something else."""
+    """Count of numbers on each line; empty if the text holds anything else."""
     with suppress(InputError):
         lines = _lines(source)
         parse_numbers(source.path, "", " ".join(lines), sum(len(line.split()) for line in lines))

@@ -19,7 +19,7 @@ KEYS = {"token", "sensor_token", "translation", "rotation"}
 
 
 def _channels(table: Path | None) -> dict[Any, Any]:
-    """Names of sensors by their token, as far as there is a table of them beside that of their poses."""
+    """Names of sensors by token, if their table lies beside the table of poses."""
     path = table and table.with_name("sensor.json")
     if path is None or not path.is_file():
         return {}

@@ -1,4 +1,4 @@
-"""OpenCV FileStorage with `CameraExtrinsicMat` (4 x 4). Users store both directions, so --direction has to be given."""
+"""OpenCV FileStorage with `CameraExtrinsicMat` (4 x 4). Users store both directions, so --direction is needed."""
 
 from __future__ import annotations
 

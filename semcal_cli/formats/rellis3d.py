@@ -1,6 +1,6 @@
 """RELLIS-3D's transforms.yaml: p_lidar = R(q) * p_camera + t, the inverse of T_camera_lidar.
 
-The file does not say so; labels and pictures agree only in this direction.
+The file does not state its direction; labels and images agree only in this one.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from semcal_cli.formats.format import (
 from semcal_cli.geometry.poses import Pose, inverse
 
 KEY = "os1_cloud_node-pylon_camera_node"
-"""Other files of the dataset have the same layout but relate two LiDARs; only the key tells them apart."""
+"""Key of the LiDAR and camera; other files of the dataset have the same layout but relate two LiDARs."""
 
 
 class _Quaternion(StrictModel):

@@ -47,7 +47,7 @@ def _read_launch(source: Source, options: FormatOptions) -> Pose:
 
 
 def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> Pose:
-    """The transform of the only publisher, or of the only one between the frames that are asked for."""
+    """The transform of the only publisher, or of the only one between the requested frames."""
     if not publishers:
         raise InputError(f"{where}: found no {PUBLISHER}, needed one")
     wanted = {name for name in (options.camera, options.lidar) if name is not None}
@@ -76,7 +76,7 @@ def _words(where: str, text: str) -> list[str]:
 
 
 def _frames(words: list[str]) -> list[str]:
-    """Parent and child, as far as they are there."""
+    """Parent and child frame, if they are given."""
     given = dict(zip(words[::2], words[1::2], strict=False))
     if "--frame-id" in given:
         return [given["--frame-id"], given.get("--child-frame-id", "")]

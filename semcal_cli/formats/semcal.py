@@ -34,7 +34,7 @@ class _Widths(StrictModel):
 
 
 class _Fleet(StrictModel):
-    """Of which the rest is for readers."""
+    """The part of a fleet's result that is used; the other keys are for readers."""
 
     semcal_fleet: Version
     T_camera_lidar: Transform
@@ -51,7 +51,7 @@ class _Fleet(StrictModel):
 
     @classmethod
     def read(cls, source: Source) -> _Fleet:
-        """Read what is used of a fleet's document."""
+        """Read the used part of a fleet's result."""
         kept = {name: source.mapping[name] for name in cls.model_fields if name in source.mapping}
         widths = kept.get("uncertainty")
         if isinstance(widths, dict):
@@ -60,10 +60,10 @@ class _Fleet(StrictModel):
 
 
 def read_record(path: Path) -> Calibration | None:
-    """Read all that semcal wrote with a transform; None if the file is no calibration of semcal's.
+    """Read the calibration in a file; None if the file is not a calibration of semcal's.
 
     Raises:
-        InputError: it is one, and wrong.
+        InputError: the file is a calibration, and wrong.
     """
     source = Source.read(drive_file(path))
     if CALIBRATION not in source.mapping:
@@ -75,7 +75,7 @@ def read_half_widths(path: Path) -> tuple[float, ...] | None:
     """Read the half widths (6,) of a transform's 95 % intervals, metres and degrees; None if the file has none.
 
     Raises:
-        InputError: it is a result of semcal's, and wrong.
+        InputError: the file is a result of semcal's, and wrong.
     """
     source = Source.read(drive_file(path))
     known: Uncertainty | _Widths | None = None

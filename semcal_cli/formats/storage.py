@@ -1,8 +1,8 @@
-"""OpenCV's FileStorage as YAML, JSON or XML. OpenCV's own parser aborts the process on many a damaged file.
+"""OpenCV's FileStorage as YAML, JSON or XML. OpenCV's own parser aborts the process on many damaged files.
 
-Its YAML (modules/core/src/persistence_yml.cpp) is YAML but for the first line, `%YAML:1.0`, tags on matrices, and, by
-older versions, no space after a key's colon. Its XML (persistence_xml.cpp) has a key as an element, an item of a
-sequence as an element `_`, and numbers with blanks between.
+Its YAML (modules/core/src/persistence_yml.cpp) differs from the standard: a first line `%YAML:1.0`, tags on
+matrices, and, from older versions, no space after a key's colon. Its XML (persistence_xml.cpp) writes a key as an
+element, an item of a sequence as an element `_`, and numbers with blanks between.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def is_storage(text: str) -> bool:
 
 
 class Storage:
-    """A file that OpenCV wrote. Complaints name the file, the key, what was found and what was needed."""
+    """A file that OpenCV wrote. Messages name the file, the key, what was found and what was needed."""
 
     def __init__(self, path: Path, text: str | None = None):
         """Read a file, or its text if that is known."""
@@ -41,10 +41,10 @@ class Storage:
         self.document = _parse_xml(text, path) if text.lstrip().startswith("<") else _parse_yaml(text, path)
 
     def numbers(self, *keys: str) -> list[float]:
-        """The numbers of a matrix or a list, in order; of a number, itself.
+        """Read the numbers of a matrix or a list, in order; a single number gives a list of one.
 
         Raises:
-            InputError: there is no such key, or it holds something else.
+            InputError: the key is missing, or its value is something else.
         """
         node: Any = self.document
         for key in keys:
@@ -59,10 +59,10 @@ class Storage:
         return [number(f"{self.path}: {'.'.join(keys)}", value) for value in values]
 
     def first(self, names: Sequence[str]) -> list[float]:
-        """The numbers under the first of several names that is there.
+        """Read the numbers under the first of several names that the file has.
 
         Raises:
-            InputError: none is.
+            InputError: the file has none of the names.
         """
         for name in names:
             if name in self.document:
@@ -72,10 +72,10 @@ class Storage:
         )
 
     def number(self, *keys: str) -> float:
-        """One number.
+        """Read a single number.
 
         Raises:
-            InputError: there is no such key, or it holds something else.
+            InputError: the key is missing, or its value is something else.
         """
         values = self.numbers(*keys)
         if len(values) != 1:
@@ -83,10 +83,10 @@ class Storage:
         return values[0]
 
     def side(self, *names: str) -> int:
-        """The pixels along a side of the picture, under the first of several names that is there.
+        """Read the pixels along a side of the image, under the first of several names that the file has.
 
         Raises:
-            InputError: there is none.
+            InputError: the file has none of the names, or the value is not a whole number.
         """
         values = self.first(names)
         return image_side(f"{self.path}: {names[0]}", values[0] if len(values) == 1 else values)
@@ -113,7 +113,7 @@ def _parse_xml(text: str, path: Path) -> dict[Any, Any]:
 
 
 def _node(element: ET.Element) -> Any:
-    """A mapping, a list, a text, or one number or several."""
+    """Convert an element to a mapping, a list, a text, a number or a list of numbers."""
     if len(element):
         if all(child.tag == "_" for child in element):
             return [_node(child) for child in element]

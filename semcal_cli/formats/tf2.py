@@ -43,7 +43,7 @@ def _read_apollo(source: Source, options: FormatOptions) -> Pose:
 
 def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     if "child_frame_id" in document:
-        # A file that names its frames keeps them, and which of them is the camera's.
+        # A file that names its frames keeps these names, and which of them is the camera's.
         where = str(options.file)
         parent = text_at(where, at(where, document, "header"), "frame_id")
         child = text_at(where, document, "child_frame_id")
@@ -75,7 +75,7 @@ TF2 = Format(
 APOLLO = Format(
     "apollo",
     "p_parent = T p_child as in tf2; the child is a camera's optical frame",
-    lambda source: False,  # Of the same layout as tf2, which reads it wherever names tell the camera.
+    lambda source: False,  # The layout is that of tf2, which reads it wherever the names tell the camera.
     _read_apollo,
     document_writer(_put),
     _put,

@@ -57,7 +57,7 @@ def _link(where: str, links: list[str], found: list[str], wanted: str | None, op
 
 
 def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tuple[ET.Element, str]]:
-    """The joints from a link to another, each with the link behind it."""
+    """The joints from one link to another, each with the link at its end."""
     ends = [frozenset(_links(joint)) for joint in joints]
     if len(set(ends)) < len(ends):
         twice = next(pair for pair in ends if ends.count(pair) > 1)
@@ -85,7 +85,7 @@ def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tu
 
 
 def _origin(source: Source, joint: ET.Element) -> Pose:
-    """T_parent_child."""
+    """Read T_parent_child of a joint."""
     origin, name = joint.find("origin"), joint.get("name", "")
     attributes = {} if origin is None else origin.attrib
     place, angles = (

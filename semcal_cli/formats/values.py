@@ -1,4 +1,4 @@
-"""Values in the files of a data set, checked where they are read: a complaint names the file and key they came from."""
+"""Checked values of a data set's files: the message on a wrong value names its file and key."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
 
 MAX_SIDE = 0xFFFF
-"""Pixels along a side of a picture, as a drive takes them."""
+"""Largest number of pixels along a side of an image in a drive."""
 MAX_STAMP_S = 1e10
-"""As a drive takes them."""
+"""Largest stamp of a drive, seconds."""
 MAX_MOUNT_M = 1e5
-"""A tenth of what a drive takes, so that several in a row are no more than that."""
+"""Largest distance between two frames of a rig: a tenth of a drive's limit, so that several in a row stay below."""
 MAX_WORLD_M = 1e8
-"""No place on Earth is farther from another."""
+"""Largest distance between two places on Earth."""
 
 
 def number(where: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """Give a finite number of a document, from `low` to `high`; `where` is its file and key.
+    """Check that a value is a finite number from `low` to `high`; `where` names its file and key.
 
     Raises:
-        InputError: it is none.
+        InputError: the value is not such a number.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{where}: found {describe(value)}, needed a number")
@@ -48,10 +48,10 @@ def number(where: str, value: object, low: float = -math.inf, high: float = math
 
 
 def image_side(where: str, value: object) -> int:
-    """Give the pixels along a side of a picture, which are nowhere rounded.
+    """Check the number of pixels along a side of an image; it is never rounded.
 
     Raises:
-        InputError: it is no whole number, or none that a picture may have.
+        InputError: the value is not a whole number in the range of image sides.
     """
     pixels = number(where, value)
     if not pixels.is_integer() or not 1 <= pixels <= MAX_SIDE:
@@ -60,19 +60,19 @@ def image_side(where: str, value: object) -> int:
 
 
 def stamp_s(where: str, seconds: float) -> float:
-    """Give a time in seconds.
+    """Check a time in seconds.
 
     Raises:
-        InputError: no drive takes it.
+        InputError: the time is outside the range of a drive's stamps.
     """
     return number(where, seconds, -MAX_STAMP_S, MAX_STAMP_S)
 
 
 def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
-    """Give the rigid transform that a file states but for rounding.
+    """Check a rigid transform that a file states, and remove its rounding.
 
     Raises:
-        InputError: it is none, or reaches farther than `farthest_m` along an axis.
+        InputError: the matrix is not rigid, or reaches farther than `farthest_m` along an axis.
     """
     try:
         check_rigid(T)
@@ -85,7 +85,7 @@ def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
 
 
 def pose_from_rows(where: str, values: npt.NDArray[np.float64], farthest_m: float = MAX_MOUNT_M) -> Pose:
-    """Make a transform (4, 4) of the 12 numbers of its first three rows.
+    """Make a transform (4, 4) from the 12 numbers of its first three rows.
 
     Raises:
         InputError: it is not rigid, or too far.
@@ -94,15 +94,15 @@ def pose_from_rows(where: str, values: npt.NDArray[np.float64], farthest_m: floa
 
 
 def camera_block(path: Path, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
-    """Check the camera block of a drive that was made of a file.
+    """Check the camera block of a drive that was made from a file.
 
     Args:
         path: The file.
         block: The block.
-        keys: Names in the file of the block's keys, where they have others there.
+        keys: Names of the block's keys in the file, where they differ.
 
     Raises:
-        InputError: the first complaint, with the file's own key.
+        InputError: the block is wrong; the message names the file's own key.
     """
     try:
         validate(Camera, block, Path("camera"))
@@ -117,17 +117,17 @@ def read_keyed(path: Path) -> dict[str, str]:
     """Read `key: values` lines, as KITTI's calibration files have them.
 
     Raises:
-        InputError: there is no such file, or it is no text.
+        InputError: the file is missing, or is not text.
     """
     return keyed_lines(read_text(path))
 
 
 GIVEN_TWICE = "\0"
-"""The value of a key that several lines give: nobody can tell which is meant."""
+"""Value of a key that stands on several lines: nobody can tell which is meant."""
 
 
 def keyed_lines(text: str) -> dict[str, str]:
-    """Give the values of `key: values` lines by their keys."""
+    """Map the keys of `key: values` lines to their values."""
     keyed: dict[str, str] = {}
     for key, colon, values in (line.partition(":") for line in text.splitlines()):
         if colon:
@@ -136,10 +136,10 @@ def keyed_lines(text: str) -> dict[str, str]:
 
 
 def numbers(path: Path, keyed: dict[str, str], key: str, *counts: int) -> Vector:
-    """Give the finite numbers (count,) under a key of a file that `read_keyed` read.
+    """Parse the finite numbers (count,) under a key of a file that `read_keyed` read.
 
     Raises:
-        InputError: the key is missing, or holds something else.
+        InputError: the key is missing, or its value is something else.
     """
     if key not in keyed:
         raise InputError(f"{path}: found no key {key!r}, needed {one_of(key, list(keyed))}")
@@ -149,10 +149,10 @@ def numbers(path: Path, keyed: dict[str, str], key: str, *counts: int) -> Vector
 
 
 def transform(path: Path, keyed: dict[str, str], key: str) -> Pose:
-    """Read a transform of 12 numbers.
+    """Read a transform (4, 4) from the 12 numbers under a key.
 
     Raises:
-        InputError: it is not there, or not rigid.
+        InputError: the key is missing, or the transform is not rigid.
     """
     return pose_from_rows(f"{path}: {key}", numbers(path, keyed, key, 12))
 
@@ -161,7 +161,7 @@ def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
     """Parse the finite numbers (count,) of a text.
 
     Raises:
-        InputError: the text holds something else.
+        InputError: the text is something else.
     """
     words = text.split()
     needed = " or ".join(map(str, counts))
@@ -183,7 +183,7 @@ def parse_number(where: str, text: str) -> float:
     """Parse a finite number.
 
     Raises:
-        InputError: the text is none.
+        InputError: the text is not a finite number.
     """
     if not _is_finite(text):
         raise InputError(f"{where}: found {text[:40]!r}, needed a finite number")
@@ -191,10 +191,10 @@ def parse_number(where: str, text: str) -> float:
 
 
 def mapping_at(where: str, value: object) -> dict[Any, Any]:
-    """Give a mapping of a document.
+    """Check that a value is a mapping.
 
     Raises:
-        InputError: it is none.
+        InputError: the value is something else.
     """
     if not isinstance(value, dict):
         raise InputError(f"{where}: found {describe(value)}, needed a mapping")
@@ -202,10 +202,10 @@ def mapping_at(where: str, value: object) -> dict[Any, Any]:
 
 
 def at(where: str, node: object, key: str) -> Any:
-    """Give what a mapping of a document has under a key.
+    """Look up a key of a mapping in a document.
 
     Raises:
-        InputError: it has nothing there, or is no mapping.
+        InputError: the key is missing, or the node is not a mapping.
     """
     mapping = mapping_at(where, node)
     if mapping.get(key) is None:
@@ -214,10 +214,10 @@ def at(where: str, node: object, key: str) -> Any:
 
 
 def text_at(where: str, node: object, key: str) -> str:
-    """Give the text under a key.
+    """Look up the text under a key.
 
     Raises:
-        InputError: there is none.
+        InputError: the key is missing, or its value is not a text.
     """
     value = at(where, node, key)
     if not isinstance(value, str) or not value:
@@ -226,10 +226,10 @@ def text_at(where: str, node: object, key: str) -> str:
 
 
 def numbers_in(where: str, node: object, key: str, count: int) -> list[float]:
-    """Give the list of finite numbers under a key.
+    """Look up the list of `count` finite numbers under a key.
 
     Raises:
-        InputError: there is none of so many.
+        InputError: the key is missing, or its value is not such a list.
     """
     values = at(where, node, key)
     if not isinstance(values, list) or len(values) != count:
@@ -238,20 +238,20 @@ def numbers_in(where: str, node: object, key: str, count: int) -> list[float]:
 
 
 def numbers_at(where: str, node: object, key: str, names: Sequence[str]) -> list[float]:
-    """Give the finite numbers that the mapping under a key has by name.
+    """Look up the finite numbers that the mapping under a key has under some names.
 
     Raises:
-        InputError: there is no mapping with all of them.
+        InputError: there is no mapping with all of the names.
     """
     part = mapping_at(f"{where}: {key}", at(where, node, key))
     return [number(f"{where}: {key}.{name}", at(f"{where}: {key}", part, name)) for name in names]
 
 
 def matrix_at(where: str, node: object, key: str) -> list[float]:
-    """Give the numbers, by rows, of the 4 x 4 or 3 x 4 matrix under a key.
+    """Look up the numbers, by rows, of the 4 x 4 or 3 x 4 matrix under a key.
 
     Raises:
-        InputError: there is none.
+        InputError: the key is missing, or its value is not such a matrix.
     """
     rows = at(where, node, key)
     if (

@@ -1,4 +1,4 @@
-"""XML that declares nothing of its own, so that no small file can grow into a large document."""
+"""XML without declarations of its own, so that no small file can grow into a large document."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def parse_xml(text: str, path: Path) -> ET.Element:
     """Parse XML.
 
     Raises:
-        InputError: it is not well-formed, or declares entities or a document type.
+        InputError: the text is not well-formed, or declares entities or a document type.
     """
     if found := DECLARATION.search(text):
         raise InputError(f"{path}: found <!{found.group(1)}, needed XML without declarations")

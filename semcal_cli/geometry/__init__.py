@@ -1,1 +1,1 @@
-"""Rigid transforms, and how far two of them are apart."""
+"""Rigid transforms, and the differences between two of them."""

@@ -1,18 +1,18 @@
-"""The baseline: how far the camera is from the LiDAR."""
+"""The baseline: the distance of the camera from the LiDAR."""
 
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.poses import Pose
 
 
 def baseline_m(T_camera_lidar: Pose) -> float:
-    """Give the distance between the camera's centre and the LiDAR's."""
+    """Distance between the camera's centre and the LiDAR's, metres."""
     x, y, z = T_camera_lidar[:3, 3].tolist()
     distance_m: float = (x * x + y * y + z * z) ** 0.5
     return distance_m
 
 
 def within_baseline(T_camera_lidar: Pose, max_baseline_m: float) -> Pose:
-    """Draw the camera towards the LiDAR until it is no farther away than it may be."""
+    """Move the camera towards the LiDAR until it is within the largest allowed distance."""
     distance_m = baseline_m(T_camera_lidar)
     if distance_m <= max_baseline_m:
         return T_camera_lidar
@@ -22,10 +22,10 @@ def within_baseline(T_camera_lidar: Pose, max_baseline_m: float) -> Pose:
 
 
 def check_baseline(name: str, T_camera_lidar: Pose, max_baseline_m: float) -> None:
-    """Check that a transform of this name has the camera as near to the LiDAR as it has to be.
+    """Check that the camera of a transform is within the largest allowed distance from the LiDAR.
 
     Raises:
-        InputError: it is farther away.
+        InputError: the camera is farther away; the message begins with `name`.
     """
     distance_m = baseline_m(T_camera_lidar)
     if distance_m > max_baseline_m:

@@ -1,4 +1,4 @@
-"""How far a calibration is from a reference."""
+"""The error of a calibration against a reference."""
 
 from dataclasses import dataclass
 
@@ -9,10 +9,10 @@ from semcal_cli.geometry.poses import Pose, Vector, camera_center, rotation_diff
 
 @dataclass(frozen=True)
 class PoseError:
-    """What separates `T_camera_lidar` from `T_reference`."""
+    """The difference of `T_camera_lidar` from `T_reference`."""
 
     rotation_deg: float
-    """Geodesic angle."""
+    """Geodesic angle between the rotations."""
     camera_center_cm: float
     """Distance between the camera centres in the LiDAR frame."""
     rotation_xyz_deg: tuple[float, float, float]

@@ -1,6 +1,6 @@
 """Rigid transforms as 4 x 4 matrices: `p_a = T_a_b @ p_b`, float64, metres.
 
-What every calibration needs comes from the core, since loading SciPy takes longer than many a stage.
+The core provides what every calibration needs, since loading SciPy takes longer than many stages do.
 """
 
 import math
@@ -19,10 +19,10 @@ Vector: TypeAlias = NDArray[np.float64]
 """(3,) coordinates."""
 
 RIGID_TOLERANCE = 1e-3
-"""How far a hand-written rotation may be off: three or four decimals pass, a wrong matrix does not."""
+"""Largest error of a hand-written rotation: three or four decimals pass, a wrong matrix does not."""
 
 OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Maps right-down-forward of a camera's optical frame to forward-left-up of its body frame."""
+"""Rotation from a camera's optical frame (right, down, forward) to its body frame (forward, left, up)."""
 
 
 def check_rigid(T: Pose) -> None:
@@ -32,7 +32,7 @@ def check_rigid(T: Pose) -> None:
         T: (4, 4), finite.
 
     Raises:
-        ValueError: the last row is not 0 0 0 1, or the rotation is none.
+        ValueError: the last row is not 0 0 0 1, or the upper left 3 x 3 block is not a rotation.
     """
     if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"found last row {T[3].tolist()}, needed [0, 0, 0, 1]")
@@ -73,12 +73,12 @@ def pose_from_quaternion(quaternion_xyzw: Sequence[float], translation: Sequence
 
 
 def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> Pose:
-    """Build T_camera_lidar from how a camera is mounted, as one measures it by hand.
+    """Build T_camera_lidar from the mounting of a camera, as one measures it by hand.
 
     Args:
         rpy_deg: Roll, pitch and yaw of the camera's body frame (x forward, y left, z up) in the LiDAR frame, as in
             URDF: R = Rz(yaw) Ry(pitch) Rx(roll). Yaw turns to the left, pitch looks down, roll leans to the right.
-        center_m: The camera's centre, LiDAR frame.
+        center_m: (3,) camera's centre in the LiDAR frame, metres.
     """
     from scipy.spatial.transform import Rotation
 
@@ -89,14 +89,14 @@ def pose_from_mounting(rpy_deg: Sequence[float], center_m: Sequence[float]) -> P
 
 
 def mounting_rpy_deg(T_camera_lidar: Pose) -> Vector:
-    """Give roll, pitch and yaw (3,) of a camera's body frame in the LiDAR frame: see `pose_from_mounting`."""
+    """Roll, pitch and yaw (3,) of a camera's body frame in the LiDAR frame: see `pose_from_mounting`."""
     T_lidar_body = inverse(T_camera_lidar)
     T_lidar_body[:3, :3] = T_lidar_body[:3, :3] @ OPTICAL_AXES.T
     return np.degrees(rpy(T_lidar_body))
 
 
 def rpy(T: Pose) -> list[float]:
-    """Give roll, pitch and yaw of a rotation in radians, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Roll, pitch and yaw of a rotation in radians, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
     from scipy.spatial.transform import Rotation
 
     with warnings.catch_warnings():
@@ -106,17 +106,17 @@ def rpy(T: Pose) -> list[float]:
 
 
 def rotation_vector_deg(T: Pose) -> Vector:
-    """Give the rotation vector (3,): along the axis, as long as the angle in degrees."""
+    """Rotation vector (3,): its direction is the axis, its length the angle in degrees."""
     return np.degrees(rotation_difference(T, np.eye(4)))
 
 
 def quaternion_xyzw(T: Pose) -> Vector:
-    """Give the rotation as the unit quaternion (4,) with w >= 0."""
+    """Rotation as the unit quaternion (4,) with w >= 0."""
     return np.array(_core.quaternion(T))
 
 
 def inverse(T_a_b: Pose) -> Pose:
-    """Invert a rigid transform, T_b_a."""
+    """Invert a rigid transform: T_b_a."""
     T_b_a = np.eye(4)
     T_b_a[:3, :3] = T_a_b[:3, :3].T
     T_b_a[:3, 3] = -T_a_b[:3, :3].T @ T_a_b[:3, 3]
@@ -124,18 +124,18 @@ def inverse(T_a_b: Pose) -> Pose:
 
 
 def cross_matrix(vector: Vector) -> NDArray[np.float64]:
-    """Give the matrix (3, 3) that is the cross product with a vector from the left."""
+    """Matrix (3, 3) that computes the cross product of the vector with another one."""
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def camera_center(T_camera_lidar: Pose) -> Vector:
-    """Give the camera's centre in the LiDAR frame, -R^T t."""
+    """Camera's centre in the LiDAR frame, -R^T t, metres."""
     return inverse(T_camera_lidar)[:3, 3]
 
 
 def rotation_difference(T_a: Pose, T_b: Pose) -> Vector:
-    """Give log(R_a R_b^T), the rotation vector (3,) in radians that takes T_b's rotation to T_a's."""
+    """Rotation vector (3,) log(R_a R_b^T), radians, that takes T_b's rotation to T_a's."""
     *axis, w = quaternion_xyzw(T_a @ inverse(T_b))
     sine = math.hypot(*axis)
     scale = 2.0 * math.atan2(sine, w) / sine if sine > 0.0 else 2.0
@@ -143,5 +143,5 @@ def rotation_difference(T_a: Pose, T_b: Pose) -> Vector:
 
 
 def rotation_error_deg(T_a: Pose, T_b: Pose) -> float:
-    """Give the geodesic angle between two rotations, in degrees."""
+    """Geodesic angle between two rotations, in degrees."""
     return float(np.degrees(np.linalg.norm(rotation_difference(T_a, T_b))))

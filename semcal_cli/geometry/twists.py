@@ -11,21 +11,21 @@ from numpy.typing import NDArray
 from semcal_cli.geometry.poses import Pose, Vector, camera_center, cross_matrix
 
 Twist = NDArray[np.float64]
-"""(6,) translation first, then a rotation vector."""
+"""(6,) translation first, then a rotation vector, metres and radians."""
 
 SMALL_ANGLE = 1e-4
-"""Radians: below, the second-order term of the inverse Jacobian is rounding."""
+"""Angle in radians below which the second-order term of the inverse Jacobian is rounding."""
 
 
 def rotation_matrix(rotation_vector: Vector) -> NDArray[np.float64]:
-    """Give exp(phi) (3, 3) of a rotation vector in radians."""
+    """Matrix exp(phi), (3, 3), of a rotation vector in radians."""
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec(rotation_vector).as_matrix()
 
 
 def apply_twist(T: Pose, twist: Twist) -> Pose:
-    """Turn a pose by exp(phi), then shift it by rho: the twist's motion, to first order in its translation."""
+    """Rotate a pose by exp(phi), then shift it by rho: the twist's motion, to first order in its translation."""
     return apply_motion(T, rotation_matrix(twist[3:]), twist[:3])
 
 
@@ -38,7 +38,7 @@ def apply_motion(T: Pose, rotation: NDArray[np.float64], translation: Vector) ->
 
 
 def inverse_left_jacobian(rotation_vector: Vector) -> NDArray[np.float64]:
-    """Give J_l^-1 of SO(3), (3, 3): how log(exp(delta) R) changes with delta (Solà et al., eq. 146)."""
+    """Matrix J_l^-1 of SO(3), (3, 3): the change of log(exp(delta) R) with delta (Solà et al., eq. 146)."""
     cross = cross_matrix(rotation_vector)
     angle = float(np.linalg.norm(rotation_vector))
     if angle < SMALL_ANGLE:
@@ -48,7 +48,7 @@ def inverse_left_jacobian(rotation_vector: Vector) -> NDArray[np.float64]:
 
 
 def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.float64]:
-    """Give (N, 6) coordinates (rho, phi) of poses about a reference, as a twist to first order.
+    """Local coordinates (N, 6), (rho, phi), of poses about a reference; to first order these are twists.
 
     With the camera's centre c, rho = -R_ref (c - c_ref) and phi = log(R R_ref^T).
     """
@@ -61,7 +61,7 @@ def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.fl
 
 
 def pose_at(T_reference: Pose, coordinates: Twist) -> Pose:
-    """Give the pose that has these local coordinates about a reference."""
+    """Pose (4, 4) that has these local coordinates about a reference."""
     T: Pose = np.eye(4)
     T[:3, :3] = rotation_matrix(coordinates[3:]) @ T_reference[:3, :3]
     T[:3, 3] = -T[:3, :3] @ (camera_center(T_reference) - T_reference[:3, :3].T @ coordinates[:3])

@@ -1,1 +1,1 @@
-"""Many items of work, done by several processes: what is done stays done, whatever happens to a process or to all."""
+"""Work on many items by several processes: finished items stay finished, whatever happens to the processes."""

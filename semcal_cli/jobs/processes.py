@@ -1,7 +1,7 @@
-"""Processes that do one item after another, so that what is loaded once stays; each may crash or hang.
+"""Processes that work on one item after another, so that loaded code and data stay; each may crash or hang.
 
-A process is told what to do in lines of JSON on its standard input, and answers in such lines on its standard output.
-When its input ends it goes: see `semcal_cli.jobs.serving` for its side.
+A process receives its tasks as lines of JSON on standard input, and answers with lines of JSON on standard output.
+It exits when its input ends: see `semcal_cli.jobs.serving` for its side.
 """
 
 from __future__ import annotations
@@ -27,33 +27,34 @@ Outcome = TypeVar("Outcome")
 
 
 class StoppedError(Exception):
-    """The run is over before this item was done."""
+    """The run has ended before this item was done."""
 
 
 @dataclass(frozen=True)
 class Reply:
-    """What a process answered."""
+    """The answers of a process to one question."""
 
     answers: list[Any]
     failure: str | None = None
-    """What went wrong; the process is gone then, and answers may be missing."""
+    """Cause of a failure; the process has ended then, and answers may be missing. None without a failure."""
     is_timed_out: bool = False
 
 
 def command(module: str) -> tuple[str, ...]:
-    """Give the command that runs `main` of a module.
+    """Make the command that runs `main` of a module.
 
-    It finds packages where this process does: `-m` would look in the working folder first, which may hold anything.
+    The process finds packages where this one does. `-m` would look in the working folder first, and any file may be
+    there.
     """
     code = f"import sys; sys.path = sys.argv[1:]; from {module} import main; main()"
     return (sys.executable, "-c", code, *sys.path)
 
 
 class Process:
-    """The end of a process that asks."""
+    """The asking side of one process."""
 
     def __init__(self, module: str) -> None:
-        # Its own group: what it starts ends with it, and Ctrl-C is ours to answer.
+        # The process has its own group: its children end with it, and this process handles Ctrl-C.
         self._process = subprocess.Popen(
             command(module), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
         )
@@ -83,12 +84,12 @@ class Process:
         return Reply(answers)
 
     def kill(self) -> None:
-        """End it, and what it started."""
+        """Kill the process and its children."""
         with suppress(ProcessLookupError):
             os.killpg(self._process.pid, signal.SIGKILL)
 
     def close(self) -> None:
-        """End it, and let go of what it was asked and answered through."""
+        """Kill the process, and close its pipes."""
         self.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
@@ -97,7 +98,7 @@ class Process:
                     pipe.close()
 
     def _end(self) -> str:
-        """Say how the process ended."""
+        """Describe how the process ended."""
         code = self._process.wait()
         if code >= 0:
             return f"the process ended with exit code {code}"
@@ -106,7 +107,7 @@ class Process:
         return f"the process was ended by {name}{more}"
 
     def _read_line(self, deadline: float | None) -> bytes | None:
-        """Read a line; empty at the end, None when time is up."""
+        """Read a line; empty at the end of the output, None at the deadline."""
         assert self._process.stdout is not None
         with selectors.DefaultSelector() as selector:
             selector.register(self._process.stdout, selectors.EVENT_READ)
@@ -153,7 +154,7 @@ class Processes:
                 process.kill()
 
     def close(self) -> None:
-        """End all processes, when no thread asks any more."""
+        """End all processes; called when no thread asks any more."""
         for process in self._all:
             process.close()
 
@@ -171,16 +172,16 @@ class Processes:
 def in_processes(
     items: Sequence[Item], do: Callable[[Processes, Item], Outcome], module: str, num_jobs: int
 ) -> Generator[Outcome, None, None]:
-    """Do items on this machine, several at a time, and give what came of each as soon as it is done.
+    """Work on items on this machine, several at a time, and yield the outcome of each when it is done.
 
     Args:
-        items: What is to be done.
-        do: Asks a process to do an item; what it raises ends the run.
-        module: Its `main` is what processes run.
-        num_jobs: Processes at a time.
+        items: Items to work on.
+        do: Asks a process to do an item; its exceptions end the run.
+        module: Module whose `main` the processes run.
+        num_jobs: Number of processes at a time.
     """
     processes = Processes(module)
-    # Not in a `with`: that would wait for all items when this process is told to stop.
+    # The pool is not used in a `with`, which would wait for all items when this process is told to stop.
     threads = ThreadPoolExecutor(num_jobs)
     try:
         for done in as_completed([threads.submit(do, processes, item) for item in items]):

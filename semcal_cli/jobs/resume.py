@@ -1,4 +1,4 @@
-"""A run over many items that may be stopped or killed at any moment, and then goes on where it was."""
+"""A run over many items that can be stopped or killed at any moment, and then resumes where it was."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ def resume(
     """Do all items that have no outcome yet.
 
     Args:
-        items: What is to be done.
-        read_outcome: Gives what came of an item, or None if it has yet to be done.
-        execute: Does items, and gives what came of each as soon as it is done; it is closed when the run is stopped.
-        on_done: Told each outcome, and whether it is new.
-        finish: Told all outcomes at the end, or those that there are when the run is stopped.
+        items: All items of the run.
+        read_outcome: Reads the outcome of an item; None if the item is not done yet.
+        execute: Works on items, and yields the outcome of each when it is done; closed when the run is stopped.
+        on_done: Called with each outcome, and whether it is new.
+        finish: Called with all outcomes at the end, or with those there are when the run is stopped.
 
     Returns:
-        All outcomes: first those that were known, then the new ones as they came.
+        All outcomes: first those already known, then the new ones in the order of their completion.
     """
     outcomes: list[Outcome] = []
     missing = []
@@ -44,7 +44,7 @@ def resume(
             outcomes.append(known)
             on_done(known, False)
     try:
-        # Closed here, not whenever a traceback lets go of it: its processes end with it.
+        # The generator is closed here, not when a traceback releases it: its processes end with it.
         with closing(execute(missing)) as new:
             for outcome in new:
                 outcomes.append(outcome)
@@ -56,11 +56,11 @@ def resume(
 
 @contextmanager
 def locked(file: Path, run: str) -> Iterator[None]:
-    """Keep a file, and with it its folder, to this run; the lock goes with the process that holds it.
+    """Lock a file, and with it its folder, for this run; the lock ends with the process that holds it.
 
     Args:
-        file: What is locked; it is made, with its folder, if it is not there.
-        run: What kind of run this is, for the message.
+        file: File to lock; it is created, with its folder, if it is missing.
+        run: Kind of the run, for the message.
 
     Raises:
         InputError: another process holds the lock, or the file cannot be written to.

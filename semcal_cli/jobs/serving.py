@@ -1,4 +1,4 @@
-"""The process that does items: it answers questions until whoever asks has gone."""
+"""The answering side of a process that works on items, until the asking side has gone."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any, TextIO
 
 
 def serve(answers_to: Callable[[Any], Iterator[Any]]) -> None:
-    """Answer questions, lines of JSON on standard input, by such lines on standard output; never returns."""
-    # What the work itself reads is empty, and what it prints is not for whoever asks.
+    """Answer questions, lines of JSON on standard input, with lines of JSON on standard output; never returns."""
+    # The work itself reads empty input, and what it prints does not go to the asking process.
     asked = os.fdopen(os.dup(0))
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     answered = os.fdopen(os.dup(1), "w")
@@ -26,7 +26,7 @@ def serve(answers_to: Callable[[Any], Iterator[Any]]) -> None:
 
 
 def _listen(asked: TextIO, questions: SimpleQueue[str]) -> None:
-    """Hear the end of the input at once: whoever asks has gone, and wants no answer any more."""
+    """Notice the end of the input at once: the asking process has gone then, and needs no answer."""
     for line in asked:
         questions.put(line)
     os._exit(1)

@@ -1,4 +1,4 @@
-"""How well each class of points agrees with what it lands on."""
+"""Agreement of each class of points with the classes of the pixels that it projects onto."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.report.overlay import over_chance
 
 NUM_PIXEL_CLASSES = 3
-"""So many classes of pixels are named for each class of points."""
+"""Number of pixel classes that are named for each class of points."""
 
 
 @dataclass(frozen=True)
 class ClassAgreement:
-    """Visible points of one class."""
+    """The visible points of one class, and how well they agree with the pixels that they project onto."""
 
     name: str
     share: float
-    """Of all pairs of a visible point and the pixels it lands on."""
+    """Share of the class in all pairs of a visible point and a pixel that it projects onto."""
     agreeing: float
-    """Share of its pairs that are found more often than by chance: positive pointwise mutual information."""
+    """Share of the class's pairs that are found more often than by chance: positive pointwise mutual information."""
     agreeing_before: float | None
-    """Likewise at the other pose, by the same measure there."""
+    """The same share at the other pose, measured by the pairs there; None without another pose."""
     nats: float
-    """What it adds to the mutual information."""
+    """Contribution of the class to the mutual information, in nats."""
     lands_on: tuple[tuple[str, float], ...]
-    """Classes of pixels, and the shares of its pairs on them, largest first."""
+    """Classes of pixels, with their shares in the class's pairs, largest first."""
 
 
 def class_agreements(
     observations: Observations, agreement: _core.Agreement, before: _core.Agreement | None
 ) -> list[ClassAgreement]:
-    """Tell of each class of points that the camera sees, the most frequent first."""
+    """Describe each class of points that the camera sees, the most frequent first."""
     joint = agreement.joint
     total = max(joint.sum(), 1.0)
     shares, agreeing = joint.sum(axis=1) / total, _agreeing(joint)

@@ -1,4 +1,4 @@
-"""A point cloud for the 3-D view: what the camera sees has its colours, the rest is grey."""
+"""A point cloud for the 3-D view: points that the camera sees have colours, the others are grey."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from semcal_cli.report.input import ReportInput
 from semcal_cli.report.overlay import Colors, hex_color, palettes, points_in_image
 
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
-"""So many points that the camera sees are kept, and so many others."""
+"""Largest number of points kept that the camera sees, and of points that it does not see."""
 MAX_RANGE_M = 120.0
-"""Others, of no use to the view, are left out."""
+"""Largest range of the points that the view shows."""
 GREY = 92
 FRUSTUM_M = 1.0
-"""How far the edges of the camera's view are drawn."""
+"""Length of the drawn edges of the camera's view."""
 
 
 @dataclass(frozen=True)
@@ -34,19 +34,19 @@ class Cloud:
     positions_cm: str
     """int16, little-endian, (N, 3)."""
     colors: dict[str, str]
-    """uint8 red, green, blue, (N, 3), by what they say."""
+    """uint8 red, green, blue, (N, 3), by the meaning of the colours."""
     legends: dict[str, dict[str, str]]
-    """The colour of each class that is seen, as #rrggbb, by what colours say."""
+    """Colour of each visible class, as #rrggbb, by the meaning of the colours."""
     camera_center: list[float]
     optical_axis: list[float]
     corners: list[list[float]]
-    """Ends of the edges of the camera's view; none where the lens does not reach into the picture's corners."""
+    """Ends of the edges of the camera's view; empty if the lens does not reach the corners of the image."""
 
 
 def frame_cloud(report: ReportInput) -> Cloud:
-    """Colour a frame's points by the label of the pixel they land on, by their own, and by the picture.
+    """Colour a frame's points by the label of the pixel they project onto, by their own label, and by the image.
 
-    It is the first frame with a picture, or the first of all.
+    The frame is the first one that has an image, else the first of all.
     """
     observations, T = report.observations, report.T_camera_lidar
     names = [frame.image for frame in report.drive.frames]
@@ -87,12 +87,12 @@ def frame_cloud(report: ReportInput) -> Cloud:
 
 
 def _thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
-    """Indices of evenly spaced ones of those that a mask (N,) names."""
+    """Indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
     return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
 
 
 def _at(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
-    """Values of the pixels (M, 2)."""
+    """Values of an image at the pixels (M, 2)."""
     u, v = pixels.T
     found: npt.NDArray[np.uint8] = image[
         v.clip(0, image.shape[0] - 1),
@@ -102,7 +102,7 @@ def _at(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArr
 
 
 def _label_colors(classes: npt.NDArray[np.uint8], palette: Colors) -> npt.NDArray[np.uint8]:
-    """Red, green, blue of classes; grey without one."""
+    """Red, green and blue of each point's class; grey for a point without a class."""
     table = np.full((NO_CLASS + 1, 3), GREY, np.uint8)
     table[: len(palette)] = palette[:, ::-1]
     return table[classes]
@@ -114,7 +114,7 @@ def _legend(classes: npt.NDArray[np.uint8], names: Sequence[str], palette: Color
 
 
 def _corners(report: ReportInput) -> list[list[float]]:
-    """Ends of the edges of the camera's view, LiDAR frame."""
+    """Ends of the edges of the camera's view, in the LiDAR frame."""
     camera = report.observations.camera
     right, bottom = camera.width - 0.5, camera.height - 0.5
     pixels = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])

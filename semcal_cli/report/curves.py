@@ -1,4 +1,4 @@
-"""Mutual information around a pose, along and about each axis of the camera while the others stay."""
+"""Mutual information around a pose, along and about each axis of the camera while the other axes stay."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.result.uncertainty import Uncertainty
 
 SPAN_M, SPAN_DEG = 0.1, 0.5
-"""Curves reach so far to either side ..."""
+"""Least distance that a curve reaches to either side of the pose."""
 SPAN_SIGMAS = 4.0
-"""... or so many standard errors, if that is farther."""
+"""Standard errors that a curve reaches at least to either side of the pose."""
 NUM_SAMPLES = 17
-"""Over all of that ..."""
+"""Number of samples over the whole curve."""
 NUM_NEAR, NEAR_SIGMAS = 9, 2.0
-"""... and between so many standard errors to either side."""
+"""Number of samples near the pose, and the standard errors that they span to either side of it."""
 NAMES = (
     "camera centre x, to the right",
     "camera centre y, down",
@@ -38,32 +38,32 @@ class Curve:
     name: str
     unit: str
     offsets: npt.NDArray[np.float64]
-    """(n,) centimetres or degrees from the pose."""
+    """(n,) offsets from the pose, in centimetres or degrees."""
     nats: npt.NDArray[np.float64]
-    """(n,) there."""
+    """(n,) mutual information at the offsets, in nats."""
     sigma: float | None
-    """Standard error of the pose along the axis, if it is known."""
+    """Standard error of the pose along the axis, in the unit of the offsets; None if it is not known."""
 
     @property
     def optimum(self) -> float:
-        """Where the information is largest."""
+        """Offset at which the mutual information is largest."""
         return float(self.offsets[self.nats.argmax()])
 
     @property
     def span(self) -> float:
-        """How far the curve reaches to either side."""
+        """Largest offset of the curve to either side."""
         return float(self.offsets[-1])
 
 
 def information_curves(
     observations: Observations, T_camera_lidar: Pose, uncertainty: Uncertainty | None
 ) -> list[Curve]:
-    """Follow the mutual information along the six axes.
+    """Compute the mutual information along the six axes of the camera.
 
     Args:
         observations: Labelled points and label images.
-        T_camera_lidar: (4, 4).
-        uncertainty: Of the pose, if it is known.
+        T_camera_lidar: (4, 4), the pose in the middle of the curves.
+        uncertainty: Uncertainty of the pose, if it is known.
     """
     sigmas: list[float | None] = [None] * 6
     if uncertainty is not None:
@@ -87,7 +87,7 @@ def information_curves(
 
 
 def _moved(T_camera_lidar: Pose, axis: int, offset: float) -> Pose:
-    """Move the camera's centre along, or turn the camera about, one of its axes: metres or degrees."""
+    """Move the camera's centre along one of its axes, in metres, or turn the camera about one, in degrees."""
     twist = np.zeros(6)
     # The centre moves against the translation of a twist.
     twist[axis] = -offset if axis < 3 else np.radians(offset)

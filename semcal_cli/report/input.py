@@ -1,4 +1,4 @@
-"""What a report is about: a transform, what semcal wrote with it, and the frames to look at it with."""
+"""The input of a report: a transform, what semcal wrote with it, and the frames that show it."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ from semcal_cli.result.provenance import describe_input
 
 @dataclass(frozen=True)
 class ReportInput:
-    """A transform and the frames that figures and pictures are of."""
+    """A transform and the frames that the figures and images of a report show."""
 
     name: str
-    """The transform's file."""
+    """Name of the transform's file."""
     T_camera_lidar: Pose
     record: Calibration | None
-    """What semcal wrote with the transform; None if the file holds nothing else."""
+    """Calibration that semcal wrote with the transform; None if the file holds nothing else."""
     before: tuple[str, Pose] | None
-    """Another transform to show beside it, under its caption."""
+    """Caption and pose of another transform to compare with."""
     drive: Drive
     observations: Observations
     is_of_record: bool
-    """Whether the frames, and the camera, are those that the calibration was computed from."""
+    """Whether the calibration was computed from these frames and this camera."""
     notices: tuple[str, ...]
-    """What a reader has to know of where figures are from."""
+    """Sentences for the reader on the origin of the figures."""
 
     def overlays(self, max_frames: int) -> Overlays:
-        """Pictures of evenly spaced frames, before, if there is a transform to compare with, and after."""
+        """Images of evenly spaced frames: before, if there is a transform to compare with, and after."""
         indices = evenly_spaced(range(len(self.drive.frames)), max_frames)
         frames = tuple(self.drive.frames[index] for index in indices)
         before = {} if self.before is None else {self.before[0]: self.before[1]}
@@ -55,9 +55,9 @@ def read_report_input(drive: Drive, calibration: Path, against: Path | None = No
     """Read a transform of any known format and the frames it was computed from, or else those that differ most.
 
     Args:
-        drive: Where frames are.
+        drive: Drive whose frames are shown.
         calibration: A calibration of semcal's, or a transform of any known format.
-        against: A transform to show beside it; None: the calibration's first stage, if it has another one.
+        against: A transform to compare with; None takes the calibration's first stage, if it is another one.
 
     Raises:
         InputError: a file is missing, wrong, or leaves something open.
@@ -79,11 +79,11 @@ def make_report_input(
     """Read the frames that a transform was computed from, or else those that differ most.
 
     Args:
-        drive: Where frames are.
-        name: What to call the transform.
+        drive: Drive whose frames are shown.
+        name: Name of the transform.
         T_camera_lidar: (4, 4).
-        record: What is known beside it.
-        before: A transform to show beside it, under its caption; None: the record's first stage, if it has another one.
+        record: Calibration that semcal wrote with the transform, if there is one.
+        before: Caption and pose to compare with; None takes the record's first stage, if it is another one.
 
     Raises:
         InputError: a file is missing or wrong.
@@ -117,7 +117,7 @@ def _first_stage(record: Calibration) -> tuple[str, Pose] | None:
 
 
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
-    """Take the frames that a calibration was computed from, if the drive has them, and say what is not as it was."""
+    """Take the frames that a calibration was computed from, if the drive has them, and name what has changed."""
     names = {_key(frame) for frame in record.input.frames}
     named = tuple(frame for frame in drive.frames if _key(frame) in names)
     used = drive.model_copy(update={"frames": named})
@@ -138,7 +138,7 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
 
 
 def _cues(record: Calibration | None) -> tuple[Cue, ...]:
-    """What the frames are looked at by: labels, unless the calibration was made without them."""
+    """Cues that the frames are read with: labels, unless the calibration was made without them."""
     known = {} if record is None else record.settings.options.get("cues")
     used = tuple(cue for cue in CUES if isinstance(known, dict) and cue in known)
     return LABELS if not used or "labels" in used else used

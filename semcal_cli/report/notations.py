@@ -20,12 +20,12 @@ from semcal_cli.geometry.poses import (
 )
 
 DIGITS = 9
-"""After the point: nanometres."""
+"""Digits after the decimal point: nanometres."""
 
 
 @dataclass(frozen=True)
 class Notation:
-    """A transform as text to copy."""
+    """A transform as text to copy, under its name."""
 
     name: str
     meaning: str
@@ -57,9 +57,9 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
 
 
 def files(T_camera_lidar: Pose) -> list[Notation]:
-    """Write a transform in each text format that needs nothing else.
+    """Write a transform in each text format that needs no other information.
 
-    Matrices of formats that state no direction are T_camera_lidar.
+    Matrices in formats that state no direction are T_camera_lidar.
     """
     options = FormatOptions(direction="lidar-to-camera")
     found = []

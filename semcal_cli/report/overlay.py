@@ -1,4 +1,4 @@
-"""Pictures of LiDAR points on camera images, coloured by class, depth or agreement: what a calibration looks like."""
+"""Drawings of LiDAR points on camera images, coloured by class, depth or agreement."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
 
-Picture: TypeAlias = npt.NDArray[np.uint8]
+Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
 Colors: TypeAlias = npt.NDArray[np.uint8]
 """(C, 3) blue, green, red of each class, or of each point."""
 Legend: TypeAlias = dict[str, tuple[int, ...]]
-"""Blue, green, red of what is named."""
+"""Blue, green and red of each named entry."""
 Coloring: TypeAlias = Literal["class", "depth", "agreement"]
 
-# Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on a picture.
+# Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on an image.
 CARLA_COLORS = {
     "road": (170, 95, 170),
     "sidewalk": (244, 35, 232),
@@ -92,14 +92,14 @@ AGREEMENT_COLORS = {
     "hidden from the camera": (120, 120, 120),
 }
 DEPTHS_M = (2.0, 100.0)
-"""Colours span these, as logarithms; the legend names some between."""
+"""Depths at which the colours begin and end, on a logarithmic scale; the legend names some between."""
 DEPTH_STEPS_M = (2, 5, 10, 20, 50, 100)
 WIDE = 2.0
-"""Pictures of so many columns a row, or more, are put above each other."""
+"""Ratio of width to height from which images are put above each other."""
 
 BACKGROUND_STRENGTH = 0.6
 BACKGROUND_GRAY = 0.6
-"""How much of a picture's colour is taken out, so that the dots' colours are the only ones."""
+"""Share of an image's colour that is taken out, so that only the dots have strong colours."""
 LABEL_STRENGTH = 0.5
 COLUMNS_PER_DOT_RADIUS = 640
 TEXT_COLOR = (235, 235, 235)
@@ -138,24 +138,24 @@ def hex_color(blue_green_red: tuple[int, ...]) -> str:
     return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
 
 
-def picture_paths(folder: Path, count: int) -> list[Path]:
-    """Name the pictures of frames in a folder."""
+def overlay_paths(folder: Path, count: int) -> list[Path]:
+    """Name the files of the drawn frames in a folder."""
     return [folder / f"{frame:06d}.png" for frame in range(count)]
 
 
 class Seen(NamedTuple):
-    """Points that land in a picture, farthest first."""
+    """Points that project into an image, farthest first."""
 
     indices: npt.NDArray[np.intp]
     pixels: npt.NDArray[np.intp]
-    """(M, 2), (u, v), the nearest."""
+    """(M, 2), (u, v), nearest pixels."""
     ranges_m: npt.NDArray[np.float64]
-    """(M,) from the camera."""
+    """(M,) distances from the camera."""
     is_hidden: npt.NDArray[np.bool_]
 
 
 def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
-    """Find the points (N, 3), metres, LiDAR frame, that land in the picture, and tell which of them are hidden."""
+    """Find the points (N, 3), metres, LiDAR frame, that project into the image, and mark the hidden ones among them."""
     projected = _core.project_points(core_camera(camera), points, T_camera_lidar)
     ranges = projected.ranges
     seen = np.flatnonzero(np.isfinite(ranges))
@@ -164,7 +164,7 @@ def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camer
     return Seen(seen, pixels, ranges[seen], projected.is_hidden[seen])
 
 
-def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Picture:
+def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Image:
     """Draw a strip, (h, width, 3), of swatches and names."""
     scale, line = _text_size(width)
     spots: list[tuple[int, int]] = []
@@ -182,48 +182,48 @@ def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Picture:
     return strip
 
 
-def add_caption(picture: Picture, caption: str, shown_width: int) -> Picture:
-    """Put a line of text above a picture, sized for the width of all that is shown."""
+def add_caption(image: Image, caption: str, shown_width: int) -> Image:
+    """Put a line of text above an image, sized for the width of all that is shown."""
     scale, line = _text_size(shown_width)
-    strip = _filled(line, picture.shape[1])
+    strip = _filled(line, image.shape[1])
     _write(strip, caption, (line // 2, 0), scale, line)
-    return np.vstack([strip, picture])
+    return np.vstack([strip, image])
 
 
-def before_after(pictures: Mapping[str, Picture], *, stacked: bool = False) -> Picture:
-    """Put pictures of one size beside (or above) each other, in order, each under its caption."""
-    widths = [picture.shape[1] for picture in pictures.values()]
+def before_after(images: Mapping[str, Image], *, stacked: bool = False) -> Image:
+    """Put images of one size beside (or above) each other, in order, each under its caption."""
+    widths = [image.shape[1] for image in images.values()]
     width = max(widths) if stacked else sum(widths)
-    captioned = [add_caption(picture, caption, width) for caption, picture in pictures.items()]
+    captioned = [add_caption(image, caption, width) for caption, image in images.items()]
     return np.vstack(captioned) if stacked else np.hstack(captioned)
 
 
 @dataclass(frozen=True)
 class Overlays:
-    """Pictures of the frames of a drive with their points, at each pose under its caption, and a legend.
+    """Drawings of the frames of a drive with their points, at each pose under its caption, with a legend.
 
-    A frame without a picture shows its label image instead. Poses are put beside each other, those of wide pictures
-    above each other.
+    A frame without an image shows its label image instead. The poses stand beside each other; those of wide images
+    stand above each other.
     """
 
     drive: Drive
-    """Where pictures are looked for."""
+    """Drive whose images are drawn."""
     observations: Observations
-    """Of the same drive; without labels if colours are those of depth."""
+    """Observations of the same drive; without labels if the colours show depth."""
     poses: Mapping[str, Pose]
     """T_camera_lidar (4, 4) by caption; at least one."""
     by: Coloring = "class"
-    """What colours say: the point's class; how far it is from the camera; or whether its class and the pixel's go
-    together, that is, are found together more often than by chance at the last pose."""
+    """Meaning of the colours: the point's class; its distance from the camera; or whether its class and the pixel's
+    are found together more often than by chance at the last pose."""
 
     def write_all(self, folder: Path) -> Iterator[Path]:
         """Write the PNG of every frame into a folder, which is made, and give each path when it is written.
 
         Raises:
-            InputError: the folder cannot be made, or as `write`.
+            InputError: the folder cannot be made, or a frame cannot be drawn (see `write`).
         """
         make_folder(folder)
-        for frame, path in enumerate(picture_paths(folder, self.observations.num_frames)):
+        for frame, path in enumerate(overlay_paths(folder, self.observations.num_frames)):
             self.write(frame, path)
             yield path
 
@@ -231,19 +231,19 @@ class Overlays:
         """Write the PNG of a frame, numbered from 0.
 
         Raises:
-            InputError: there is no such frame, its picture is wrong, or the file cannot be written.
+            InputError: there is no such frame, its image is wrong, or the file cannot be written.
         """
         camera = self.observations.camera
-        pictures, legend = self.draw(frame)
-        picture = before_after(pictures, stacked=camera.width >= WIDE * camera.height)
+        images, legend = self.draw(frame)
+        image = before_after(images, stacked=camera.width >= WIDE * camera.height)
         swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
-        write_image(np.vstack([picture, draw_legend(list(legend), swatches, picture.shape[1])]), path)
+        write_image(np.vstack([image, draw_legend(list(legend), swatches, image.shape[1])]), path)
 
-    def draw(self, frame: int) -> tuple[dict[str, Picture], Legend]:
-        """Draw the points of a frame, numbered from 0, at each pose: pictures by caption, and what colours mean.
+    def draw(self, frame: int) -> tuple[dict[str, Image], Legend]:
+        """Draw the points of a frame, numbered from 0, at each pose: images by caption, and the legend of the colours.
 
         Raises:
-            InputError: there is no such frame, or its picture is wrong.
+            InputError: there is no such frame, or its image is wrong.
         """
         observations = self.observations
         if not 0 <= frame < observations.num_frames:
@@ -251,17 +251,17 @@ class Overlays:
                 f"{self.drive.path}: found {observations.num_frames} frames, needed one numbered {frame}"
             )
         background = _background(self.drive, observations, frame)
-        pictures: dict[str, Picture] = {}
+        images: dict[str, Image] = {}
         legend: Legend = {}
         for caption, T in self.poses.items():
             seen = points_in_image(observations.clouds[frame].points, T, observations.camera)
             pixels, colors, named = self._colored(frame, seen)
-            pictures[caption] = _draw_dots(background, pixels, colors)
+            images[caption] = _draw_dots(background, pixels, colors)
             legend |= named
-        return pictures, legend
+        return images, legend
 
     def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
-        """Pixels (M, 2) and colours (M, 3) of the dots, and the legend."""
+        """Pixels (M, 2) and colours (M, 3) of the dots, with their legend."""
         if self.by == "depth":
             shown = ~seen.is_hidden
             steps = map(tuple, _depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist())
@@ -297,7 +297,7 @@ def _by_class(
 def by_agreement(
     observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Pixels of labelled points on labelled pixels, and the place in `AGREEMENT_COLORS` of each."""
+    """Pixels of labelled points on labelled pixels, and the index in `AGREEMENT_COLORS` of each."""
     point, pixel = _pairs(observations, frame, seen)
     labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
     kinds = np.where(seen.is_hidden[labelled], 2, ~together[point[labelled], pixel[labelled]])
@@ -305,12 +305,12 @@ def by_agreement(
 
 
 def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
-    """Which classes of points (rows) and of pixels are found together more often than by chance, over all frames."""
+    """Mask of the classes of points (rows) and of pixels found together more often than by chance over all frames."""
     return over_chance(_core.agreement(observations.core, T_camera_lidar).joint) > 1.0
 
 
 def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Tell how many times as often as by chance pairs are seen: p(x, y) / (p(x) p(y)); 0 where never."""
+    """Ratio of each pair's frequency to its frequency by chance, p(x, y) / (p(x) p(y)); 0 for a pair never seen."""
     by_chance = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
     return np.asarray(joint / np.where(by_chance > 0.0, by_chance, 1.0))
 
@@ -318,7 +318,7 @@ def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
 def _pairs(
     observations: Observations, frame: int, seen: Seen
 ) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
-    """Classes of points in the picture and of the pixels they land on."""
+    """Classes of the points in the image, and of the pixels that they project onto."""
     u, v = seen.pixels.T
     image = observations.images[frame].classes
     rows, columns = v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)
@@ -326,7 +326,7 @@ def _pairs(
 
 
 def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
-    """(N, 3) red near by, blue far away."""
+    """(N, 3) blue, green, red: red near by, blue far away."""
     if len(ranges_m) == 0:
         return np.zeros((0, 3), np.uint8)
     near, far = np.log(DEPTHS_M)
@@ -336,7 +336,7 @@ def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
     return colors
 
 
-def _draw_dots(background: Picture, pixels: npt.NDArray[np.intp], colors: Colors) -> Picture:
+def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) -> Image:
     """Draw dots in order; where they overlap, the last is seen."""
     canvas = background.copy()
     height, width = canvas.shape[:2]
@@ -346,13 +346,13 @@ def _draw_dots(background: Picture, pixels: npt.NDArray[np.intp], colors: Colors
     is_disk = du**2 + dv**2 <= (radius + 0.5) ** 2
     u, v = pixels[:, :1] + du[is_disk], pixels[:, 1:] + dv[is_disk]
     inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
-    # Assigned in order of points, so that the last of those on a pixel stays.
+    # Dots are assigned in the order of the points, so that the last one on a pixel stays.
     canvas[v[inside], u[inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[inside]
     return canvas
 
 
-def _background(drive: Drive, observations: Observations, frame: int) -> Picture:
-    """The picture of a frame, dimmed; without one, its label image at half strength."""
+def _background(drive: Drive, observations: Observations, frame: int) -> Image:
+    """The image of a frame, dimmed; without an image, its label image at half strength."""
     name = drive.frames[frame].image
     if name is None and not observations.image_class_names:
         key = drive.frames[frame].key("image")
@@ -367,25 +367,25 @@ def _background(drive: Drive, observations: Observations, frame: int) -> Picture
     return _dim(image)
 
 
-def _dim(image: Picture) -> Picture:
+def _dim(image: Image) -> Image:
     """Darken an image and take colour out of it."""
     gray = image.mean(axis=2, keepdims=True)
     mixed = BACKGROUND_GRAY * gray + (1.0 - BACKGROUND_GRAY) * image
-    dimmed: Picture = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
+    dimmed: Image = (BACKGROUND_STRENGTH * mixed).astype(np.uint8)
     return dimmed
 
 
 def _text_size(width: int) -> tuple[float, int]:
-    """Scale of the font and height of a line for a picture of a width."""
+    """Scale of the font, and height of a line, for an image of a given width."""
     line = max(16, width // 40)
     return 0.45 * line / FONT_HEIGHT, line
 
 
-def _filled(height: int, width: int) -> Picture:
+def _filled(height: int, width: int) -> Image:
     return np.full((height, width, 3), MARGIN_COLOR, dtype=np.uint8)
 
 
-def _write(strip: Picture, text: str, corner: tuple[int, int], scale: float, line: int) -> None:
+def _write(strip: Image, text: str, corner: tuple[int, int], scale: float, line: int) -> None:
     """Write text into the line whose upper left corner is given."""
     x, y = corner
     thickness = max(1, round(line / 24))

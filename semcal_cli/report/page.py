@@ -1,4 +1,4 @@
-"""The page itself: everything gathered and put into the template, with style and script inside."""
+"""The report page: the template filled with all figures, images, style and script."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
-from semcal_cli.report.frames import frame_pictures
+from semcal_cli.report.frames import frame_images
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.plots import BOX, plots
@@ -28,7 +28,7 @@ from semcal_cli.result.provenance import describe_input, versions
 
 @dataclass(frozen=True)
 class StageRow:
-    """A stage, and how far its pose is from the result."""
+    """A stage of the calibration, and the distance of its pose from the result."""
 
     name: str
     note: str
@@ -39,7 +39,7 @@ class StageRow:
 
 @dataclass(frozen=True)
 class HypothesisRow:
-    """A mounting that the search arrived at, and its place between the worst and the best."""
+    """A mounting hypothesis, and its place between the worst and the best one."""
 
     nats: float
     sigma_nats: float | None
@@ -47,7 +47,7 @@ class HypothesisRow:
     rotation_from_best_deg: float
     overlap: float
     left: float
-    """Of the bar that one standard error to either side makes, in the row's width."""
+    """Left end of the bar of one standard error to either side, as a share of the row's width."""
     width: float
 
 
@@ -57,12 +57,12 @@ def write_report(
     """Write the page.
 
     Args:
-        report: What it is about.
-        path: Where it goes.
-        progress: Told what is being done.
+        report: Transform and frames that the page shows.
+        path: HTML file to write.
+        progress: Called with a description of each step.
 
     Raises:
-        InputError: a picture is missing or wrong, or the file cannot be written. An existing one is untouched then.
+        InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
     """
     write_text(report_html(report, progress), path)
 
@@ -74,7 +74,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     made_by = record.settings.versions if record else versions()
     before = None if report.before is None else _core.agreement(observations.core, report.before[1])
     progress("drawing points on pictures")
-    frames, legend = frame_pictures(report)
+    frames, legend = frame_images(report)
     progress("following the mutual information along six axes")
     curves = information_curves(observations, T, record.uncertainty if record else None)
     progress("writing the page")

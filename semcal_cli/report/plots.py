@@ -1,4 +1,4 @@
-"""Curves as drawings: where lines and ticks go."""
+"""Drawings of curves: positions of lines and ticks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from semcal_cli.report.curves import Curve
 
 
 class Box(NamedTuple):
-    """A drawing's size, and where its lines go."""
+    """Size of a drawing, and the positions of its lines."""
 
     width: float = 320.0
     """Width of the drawing, in its own units, as of all that follows."""
@@ -32,25 +32,25 @@ class Box(NamedTuple):
 BOX = Box()
 HEADROOM = 0.08
 MIN_BAND = 1.5
-"""A narrower interval could not be seen."""
+"""Least width of the drawn interval; a narrower one could not be seen."""
 
 
 @dataclass(frozen=True)
 class Plot:
-    """A curve in a drawing of the size of `BOX`."""
+    """A curve in a drawing of size `BOX`."""
 
     curve: Curve
     """What is drawn."""
     line: str
-    """x,y x,y ..."""
+    """Points of the line as "x,y x,y" pairs."""
     zero: float
     """Abscissa of the pose."""
     optimum: float
     """Abscissa of the highest point."""
     optimum_text: str
-    """Where it is, no finer than the samples."""
+    """Offset of the optimum as text, no finer than the spacing of the samples."""
     band: tuple[float, float] | None
-    """Left border and width of two standard errors to either side of the pose."""
+    """Left end and width of the band of two standard errors to either side of the pose."""
     x_ticks: tuple[tuple[float, str], ...]
     """Abscissas of the offsets that are named, and what stands there."""
     y_ticks: tuple[tuple[float, str], ...]
@@ -77,7 +77,7 @@ def _plot(curve: Curve, low: float, high: float) -> Plot:
         width = max(x(2.0 * curve.sigma) - x(-2.0 * curve.sigma), MIN_BAND)
         band = round(x(0.0) - width / 2.0, 2), round(width, 2)
     points = zip(curve.offsets.tolist(), curve.nats.tolist(), strict=True)
-    # As many digits as the distance between samples near the pose has.
+    # The optimum gets as many digits as the spacing of the samples near the pose has.
     digits = max(0, -math.floor(math.log10(float(np.diff(curve.offsets).min()))))
     decimals = max(2, 1 - math.floor(math.log10(high - low)))
     steps = (-1.0, -0.5, 0.0, 0.5, 1.0)

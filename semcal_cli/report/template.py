@@ -1,4 +1,4 @@
-"""Pages are made of templates and of files that go into them as they are, so that a page is one file."""
+"""Templates of pages, and the files put into them unchanged, so that each page is one file."""
 
 from __future__ import annotations
 
@@ -19,5 +19,5 @@ ENVIRONMENT = Environment(
 
 
 def source(*names: str) -> Markup:
-    """Give files of this folder, one after another."""
+    """Read files of this folder, joined one after another."""
     return Markup("\n").join(Markup((Path(__file__).parent / name).read_text()) for name in names)

@@ -16,20 +16,20 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.uncertainty import Uncertainty
 
 DEPTHS_M = 10.0, 50.0
-"""How far away points are whose place in the picture is told."""
+"""Depths at which the error of a point's place in the image is stated."""
 
 STEP = 1e-4
 NORMAL_95 = 1.959964
-"""Standard errors to either side of a normal distribution's 95 % ..."""
+"""Standard errors to either side that contain 95 % of a normal distribution."""
 ELLIPSE_95 = 2.447747
-"""... and of that in two dimensions: the root of chi-square's quantile."""
+"""Standard errors that contain 95 % of a normal distribution in two dimensions: root of the chi-square quantile."""
 
 TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a reader learns first."""
+    """The verdict on a calibration, as the report's heading states it."""
 
     status: str
     """`trusted`, `not_trusted` or `not_assessed`, as the page is coloured."""
@@ -72,7 +72,7 @@ def verdict(report: ReportInput) -> Verdict:
 
 
 def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
-    """Say how sure a pose is, and what that means in the picture."""
+    """Say how uncertain a pose is, and how far that moves points in the image."""
     found = record.uncertainty
     if found is None:
         return [f"Nothing is known of its error: {_why_unknown(record)}."]
@@ -82,7 +82,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         f"The camera is within {_figure(x)} cm of the stated place to its right or left, {_figure(y)} cm up or down, "
         f"and {_figure(z)} cm forward or back; its rotation is within {_figure(pitch)} degrees in pitch, "
         f"{_figure(yaw)} in yaw and {_figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
-        _in_the_picture(found, camera),
+        _in_the_image(found, camera),
         *(f"Weak {direction}." for direction in found.weak_directions),
     ]
     if found.label_bleed is not None:
@@ -104,7 +104,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
 
 
 def runner_up_sentence(record: Calibration) -> str | None:
-    """Say how far behind the best other mounting is."""
+    """Say how far the best other mounting is behind."""
     margin = record.quality.runner_up_margin
     if margin is None:
         return None
@@ -125,14 +125,14 @@ def _why_unknown(record: Calibration) -> str:
     return f"held-out data agree less after the polish{by}, so that the pose before it was kept"
 
 
-def _in_the_picture(found: Uncertainty, camera: Camera) -> str:
-    """Where points straight ahead land: the longest half axis of the 95 % ellipse, first order in the twist."""
+def _in_the_image(found: Uncertainty, camera: Camera) -> str:
+    """State where points straight ahead project: longest half axis of the 95 % ellipse, first order in the twist."""
     covariance = np.array(found.covariance)
     half_widths = np.array(
         [*found.half_width_95_camera_center_m, *np.radians(found.half_width_95_rotation_deg)]
     )
     sigmas = np.sqrt(np.diag(covariance))
-    # What Student's t makes wider than a normal distribution, at the axis where it is most.
+    # The factor by which Student's t is wider than a normal distribution, at the axis where it is largest.
     wider = max(1.0, float((half_widths[sigmas > 0.0] / (NORMAL_95 * sigmas[sigmas > 0.0])).max(initial=1.0)))
     parts = []
     for depth_m in DEPTHS_M:
@@ -146,7 +146,7 @@ def _in_the_picture(found: Uncertainty, camera: Camera) -> str:
 
 
 def _motions(camera: Camera, depth_m: float) -> npt.NDArray[np.float64]:
-    """(2, 6) pixels by which a twist, metres and radians, moves a point on the optical axis."""
+    """(2, 6) pixels by which a twist, in metres and radians, moves a point on the optical axis."""
     ahead = np.array([0.0, 0.0, depth_m])
     steps = STEP * depth_m * np.eye(3)
     ends = core_camera(camera).project(np.concatenate([ahead + steps, ahead - steps]))
@@ -157,7 +157,7 @@ def _motions(camera: Camera, depth_m: float) -> npt.NDArray[np.float64]:
 
 
 def _figure(value: float) -> str:
-    """Two digits that mean something, without exponents."""
+    """Format a figure with two significant digits and without an exponent."""
     if value == 0.0:
         return "0"
     digits = max(0, 1 - math.floor(math.log10(abs(value))))

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import SYNTH_MIN_BASELINE_M, Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera, CameraModel
 from semcal_cli.errors import InputError
@@ -22,7 +23,6 @@ from semcal_cli.files.images import write_image
 from semcal_cli.files.messages import os_reason
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
-from semcal_cli.synthetic.config import MIN_BASELINE_M, Lens, SynthConfig
 from semcal_cli.synthetic.label_noise import mislabel
 
 Labels = npt.NDArray[np.uint8]
@@ -252,7 +252,7 @@ def image_ids(config: SynthConfig) -> Labels:
 def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
     """Draw the position of the camera, (3,) metres in the LiDAR frame."""
     distance = math.inf
-    while not MIN_BASELINE_M <= distance <= config.max_baseline_m:
+    while not SYNTH_MIN_BASELINE_M <= distance <= config.max_baseline_m:
         center: Vector = rng.uniform(-CENTER_BOX_M, CENTER_BOX_M)
         distance = float(np.linalg.norm(center))
     return center if config.baseline_m is None else center * (config.baseline_m / distance)

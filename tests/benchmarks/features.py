@@ -17,14 +17,13 @@ import cues
 import numpy as np
 import yaml
 
-from semcal_cli.config import CalibrationConfig, RefinementConfig
+from semcal_cli.config import CalibrationConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 CHANNELS = 16

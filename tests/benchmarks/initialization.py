@@ -21,13 +21,12 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.config import AlignmentConfig, InitializationConfig
+from semcal_cli.config import AlignmentConfig, InitializationConfig, SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, initialize
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 4

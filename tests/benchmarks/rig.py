@@ -19,8 +19,8 @@ from time import perf_counter
 import click
 import numpy as np
 
+from semcal_cli.config import SynthConfig
 from semcal_cli.files.documents import read_document
-from semcal_cli.synthetic.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 SEMCAL = shutil.which("semcal") or "semcal"

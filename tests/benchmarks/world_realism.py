@@ -17,13 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS, class_table
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.synthetic.config import Lens, SynthConfig
 from semcal_cli.synthetic.synthesis import UNLABELED, make_camera, make_renderer, mounting
 
 HIDDEN, VISIBLE = 1, 2
