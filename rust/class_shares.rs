@@ -14,7 +14,7 @@ pub struct Share {
 /// The shares of many items: pixels, blocks or points.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClassShares {
-    /// Index of the first entry of each item, with one more index for the end.
+    /// Where the entries of each item begin; one more for the end.
     starts: Vec<u32>,
     entries: Vec<Share>,
 }
@@ -36,12 +36,12 @@ impl ClassShares {
         shares
     }
 
-    /// Number of items.
+    /// How many items there are.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// Whether there are no items.
+    /// Whether there is none.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

@@ -14,7 +14,7 @@ use crate::se3::{exp, log};
 /// Points that one task moves.
 const CHUNK: usize = 4096;
 
-/// Motion of a LiDAR in a fixed frame.
+/// How a LiDAR moves in a fixed frame.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     /// Sorted by time.

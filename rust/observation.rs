@@ -1,4 +1,4 @@
-//! The input of the pipeline: labelled points and label images with dense class ids.
+//! What the pipeline works on: labelled points and label images with dense class ids.
 
 use std::sync::Arc;
 
@@ -8,21 +8,34 @@ use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 
-/// A sweep and an image taken at one moment. A clone shares all arrays; frames that differ, for example in the label
-/// image over one cloud, share the others.
+/// A sweep and a picture taken at one moment. A clone shares everything, and so may frames that differ in something:
+/// in the label image over one cloud, for example.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Points in metres, LiDAR frame.
+    /// Metres, LiDAR frame.
     pub points: Arc<Vec<[f32; 3]>>,
     /// One class for each point.
     pub point_classes: Arc<Vec<u8>>,
     /// One class for each pixel.
     pub image_classes: Arc<LabelImage<u8>>,
-    /// Shares of classes of each point, where a network gave them; the classes are then the largest. A point of
+    /// Shares of classes of each point, where a network gave them; the classes are then the largest. What is of
     /// [`NO_CLASS`](crate::classes::NO_CLASS) carries no information, whatever its shares are.
     pub point_shares: Option<Arc<ClassShares>>,
-    /// Shares of classes of each pixel, with the same rules as for points.
+    /// Shares of classes of each pixel; likewise.
     pub image_shares: Option<Arc<ClassShares>>,
+}
+
+impl Frame {
+    /// A frame whose points and pixels are certain to be of their classes: no network gave shares of others.
+    pub fn certain(points: Vec<[f32; 3]>, point_classes: Vec<u8>, image_classes: LabelImage<u8>) -> Self {
+        Self {
+            points: points.into(),
+            point_classes: point_classes.into(),
+            image_classes: image_classes.into(),
+            point_shares: None,
+            image_shares: None,
+        }
+    }
 }
 
 /// All frames of a drive, seen by one camera.

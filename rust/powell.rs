@@ -5,25 +5,25 @@
 
 use nalgebra::SVector;
 
-/// Settings of the search: the stopping rule, and the reach of the first line searches.
+/// When to stop, and how far the first line searches reach.
 #[derive(Clone, Copy, Debug)]
 pub struct PowellConfig<const N: usize> {
     /// Half-width of the first bracket along each axis, in the unit of that axis.
     pub step: [f64; N],
     /// Line searches stop within this share of `step`.
     pub tolerance: f64,
-    /// Largest number of rounds over all directions.
+    /// Rounds over all directions.
     pub max_rounds: usize,
 }
 
 /// A minimum, with the number of function values it cost.
 #[derive(Clone, Copy, Debug)]
 pub struct Minimum<const N: usize> {
-    /// Position of the minimum.
+    /// Where it is.
     pub x: [f64; N],
-    /// Value of the function at the minimum.
+    /// The function there.
     pub value: f64,
-    /// Number of function values computed.
+    /// Function values computed.
     pub num_evaluations: usize,
     /// Whether the last round moved less than the tolerance.
     pub converged: bool,

@@ -1,4 +1,4 @@
-//! Thinning of many items to fewer, where more would cost time and add no information.
+//! Fewer of many, where more would cost time and tell nothing.
 
 /// The stride that leaves about `most` of `count`, and never many more.
 pub fn stride(count: usize, most: usize) -> usize {

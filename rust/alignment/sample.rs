@@ -1,13 +1,13 @@
-//! The points that count in the mutual information.
+//! The points that count.
 
 use nalgebra::{Point2, Vector3};
 
-/// The labelled points of the image that count.
+/// Which labelled points of the picture count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Counted {
-    /// All of them.
+    /// All.
     All,
-    /// The points that no nearer return hides from the camera.
+    /// Those that no nearer return hides from the camera.
     Visible,
 }
 

@@ -9,7 +9,7 @@ use crate::observation::{Frame, Observations};
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
 
-/// A label image of blobs, and points before it that carry the classes of their pixels at the identity.
+/// A picture of blobs, and points before it that carry the classes of their pixels at the identity.
 pub(super) fn scene(shift: f64) -> Arc<Observations> {
     let k = [[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]];
     let camera =
@@ -29,12 +29,6 @@ pub(super) fn scene(shift: f64) -> Arc<Observations> {
         }
     }
     let image_classes = LabelImage { width: WIDTH, height: HEIGHT, ids };
-    let frame = Frame {
-        points: points.into(),
-        point_classes: point_classes.into(),
-        image_classes: image_classes.into(),
-        point_shares: None,
-        image_shares: None,
-    };
+    let frame = Frame::certain(points, point_classes, image_classes);
     Arc::new(Observations::new(camera, vec![frame], 3, 3).expect("valid observations"))
 }

@@ -49,17 +49,10 @@ fn frames(count: usize) -> Vec<Frame> {
     let class = |id: u8| if id == UNLABELED { NO_CLASS } else { id };
     let frame = |number| {
         let frame = renderer.frame(SEED, number);
-        Frame {
-            points: Arc::new(frame.points.iter().map(|&[x, y, z, _]| [x, y, z]).collect()),
-            point_classes: Arc::new(frame.point_labels.iter().map(|&label| class(label as u8)).collect()),
-            image_classes: Arc::new(LabelImage {
-                width: SIZE.0,
-                height: SIZE.1,
-                ids: frame.image_labels.iter().map(|&id| class(id)).collect(),
-            }),
-            point_shares: None,
-            image_shares: None,
-        }
+        let points = frame.points.iter().map(|&[x, y, z, _]| [x, y, z]).collect();
+        let point_classes = frame.point_labels.iter().map(|&label| class(label as u8)).collect();
+        let ids = frame.image_labels.iter().map(|&id| class(id)).collect();
+        Frame::certain(points, point_classes, LabelImage { width: SIZE.0, height: SIZE.1, ids })
     };
     (0..count as u64).map(frame).collect()
 }

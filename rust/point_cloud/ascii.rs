@@ -5,13 +5,13 @@ use super::fields::Fields;
 use super::parsed::{Parsed, shown};
 use super::table::Table;
 
-/// The part of a line that belongs to a field.
+/// What stands in a line for a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Token {
-    /// A number of values that are skipped.
+    /// So many values that nobody asks for.
     Skipped(usize),
     Taken,
-    /// A count, followed by that number of values; all skipped.
+    /// A number of values, and then so many of them; all skipped.
     List,
 }
 
@@ -79,7 +79,7 @@ fn pack_line(line: &mut Line<'_>, tokens: &[Token], packed: &mut Vec<u8>) -> Par
     line.end()
 }
 
-/// The rest of a text, from a place in a line.
+/// What is left of a text, from somewhere in a line on.
 pub(super) struct Line<'a>(pub &'a [u8]);
 
 impl Line<'_> {

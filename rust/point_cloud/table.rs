@@ -1,4 +1,4 @@
-//! The columns that a parser finds in a file, and their conversion to a point cloud, which drops no-returns.
+//! What a parser finds in a file, and the one way from there to a point cloud: no-returns are dropped on the way.
 
 use std::borrow::Cow;
 
@@ -24,7 +24,7 @@ pub(super) struct Values<'a> {
     column: Column,
 }
 
-/// The entries of a file that are returns.
+/// Which entries of a file are returns.
 pub(super) struct Returns {
     keep: Vec<bool>,
     count: usize,
@@ -157,7 +157,7 @@ impl<'a> Values<'a> {
 }
 
 impl Returns {
-    /// Tells for each entry whether it is a return.
+    /// Of each entry whether it is one.
     pub(super) fn keep(&self) -> &[bool] {
         &self.keep
     }

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::alignment::{check_factor, counted};
-use super::arrays::to_array2;
+use super::arrays::{Array2, to_array2};
 use super::errors::value_error;
 use super::observations::PyObservations;
 use super::poses::{affine, isometry};
@@ -45,7 +45,7 @@ impl PyAnchoredPoints {
     }
 
     #[getter]
-    fn preconditioner<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn preconditioner<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
         let rows: Vec<[f64; 6]> =
             self.0.preconditioner().row_iter().map(|row| row.transpose().into()).collect();
         to_array2(py, &rows)
@@ -56,7 +56,7 @@ impl PyAnchoredPoints {
         py: Python<'py>,
         indices: PyReadonlyArray1<i64>,
         t_camera_lidar: PyReadonlyArray2<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Array2<'py>> {
         let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
         let shares = detached(py, || self.0.shares(&indices, &t_camera_lidar));
         shares.into_pyarray(py).reshape([indices.len(), self.0.num_image_classes()])
@@ -68,7 +68,7 @@ impl PyAnchoredPoints {
         indices: PyReadonlyArray1<i64>,
         t_camera_lidar: PyReadonlyArray2<f64>,
         gradient: PyReadonlyArray2<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    ) -> PyResult<Array2<'py>> {
         let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
         if gradient.as_array().dim() != (indices.len(), self.0.num_image_classes()) {
             return Err(value_error("gradient needs a row for each index and a column for each image class"));

@@ -7,6 +7,9 @@ use pyo3::prelude::*;
 use super::errors::value_error;
 use crate::label_image::LabelImage;
 
+/// A matrix to NumPy.
+pub(super) type Array2<'py> = Bound<'py, PyArray2<f64>>;
+
 /// A matrix from NumPy.
 pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix6<f64>> {
     let matrix = matrix.as_array();

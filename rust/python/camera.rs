@@ -1,4 +1,4 @@
-//! The camera, and points in its image.
+//! The camera, and points in its picture.
 
 use std::collections::BTreeMap;
 
@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::{rows, to_array2};
+use super::arrays::{Array2, rows, to_array2};
 use super::poses::isometry;
 use super::threads::detached;
 use crate::camera::Camera;
@@ -33,11 +33,7 @@ impl PyCamera {
     }
 
     /// Pixels (N, 2) of points (N, 3) in the camera frame; NaN where the model does not hold.
-    fn project<'py>(
-        &self,
-        py: Python<'py>,
-        points_camera: PyReadonlyArray2<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn project<'py>(&self, py: Python<'py>, points_camera: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
         let points: Vec<[f64; 3]> = rows("points_camera", &points_camera)?;
         let pixel = |&p: &[f64; 3]| match self.0.project(&Vector3::from(p)) {
             Some(pixel) => [pixel.x, pixel.y],
@@ -47,11 +43,7 @@ impl PyCamera {
     }
 
     /// Unit rays (N, 3) in the camera frame of pixels (N, 2); NaN where the lens does not reach.
-    fn unproject<'py>(
-        &self,
-        py: Python<'py>,
-        pixels: PyReadonlyArray2<f64>,
-    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn unproject<'py>(&self, py: Python<'py>, pixels: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
         let pixels: Vec<[f64; 2]> = rows("pixels", &pixels)?;
         let ray = |&p: &[f64; 2]| self.0.unproject(&p.into()).map_or([f64::NAN; 3], Into::into);
         to_array2(py, &pixels.iter().map(ray).collect::<Vec<_>>())

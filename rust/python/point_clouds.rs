@@ -1,4 +1,4 @@
-//! Sweeps read from files.
+//! Sweeps, as files hold them.
 
 use std::path::PathBuf;
 

@@ -1,10 +1,10 @@
 //! Rigid transforms from NumPy and to it.
 
 use nalgebra::{Isometry3, Matrix3x4, Rotation3, Translation3, UnitQuaternion};
-use numpy::{PyArray2, PyReadonlyArray2};
+use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
-use super::arrays::to_array2;
+use super::arrays::{Array2, to_array2};
 use super::errors::value_error;
 
 /// The first three rows of `T_camera_lidar`.
@@ -26,7 +26,7 @@ pub(super) fn isometry(matrix: &PyReadonlyArray2<f64>) -> PyResult<Isometry3<f64
     ))
 }
 
-pub(super) fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+pub(super) fn matrix<'py>(py: Python<'py>, pose: &Isometry3<f64>) -> PyResult<Array2<'py>> {
     let rows: [[f64; 4]; 4] = pose.to_homogeneous().transpose().into();
     to_array2(py, &rows)
 }

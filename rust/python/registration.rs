@@ -1,4 +1,4 @@
-//! The registration of label images with spherical images, and the correspondences from it.
+//! The registration of pictures with spherical images, and the correspondences it gives.
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;

@@ -19,7 +19,7 @@ use crate::zoom::{Placement, Zoomed};
 /// A placement of the exhaustive search with its score.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
-    /// Placement of the image.
+    /// Where the picture lies.
     pub placement: Placement,
     /// Mutual information less its bias, nats.
     pub mutual_information: f64,
@@ -105,12 +105,12 @@ fn rolls(config: &RegistrationConfig, is_narrowed: bool) -> Vec<f64> {
     (-steps..=steps).map(|i| f64::from(i) * step).collect()
 }
 
-/// A placement turned to the right by `shift` of the `columns` of a full turn.
+/// A placement turned to the right by so many of `columns` around.
 fn shifted(upright: &Placement, shift: usize, columns: usize) -> Placement {
     Placement { azimuth: -(shift as f64) / columns as f64 * TAU, ..*upright }
 }
 
-/// The range of a narrowed search: rotations within an angle of a given one, plus half a step of the search.
+/// What a search is narrowed to: rotations within an angle of one, and half a step of the search more.
 struct Narrowed(Option<Around>);
 
 impl Narrowed {
@@ -327,15 +327,9 @@ mod tests {
         let image_classes = LabelImage { width: 64, height: 48, ids };
         // A sweep over half of the horizon: most directions see its border only, or nothing.
         let at = |i: u16| from_angles(f64::from(i % 90) * 0.035, f64::from(i / 90) * 0.02 - 0.2);
-        let points: Vec<_> = (0..1800).map(|i| (at(i) * 9.0).cast::<f32>().into()).collect();
-        let point_classes: Vec<u8> = (0..1800).map(|i| u8::from(i % 90 > 50)).collect();
-        let frame = Frame {
-            points: points.into(),
-            point_classes: point_classes.into(),
-            image_classes: image_classes.into(),
-            point_shares: None,
-            image_shares: None,
-        };
+        let points = (0..1800).map(|i| (at(i) * 9.0).cast::<f32>().into()).collect();
+        let point_classes = (0..1800).map(|i| u8::from(i % 90 > 50)).collect();
+        let frame = Frame::certain(points, point_classes, image_classes);
         let observations = Observations::new(camera, vec![frame], 2, 2).expect("valid observations");
         let grid = SphericalGrid::from_scan(20, 180, 0.2, -0.2).expect("a valid scan");
         let images = SphericalImages::new(&observations, grid);

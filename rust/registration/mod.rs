@@ -1,8 +1,9 @@
 //! 2-D registration of label images with spherical label images by mutual information (Alg. 2, line 4).
 //!
-//! The histogram is pooled over all frames before MI is computed, since a single frame easily agrees by chance. A grid
-//! over all azimuths, the elevations at which image and sweep overlap, and in-plane rotations is searched exhaustively
-//! on coarse cells. Powell's method on finer cells then refines the best placements that are well apart.
+//! The histogram is pooled over all frames before MI is taken: with one frame, a sliver of agreement is easily luck. A
+//! grid over all azimuths, the elevations at which picture and sweep overlap, and in-plane rotations is searched
+//! exhaustively on coarse cells; the best placements that lie well apart are then refined by Powell's method on finer
+//! ones.
 
 mod config;
 mod downsampled;
@@ -23,14 +24,14 @@ use local::Level;
 pub use config::{Around, RegistrationConfig};
 pub use hypothesis::Hypothesis;
 
-/// Number of cells across the image: in the exhaustive search, and in Powell's method.
+/// Cells are small enough for so many across the picture: in the exhaustive search, and in Powell's.
 const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
-/// Reach of Powell's line searches, in cells of the exhaustive search.
+/// Powell's line searches reach so many cells of the exhaustive search.
 const REACH: f64 = 1.5;
-/// Number of hypotheses that fit side by side across the image.
+/// Hypotheses may lie close enough for so many across the picture.
 const SEPARATIONS_ACROSS: f64 = 4.0;
 
-/// Finds the best well-separated placements, best first, among all or among those around one.
+/// Finds the best well-separated placements, best first, of all or of those around one.
 ///
 /// # Errors
 /// No placement overlaps labelled points with labelled pixels.
@@ -57,7 +58,7 @@ pub fn register(
     Ok(separate(refined, 0.5 * separation, config.num_hypotheses, of))
 }
 
-/// At most `limit` items, best first, each at least `separation` away from all better ones; ties keep their order.
+/// The best, best first, up to `limit`, each at least `separation` away from all better ones; equals keep their order.
 fn separate<T>(
     mut found: Vec<T>,
     separation: f64,
