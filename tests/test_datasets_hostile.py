@@ -252,29 +252,31 @@ def whole(text: str) -> Callable[[str], str]:
             row(0, id="../../.."),
             "[0].id: found '../../..', needed a name inside {root}",
         ),
-        (
-            "nuscenes",
-            "v1.0-mini/sample_data.json",
-            row(0, filename="../../../../etc/passwd"),
-            "row 'd0': filename: found '../../../../etc/passwd', needed a name inside {root}",
-        ),
-        (
-            "nuscenes",
-            "v1.0-mini/sample_data.json",
-            row(1, filename="/etc/passwd"),
-            "row 'd1': filename: found '/etc/passwd', needed a name inside {root}",
-        ),
-        (
-            "nuscenes",
-            "v1.0-mini/lidarseg.json",
-            row(0, filename="a/../b"),
-            "row 'l': filename: found 'a/../b', needed a name inside {root}",
-        ),
     ],
 )
 def test_a_hostile_value_is_named(
     tmp_path: Path, name: str, file: str, edit: Callable[[str], str], expected: str
 ) -> None:
+    check_complaint(tmp_path, name, file, edit, expected)
+
+
+@pytest.mark.parametrize(
+    ("table", "index", "where", "filename"),
+    [
+        ("sample_data", 0, "row 'd0'", "../../../../etc/passwd"),
+        ("sample_data", 1, "row 'd1'", "/etc/passwd"),
+        ("lidarseg", 0, "row 'l'", "a/../b"),
+    ],
+)
+def test_a_file_outside_of_the_data_set_is_named(
+    tmp_path: Path, table: str, index: int, where: str, filename: str
+) -> None:
+    expected = f"{where}: filename: found {filename!r}, needed a name inside {{root}}"
+    check_complaint(tmp_path, "nuscenes", f"v1.0-mini/{table}.json", row(index, filename=filename), expected)
+
+
+def check_complaint(tmp_path: Path, name: str, file: str, edit: Callable[[str], str], expected: str) -> None:
+    """Edit a file of a data set, import it, and compare the error; nothing is written."""
     tree = TREES[name](tmp_path / "tree")
     path = tree.root / file
     path.write_text(edit(path.read_text()))

@@ -185,18 +185,6 @@ def test_intrinsics(tmp_path: Path, text: str, camera: str | None, expected: dic
             "found keys calibration_time, image_width, image_height, M, "
             "distortion_coefficients, needed one of: camera_matrix, cameraMatrix, CameraMatrix, K",
         ),
-        (
-            ROS_ECHO.replace("binning_y: 1", "binning_y: 2"),
-            "binning_y: found 2, needed 0 or 1: K is for the full picture",
-        ),
-        (
-            ROS_ECHO.replace("x_offset: 0", "x_offset: 8"),
-            "roi.x_offset: found 8, needed 0: K is for the full picture",
-        ),
-        (
-            ROS_ECHO.replace("  height: 32", "  height: 16"),
-            "roi.height: found 16, needed 0 or 32: K is for the full picture",
-        ),
         (ROS_ECHO.replace("roi:", "roi: 5\nr:"), "roi: found 5, needed a mapping"),
         (
             '<!DOCTYPE a [<!ENTITY b "c">]>' + OPENCV_XML,
@@ -228,6 +216,22 @@ def test_wrong_intrinsics(tmp_path: Path, text: str, expected: str) -> None:
     with pytest.raises(InputError) as error:
         read_intrinsics(path, None)
     assert str(error.value) == f"{path}: {expected}"
+
+
+@pytest.mark.parametrize(
+    ("found", "instead", "expected"),
+    [
+        ("binning_y: 1", "binning_y: 2", "binning_y: found 2, needed 0 or 1"),
+        ("x_offset: 0", "x_offset: 8", "roi.x_offset: found 8, needed 0"),
+        ("  height: 32", "  height: 16", "roi.height: found 16, needed 0 or 32"),
+    ],
+)
+def test_intrinsics_of_a_part_of_the_picture(tmp_path: Path, found: str, instead: str, expected: str) -> None:
+    path = tmp_path / "camera.yaml"
+    write(path, ROS_ECHO.replace(found, instead))
+    with pytest.raises(InputError) as error:
+        read_intrinsics(path, None)
+    assert str(error.value) == f"{path}: {expected}: K is for the full picture"
 
 
 def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:
@@ -467,6 +471,13 @@ def own_data(root: Path) -> list[object]:
     ]
 
 
+def own_data_without(root: Path, *names: str) -> list[object]:
+    arguments = own_data(root)
+    for name in names:
+        (root / name).unlink()
+    return arguments
+
+
 def test_own_data(tmp_path: Path) -> None:
     arguments = own_data(tmp_path / "own")
     reference = tmp_path / "reference.yaml"
@@ -483,9 +494,7 @@ def test_own_data(tmp_path: Path) -> None:
 
 
 def test_clouds_that_have_one_label_set_each(tmp_path: Path) -> None:
-    arguments = own_data(tmp_path / "own")
-    for number in (2, 3):
-        (tmp_path / f"own/clouds/{number:06d}.label").unlink()
+    arguments = own_data_without(tmp_path / "own", "clouds/000002.label", "clouds/000003.label")
     assert complaint("folder", *arguments, "-o", tmp_path / "drive") == (
         "--points: found 3 clouds, 1 with a file of --point-labels, 2 with one of --image-labels, "
         "none with both, needed at least one"
@@ -505,9 +514,7 @@ def test_a_pattern_that_finds_nothing(tmp_path: Path) -> None:
 
 
 def test_nothing_that_can_be_paired(tmp_path: Path) -> None:
-    arguments = own_data(tmp_path / "own")
-    for number in (2, 3):
-        (tmp_path / f"own/labels/{number:06d}.png").unlink()
+    arguments = own_data_without(tmp_path / "own", "labels/000002.png", "labels/000003.png")
     assert complaint("folder", *arguments, "-o", tmp_path / "drive") == (
         "--image-labels: found no partner, by name, for any of 3 clouds (as 000001.bin) "
         "among 1 files (as 000004.png)"

@@ -27,17 +27,17 @@ COLORINGS = ("class", "depth", "agreement")
     type=PATH,
     required=True,
     metavar="DIR",
-    help="Folder of the pictures, 000000.png and so on.",
+    help="Where the pictures go, 000000.png and so on.",
 )
-@click.option("--against", type=PATH, metavar="FILE", help="Transform to show beside it.")
+@click.option("--against", type=PATH, metavar="FILE", help="Show this transform beside it.")
 @choice_option(
     "--by",
     COLORINGS,
     default="class",
-    help="Meaning of the colours: the class of the point; its distance from the camera (needs no labels); or whether "
-    "its class and the pixel's go together.",
+    help="What colours say: the class of the point; its distance from the camera (needs no labels); or whether its "
+    "class and the pixel's go together.",
 )
-@number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
+@number_option("--max-frames", default=20, help="Of a longer drive, so many evenly spaced frames.")
 @quiet_option
 def overlay(
     drive: Path,

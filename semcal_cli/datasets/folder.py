@@ -24,11 +24,17 @@ class Folder:
     """Patterns and files of a user's own data. A pattern starts in the working folder; `**` matches any folders."""
 
     points: str
+    """Pattern of the clouds."""
     camera_info: Path
+    """File of the intrinsics."""
     max_gap_s: float
+    """Largest time between a cloud and its partner, in seconds."""
     image_labels: str | None = None
+    """Pattern of the label images."""
     point_labels: str | None = None
+    """Pattern of the point labels."""
     images: str | None = None
+    """Pattern of the images."""
     camera: str | None = None
     """Name of a camera in a Kalibr camchain; None for the only one."""
     model: str | None = None

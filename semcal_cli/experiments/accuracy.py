@@ -53,20 +53,20 @@ if TYPE_CHECKING:
 Degrade = Callable[[Observations, np.random.Generator], Observations]
 
 START_SEEDS = 2.5
-"""Factor on the number of seeds, for rows that start off the truth."""
+"""Rows that start off the truth have so many times the seeds of the others."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A row of the table: a rig, a change of its labels, and a start."""
+    """A case of the table."""
 
     rig: str = "default"
     num_pairs: int = 20
     degrade: Degrade = lambda observations, rng: observations
     start: tuple[float, float] | None = None
-    """Distance of the start from the truth, degrees about a random axis and metres; None starts without a guess."""
+    """Start so many degrees from the truth, about a random axis, and so many metres; from nothing if None."""
     right: tuple[float, float] = (0.06, 1.5)
-    """Errors in degrees and centimetres within which a result is right; any other should say `not_trusted`."""
+    """Errors in degrees and centimetres within which a result is right; any other ought to say `not_trusted`."""
 
 
 RIGS: dict[str, dict[str, object]] = {
@@ -105,7 +105,7 @@ ROWS: dict[str, Row] = {
     "start 10 degrees and 0.5 m off": Row(start=(10.0, 0.5)),
     "start 20 degrees and 0.5 m off": Row(start=(20.0, 0.5)),
 }
-"""Rows; where a bound on a median is wanted, the limit of a right result is three times that bound."""
+"""Where a bound on a median is wanted, right is whatever lies within three times that bound."""
 
 
 @dataclass(frozen=True)
@@ -119,45 +119,45 @@ class Case:
 
 
 def cases(seeds: range, rows: Sequence[str] = tuple(ROWS)) -> list[Case]:
-    """List the cases of some rows, seed by seed, so that a stopped run has results of all rows."""
+    """Give the cases of some rows, seed by seed, so that a run that is stopped has all rows."""
     more = range(seeds.start, seeds.start + round(START_SEEDS * len(seeds)))
     return [Case(row, seed) for seed in more for row in rows if seed in seeds or ROWS[row].start is not None]
 
 
 @dataclass(frozen=True)
 class Result:
-    """The error of one calibration against the truth."""
+    """One calibration against the truth."""
 
     row: str
     seed: int
     estimator: str
     rotation_deg: float
-    """Rotation error; infinite, as the other errors are, if the calibration failed."""
+    """Infinite, as the other errors are, where the calibration failed."""
     camera_center_cm: float
     is_right: bool
-    """Whether the errors are within the row's limits."""
+    """The errors are no larger than the row allows."""
     status: str
-    """Status of the calibration, or the reason why it failed."""
+    """The calibration's, or why it failed."""
     initial_deg: float
     initial_cm: float
     refine_s: float
 
     @property
     def is_missed(self) -> bool:
-        """Whether the calibration is wrong, but trusted."""
+        """The calibration is wrong and does not say so."""
         return not self.is_right and math.isfinite(self.rotation_deg) and self.status != "not_trusted"
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """The settings shared by all cases; a call runs one case. It can be pickled for other processes."""
+    """What all cases have in common; calling it runs one, and it can be sent to other processes."""
 
     pool: Pool
     estimators: tuple[Estimator, ...]
     edge_band_px: int = EDGE_BAND_PX
 
     def __call__(self, case: Case) -> list[Result]:
-        """Calibrate without a guess, or from a wrong start, with each estimator."""
+        """Calibrate from nothing, or from a bad start, with each estimator."""
         row = ROWS[case.row]
         path = self.pool.drive(row.rig, RIGS[row.rig], case.seed)
         drive, truth = read_drive(path), read_transform(path)
@@ -226,22 +226,22 @@ class Summary:
     n: int
     """Number of calibrations."""
     rotation_deg: tuple[float, float, float]
-    """Median, 95 % quantile and worst."""
+    """Median, 95 % quantile, worst."""
     camera_center_cm: tuple[float, float, float]
     num_right: int
-    """Number of results within the row's limits."""
+    """Within the row's errors."""
     num_not_trusted: int
     """Number that the calibration itself did not trust."""
     num_missed: int
-    """Number of wrong results that are not reported as such."""
+    """Wrong, and not said to be."""
     num_failed: int
     """Number that gave no pose."""
     refine_s: float
-    """Median time in seconds from the initial pose to the end."""
+    """Median seconds from the initial pose to the end."""
 
 
 def summarise(results: Iterable[Result]) -> list[Summary]:
-    """Summarise the results of each row and estimator, in the order of the results."""
+    """Sum the results up, row by row and estimator by estimator, in the order in which they come."""
     return [
         Summary(
             row,
@@ -259,7 +259,7 @@ def summarise(results: Iterable[Result]) -> list[Summary]:
 
 
 def markdown(summaries: Sequence[Summary]) -> str:
-    """Format the table."""
+    """Give the table."""
     header = f"| | estimator | n | {ERROR_COLUMNS} | right | not trusted | wrong, not said | failed | refinement, s |"
     rows = [
         (
@@ -272,7 +272,7 @@ def markdown(summaries: Sequence[Summary]) -> str:
 
 
 def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON, table and plot into a folder, and return the table."""
+    """Write CSV, JSON, table and plot into a folder; give the table."""
     summaries = summarise(results)
     table = markdown(summaries)
     document = {"experiment": "accuracy", "machine": machine(), "jobs": num_jobs}
@@ -281,7 +281,7 @@ def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> st
 
 
 def _plot(results: Sequence[Result]) -> Figure:
-    """Draw a box plot with a box for each estimator in each row."""
+    """Box plots, a box an estimator in each row."""
     from matplotlib.figure import Figure
 
     rows = list(dict.fromkeys(result.row for result in results))

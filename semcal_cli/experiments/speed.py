@@ -34,37 +34,39 @@ ESTIMATORS = ("exact", "mine")
 SEED = 10_000
 LONG_DRIVE = 1000
 MAKE_FRAMES = 70
-"""Number of rendered frames; the long drive repeats them, and reads and processes each repetition."""
+"""Frames that are rendered; the long drive names them again and again, but each is read and looked at anew."""
 START = 5.0, 0.3
-"""Distance of the start from the truth in degrees and metres, for processes that only refine."""
+"""Degrees and metres off the truth, for what only refines."""
 SEMCAL = [
     sys.executable,
     "-c",
     "import sys; sys.path = list(filter(None, sys.path)); from semcal_cli.cli import main; main()",
 ]
-"""The installed command, even if the working directory contains its source."""
+"""The installed command, even where the working directory holds its source."""
 
 
 @dataclass(frozen=True)
-class Case:
-    """One numbered run of a process."""
+class Process:
+    """A command on a drive."""
 
     name: str
     """Command and estimator, with a comma between them."""
     num_pairs: int
     """Number of frames of the drive."""
+
+
+@dataclass(frozen=True)
+class Case(Process):
+    """A process, and which of its runs this is."""
+
     repeat: int
     """Number of the run, counted from 0."""
 
 
 @dataclass(frozen=True)
-class Timing:
-    """Time, memory and error of one run of a process."""
+class Timing(Process):
+    """One run of a process."""
 
-    name: str
-    """The case's."""
-    num_pairs: int
-    """Number of frames of the drive."""
     seconds: float
     """Wall-clock time of the whole process."""
     peak_gib: float
@@ -76,17 +78,13 @@ class Timing:
 
 
 @dataclass(frozen=True)
-class Summary:
-    """Medians over all runs of a process."""
+class Summary(Process):
+    """All runs of a process."""
 
-    name: str
-    """Command and estimator, with a comma between them."""
-    num_pairs: int
-    """Number of frames of the drive."""
     n: int
     """Number of runs."""
     seconds: tuple[float, float]
-    """Median and worst."""
+    """Median, worst."""
     peak_gib: float
     """Largest resident memory of all runs."""
     rotation_deg: float
@@ -94,20 +92,20 @@ class Summary:
     camera_center_cm: float
     """Largest distance of the camera from its true place in all runs."""
     against_plain_torch: float | None
-    """Ratio of the plain-torch process's time to this one's, with the same estimator and pairs."""
+    """How many times faster than the plain-torch process of the same estimator and pairs."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Processes on synthetic drives in a folder; a call runs one."""
+    """Processes on synthetic drives in a folder; calling it runs one."""
 
     folder: Path
     """Where drives and results go."""
     plain_torch: Path | None
-    """Script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None."""
+    """The script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None."""
 
     def cases(self, repeats: int) -> list[Case]:
-        """List all runs; rivals take turns, so that a busy machine slows both."""
+        """Give all runs; rivals take turns, so that a busy machine slows both."""
         processes = [
             *(
                 (f"calibrate, {estimator}", count)
@@ -123,7 +121,7 @@ class Experiment:
         return [Case(*process, repeat) for repeat in range(repeats) for process in processes]
 
     def __call__(self, case: Case) -> list[Timing]:
-        """Run a process, and compare its pose with the truth."""
+        """Run a process, and compare what it gives with the truth."""
         drive = make_drive(self.folder, case.num_pairs)
         truth = read_transform(drive)
         command, estimator = case.name.split(", ")
@@ -133,7 +131,7 @@ class Experiment:
         if command == "calibrate":
             process = [*SEMCAL, command, *options, "-q"]
         elif command == "refine":
-            # The rival does not polish; neither does semcal here.
+            # The rival does not polish, either.
             process = [*SEMCAL, command, *options, "-q", "--no-polish", "--init", str(start)]
         else:
             process = [sys.executable, str(self.plain_torch), *options, "--init", str(start)]
@@ -146,7 +144,7 @@ class Experiment:
 
 
 def summarise(timings: Sequence[Timing]) -> list[Summary]:
-    """Summarise the runs of each process."""
+    """Sum the runs of each process up."""
     groups = grouped(timings, lambda t: (t.name, t.num_pairs))
     medians = {key: float(np.median([t.seconds for t in found])) for key, found in groups.items()}
     summaries = []
@@ -193,19 +191,19 @@ def _plot(timings: Sequence[Timing]) -> Figure:
 
 
 def run_process(command: list[str]) -> tuple[float, float]:
-    """Run a process, and measure its wall time in seconds and its peak memory in GiB.
+    """Run a process, and tell its wall time in seconds and its peak memory in GiB.
 
-    Until the process begins, Linux counts the memory of this one as its own: the peak is at least that.
+    Linux counts this process's own memory as the other's until that begins: it never tells less.
 
     Raises:
-        CalibrationError: the process failed.
+        CalibrationError: it failed.
     """
     begin = perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     with process.stderr as errors:
         complaint = errors.read()
-    # `wait` does not return the memory.
+    # Not `wait`, which does not tell the memory.
     _, status, usage = os.wait4(process.pid, 0)
     code = process.returncode = os.waitstatus_to_exitcode(status)
     if code not in (0, 3):
@@ -214,7 +212,7 @@ def run_process(command: list[str]) -> tuple[float, float]:
 
 
 def markdown(summaries: Sequence[Summary]) -> str:
-    """Format the table."""
+    """Give the table."""
     header = (
         "| process | pairs | n | seconds: median, worst | peak memory, GiB | error "
         "| times faster than plain torch |"
@@ -229,9 +227,9 @@ def markdown(summaries: Sequence[Summary]) -> str:
 
 
 def make_drive(folder: Path, count: int) -> Path:
-    """Make a drive of `count` pairs.
+    """Give a drive of so many pairs.
 
-    Frames are rendered once; a shorter drive has the first of them, a longer one repeats all of them.
+    Frames are rendered once; a shorter drive has the first of them, a longer one all of them as often as it takes.
     """
     rendered = folder / "drive"
     if not (rendered / DRIVE_FILE).exists():
@@ -245,7 +243,7 @@ def make_drive(folder: Path, count: int) -> Path:
 
 
 def _make_start(drive: Path, T_camera_lidar: Pose) -> Path:
-    """Write a drive whose reference is the start pose."""
+    """Write a drive whose reference is a pose to start at."""
     path = drive.with_name("start.yaml")
     document = read_document(drive) | {"T_camera_lidar": T_camera_lidar.tolist()}
     write_text(document_text(document, "yaml"), path)

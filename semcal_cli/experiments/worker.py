@@ -19,17 +19,17 @@ def main() -> None:
 
 
 def pack(value: object) -> str:
-    """Pickle an object as text for the other process."""
+    """Give an object of ours as text for the other process."""
     return b64encode(pickle.dumps(value)).decode()
 
 
 def unpack(text: str) -> Any:
-    """Restore an object that the other process packed."""
+    """Give back what the other process packed."""
     return pickle.loads(b64decode(text))
 
 
 def _run(question: dict[str, Any]) -> Iterator[str]:
-    """Yield the results of a case, or the exception that ended it."""
+    """Give what a case found, or the exception that it ended with."""
     run, case = unpack(question["work"])
     set_num_threads(question["num_threads"])
     try:

@@ -15,21 +15,21 @@ from semcal_cli.report.curves import Curve
 class Box(NamedTuple):
     """Size of a drawing, and the positions of its lines."""
 
-    width: float = 320.0
-    """Width of the drawing, in its own units, as of all that follows."""
-    height: float = 200.0
+    width: float
+    """Width of the drawing, in units of the drawing, as all fields are."""
+    height: float
     """Height of the drawing."""
-    left: float = 46.0
+    left: float
     """Abscissa of the left end of lines."""
-    right: float = 308.0
+    right: float
     """Abscissa of the right end of lines."""
-    top: float = 12.0
+    top: float
     """Ordinate of the highest value, counted downwards."""
-    bottom: float = 164.0
+    bottom: float
     """Ordinate of the lowest value."""
 
 
-BOX = Box()
+BOX = Box(width=320.0, height=200.0, left=46.0, right=308.0, top=12.0, bottom=164.0)
 HEADROOM = 0.08
 MIN_BAND = 1.5
 """Least width of the drawn interval; a narrower one could not be seen."""
