@@ -53,10 +53,10 @@ def test_wrong_intrinsics_are_named(
     street_observations: Observations, street_truth: Pose, scale: float
 ) -> None:
     seen = replace(street_observations, camera=street_observations.camera.zoomed(scale))
-    climbed = refine(
+    refined = refine(
         seen, street_truth, ExactEstimator(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
     )
-    focal, intrinsics = sentences(seen, climbed.T_camera_lidar)
+    focal, intrinsics = sentences(seen, refined.T_camera_lidar)
     right = "shorter" if scale > 1.0 else "longer"
     assert focal.startswith(f"the focal length looks wrong: labels agree better with fx and fy 7% {right}, ")
     assert intrinsics.startswith("the intrinsics look wrong (fx by ")
