@@ -1,4 +1,4 @@
-//! How well points and full-resolution label images agree at a pose: exact mutual information, agreement, overlap.
+//! Agreement of points and full-resolution label images at a pose: exact mutual information, agreement, overlap.
 
 use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
@@ -10,26 +10,26 @@ use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
 use crate::visibility::{Projected, hidden, project_points};
 
-/// The picture is divided into so many blocks along its longer side to tell which share of it the points cover.
+/// Number of blocks along the longer side of the image, for the share of it that the points cover.
 const COVER_BLOCKS: f64 = 40.0;
 
-/// Over all frames together, the pairs are divided into about so many squared clusters, a cluster being a part of the
-/// picture of one frame, to tell the standard error of the mutual information.
+/// Number of clusters of pairs over all frames together, as a square root. A cluster is a part of the image of one
+/// frame; the standard error of the mutual information is computed over the clusters.
 const CLUSTERS_ACROSS: f64 = 8.0;
 
-/// Pairs that other observations have not seen count as so many points.
+/// Weight, in points, of pairs that the other observations have not seen.
 const LEAST_WEIGHT: f64 = 0.1;
 
-/// How well points and pictures agree at a pose.
+/// Agreement of points and label images at a pose.
 #[derive(Clone, Debug)]
 pub struct Agreement {
     /// Bilinear weights of the pairs that visible points form with the four pixels around them, over all frames.
     pub joint: JointHistogram,
-    /// Labelled points inside the picture.
+    /// Number of labelled points inside the image.
     pub num_inside: usize,
-    /// Those of them that a nearer return hides from the camera.
+    /// Number of these points that a nearer return hides from the camera.
     pub num_hidden: usize,
-    /// Share of the picture's area, averaged over frames, that visible labelled points cover.
+    /// Share of the image's area, averaged over frames, that visible labelled points cover.
     pub overlap: f64,
     /// Standard error of the mutual information over clusters, nats.
     pub sigma: f64,
@@ -74,14 +74,14 @@ fn merged(observations: &Observations, clusters: &[&JointHistogram]) -> JointHis
 /// A difference between two poses, nats.
 #[derive(Clone, Copy, Debug)]
 pub struct HeldOutGain {
-    /// Over all pairs.
+    /// Mean gain over all pairs.
     pub gain: f64,
-    /// Its standard error over clusters; infinite if there are fewer than two.
+    /// Standard error of the gain over clusters; infinite if there are fewer than two.
     pub sigma: f64,
 }
 
-/// How much better held-out data agree at the pose `after` than at the pose `before`, by the tables of pointwise mutual
-/// information that other observations give there: the first term of the Donsker-Varadhan bound. Clusters are paired.
+/// The gain of held-out data from the pose `before` to the pose `after`, by the tables of pointwise mutual information
+/// of other observations there: the first term of the Donsker-Varadhan bound. Clusters are paired.
 pub fn held_out_gain(
     observations: &Observations,
     held_out: &Observations,
@@ -106,8 +106,8 @@ pub fn held_out_gain(
     HeldOutGain { gain: sum, sigma }
 }
 
-/// The standard error of the mutual information: pairs in a cluster depend on one another, clusters do not. A pair moves
-/// the estimate by how far its pointwise mutual information lies above the mean.
+/// The standard error of the mutual information: pairs in a cluster are dependent, clusters are independent. A pair
+/// moves the estimate by the difference of its pointwise mutual information from the mean.
 fn standard_error(joint: &JointHistogram, clusters: &[&JointHistogram]) -> f64 {
     let (pointwise, mean, total) = (joint.pointwise(), joint.mutual_information(), joint.total());
     let influence = |cluster: &&JointHistogram| {
@@ -170,7 +170,7 @@ fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, p
     joint.add(class, image.at(u1, v1), du * dv);
 }
 
-/// Square blocks of the picture, so many along its longer side.
+/// Square blocks of the image, with a given number along its longer side.
 struct Blocks {
     side: f64,
     columns: usize,
@@ -185,7 +185,7 @@ impl Blocks {
         Self { side, columns, count: columns * blocks(camera.height) }
     }
 
-    /// The block of a pixel inside the picture.
+    /// The block of a pixel inside the image.
     fn at(&self, pixel: &Point2<f64>) -> usize {
         let at = |x: f64| ((x + 0.5) / self.side) as usize;
         at(pixel.y) * self.columns + at(pixel.x)

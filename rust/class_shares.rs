@@ -14,7 +14,7 @@ pub struct Share {
 /// The shares of many items: pixels, blocks or points.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ClassShares {
-    /// Where the entries of each item begin; one more for the end.
+    /// Index of the first entry of each item, with one more index for the end.
     starts: Vec<u32>,
     entries: Vec<Share>,
 }
@@ -36,12 +36,12 @@ impl ClassShares {
         shares
     }
 
-    /// How many items there are.
+    /// Number of items.
     pub fn len(&self) -> usize {
         self.starts.len() - 1
     }
 
-    /// Whether there is none.
+    /// Whether there are no items.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }

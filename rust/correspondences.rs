@@ -16,7 +16,7 @@ use crate::spherical::{LabelledReturn, SphericalImages, to_f64};
 use crate::thinning::{stride, thinned};
 use crate::zoom::{Zoom, Zoomed};
 
-/// The picture is divided into so many columns and rows, and range into so many bands, over which pairs are spread.
+/// Number of columns and of rows of the image over which pairs are spread, together with bands of range.
 const BLOCKS: (usize, usize) = (12, 8);
 /// Bands of range in which parallax falls by half each: up to 5 m, 10 m, 20 m, 40 m, and beyond.
 const RANGE_BANDS: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
@@ -26,7 +26,7 @@ const SHARE_MARGIN: usize = 3;
 /// Returns are thinned to at most this number, over all frames and directions.
 const MAX_RETURNS: usize = 200_000;
 
-/// A LiDAR point (metres, LiDAR frame) and the raw pixel that the registration puts it on.
+/// A LiDAR point (metres, LiDAR frame), and the raw pixel that the registration maps it to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Correspondence {
     /// Metres, LiDAR frame.
@@ -35,8 +35,8 @@ pub struct Correspondence {
     pub pixel: Point2<f64>,
 }
 
-/// Samples, for each hypothesis, up to `count` pairs whose classes agree, that is have positive pointwise mutual
-/// information, spread over the picture and over range.
+/// Samples, for each hypothesis, up to `count` pairs whose classes agree, that is, have positive pointwise mutual
+/// information; they are spread over the image and over range.
 ///
 /// # Errors
 /// The camera has no field of view.
@@ -58,7 +58,7 @@ pub fn sample(
     Ok(hypotheses.par_iter().map(sample).collect())
 }
 
-/// The pairs of a registration whose classes agree, one of every `stride` returns.
+/// The pairs of a registration whose classes agree, from one of every `stride` returns.
 fn agreeing(
     observations: &Observations,
     zoomed: &Zoomed,
@@ -82,7 +82,7 @@ fn agreeing(
         .collect()
 }
 
-/// The first pairs, up to `count`, of which no part of the picture and no band of range has more than its share.
+/// The first pairs, up to `count`, such that no part of the image and no band of range has more than its share.
 fn spread(mut pairs: Vec<Correspondence>, camera: &Camera, count: usize) -> Vec<Correspondence> {
     let block = |x: f64, size: usize, blocks: usize| ((x + 0.5) / size as f64 * blocks as f64) as usize;
     let bin = |c: &Correspondence| {

@@ -1,8 +1,8 @@
-//! The two ways the core can fail, as `semcal_cli.errors` shows them to Python.
+//! The errors of the core, as `semcal_cli.errors` shows them to Python.
 
 use std::path::{Path, PathBuf};
 
-/// What went wrong, and whether the user can mend it.
+/// An error, with its cause and whether the user can mend it.
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// A file cannot be read, or does not hold what its format promises.
@@ -10,7 +10,7 @@ pub enum Error {
     File {
         /// The file as the caller named it.
         path: PathBuf,
-        /// What was found and what was needed.
+        /// Phrases on what was found and what was needed.
         reason: String,
     },
     /// An argument is out of its range or arguments disagree.

@@ -25,14 +25,14 @@ pub struct LabelImage<T> {
 }
 
 impl<T: Copy> LabelImage<T> {
-    /// The id of a pixel that lies in the picture.
+    /// The id of a pixel inside the image.
     #[inline]
     pub fn at(&self, u: usize, v: usize) -> T {
         self.ids[v * self.width + u]
     }
 }
 
-/// How all label images of a drive are made.
+/// The encoding of all label images of a drive.
 #[derive(Clone, Debug, Default)]
 pub struct Encoding {
     /// Columns and rows of the camera.

@@ -14,7 +14,7 @@ use crate::se3::{exp, log};
 /// Points that one task moves.
 const CHUNK: usize = 4096;
 
-/// How a LiDAR moves in a fixed frame.
+/// Motion of a LiDAR in a fixed frame.
 #[derive(Clone, Debug)]
 pub struct Trajectory {
     /// Sorted by time.

@@ -1,8 +1,8 @@
-//! Mutual information of the classes of points and of the pixels they land on.
+//! Mutual information of the classes of points and of the pixels that they project onto.
 
 use crate::classes::NO_CLASS;
 
-/// How often, or with which weight, each pair (point class, image class) was seen.
+/// Weighted counts of the pairs (point class, image class).
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointHistogram {
     num_image_classes: usize,
@@ -82,7 +82,7 @@ impl JointHistogram {
         &mut self.weights[start..start + self.num_image_classes]
     }
 
-    /// Where a pair lies in `weights` and [`JointHistogram::pointwise`].
+    /// Index of a pair in `weights` and [`JointHistogram::pointwise`].
     #[inline]
     pub fn index(&self, point_class: u8, image_class: u8) -> usize {
         usize::from(point_class) * self.num_image_classes + usize::from(image_class)

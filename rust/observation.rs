@@ -1,4 +1,4 @@
-//! What the pipeline works on: labelled points and label images with dense class ids.
+//! The input of the pipeline: labelled points and label images with dense class ids.
 
 use std::sync::Arc;
 
@@ -8,20 +8,20 @@ use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 
-/// A sweep and a picture taken at one moment. A clone shares everything, and so may frames that differ in something:
-/// in the label image over one cloud, for example.
+/// A sweep and an image taken at one moment. A clone shares all arrays; frames that differ, for example in the label
+/// image over one cloud, share the others.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// Metres, LiDAR frame.
+    /// Points in metres, LiDAR frame.
     pub points: Arc<Vec<[f32; 3]>>,
     /// One class for each point.
     pub point_classes: Arc<Vec<u8>>,
     /// One class for each pixel.
     pub image_classes: Arc<LabelImage<u8>>,
-    /// Shares of classes of each point, where a network gave them; the classes are then the largest. What is of
+    /// Shares of classes of each point, where a network gave them; the classes are then the largest. A point of
     /// [`NO_CLASS`](crate::classes::NO_CLASS) carries no information, whatever its shares are.
     pub point_shares: Option<Arc<ClassShares>>,
-    /// Shares of classes of each pixel; likewise.
+    /// Shares of classes of each pixel, with the same rules as for points.
     pub image_shares: Option<Arc<ClassShares>>,
 }
 

@@ -5,25 +5,25 @@
 
 use nalgebra::SVector;
 
-/// When to stop, and how far the first line searches reach.
+/// Settings of the search: the stopping rule, and the reach of the first line searches.
 #[derive(Clone, Copy, Debug)]
 pub struct PowellConfig<const N: usize> {
     /// Half-width of the first bracket along each axis, in the unit of that axis.
     pub step: [f64; N],
     /// Line searches stop within this share of `step`.
     pub tolerance: f64,
-    /// Rounds over all directions.
+    /// Largest number of rounds over all directions.
     pub max_rounds: usize,
 }
 
 /// A minimum, with the number of function values it cost.
 #[derive(Clone, Copy, Debug)]
 pub struct Minimum<const N: usize> {
-    /// Where it is.
+    /// Position of the minimum.
     pub x: [f64; N],
-    /// The function there.
+    /// Value of the function at the minimum.
     pub value: f64,
-    /// Function values computed.
+    /// Number of function values computed.
     pub num_evaluations: usize,
     /// Whether the last round moved less than the tolerance.
     pub converged: bool,

@@ -13,10 +13,10 @@ use crate::error::{Error, Result};
 use crate::file::read_bytes;
 use crate::npy::read_header;
 
-/// Raw ids are the places along the last axis; so many of them are told apart.
+/// Largest number of classes; raw ids are the places along the last axis.
 const MAX_CLASSES: usize = 255;
-/// Classes that an item has a share of, on average, at most: what is spread over more tells nothing, and would fill the
-/// memory from a small file.
+/// Largest mean number of classes that an item has a share of: a wider spread carries no information, and a small file
+/// could fill the memory with it.
 const MAX_SPREAD: usize = 32;
 
 /// Reads many files of one shape, in parallel; the first failing one's error wins.

@@ -8,7 +8,7 @@ use crate::class_shares::{ClassShares, Share};
 use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 
-/// The shares of one picture at one level, to be sampled.
+/// The class shares of one label image at one level, for sampling.
 #[derive(Clone, Debug)]
 pub struct ShareMap {
     factor: usize,
@@ -17,7 +17,7 @@ pub struct ShareMap {
     blocks: Blocks,
 }
 
-/// The classes that each block holds, row by row.
+/// The classes in each block, row by row.
 #[derive(Clone, Debug)]
 enum Blocks {
     /// Blocks of one pixel.
@@ -59,10 +59,10 @@ impl Blocks {
     }
 }
 
-/// Pixels in the band along the borders of classes count so much, of 255.
+/// Weight, of 255, of pixels in the band along the borders of classes.
 const FAINT_AMOUNT: u8 = 26;
 
-/// What a pixel of each class holds: all of it, or the little that counts of it in the band.
+/// The shares of a pixel of each class: with full weight, or with the small weight of the band.
 static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
 static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
 
@@ -158,7 +158,7 @@ impl ShareMap {
     }
 }
 
-/// What lies around a pixel.
+/// The surroundings of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub enum Sampled<'a> {
     /// One class, as nearly everywhere: nothing changes when the pixel moves.
@@ -277,7 +277,7 @@ fn averaged(
     blocks
 }
 
-/// Sums up what the pixels of a block hold.
+/// Sums up the shares of the pixels of a block.
 struct Tally {
     sums: [u64; NO_CLASS as usize],
     seen: Vec<u8>,

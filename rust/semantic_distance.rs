@@ -1,4 +1,4 @@
-//! How far points land from the pixels of their own class: the cost of SOIC, and where it is least.
+//! Distance of projected points from the pixels of their own class: the cost of SOIC, and its minimum.
 //!
 //! Source: Wang, Nobuhara, Nakamura and Sakurada, *SOIC: Semantic Online Initialization and Calibration for LiDAR and
 //! Camera*, arXiv 2003.04260.
@@ -14,47 +14,47 @@ use crate::powell::{Minimum, PowellConfig, minimize};
 use crate::spherical::to_f64;
 use crate::thinning::{stride, thinned};
 
-/// Of the picture's sides: points that land farther outside at the start do not come in.
+/// Margin around the image, in its sides: points that project farther outside at the start are left out.
 const MARGIN: f64 = 0.5;
-/// Line searches reach so much less far in every other restart.
+/// Factor on the reach of the line searches in every other restart.
 const SHORTER: f64 = 0.2;
 
-/// The points of one class in one frame, and how far each block of the picture is from a pixel of that class.
+/// The points of one class in one frame, and the distance of each block of the image from a pixel of that class.
 #[derive(Clone, Debug)]
 pub struct ClassInFrame {
-    /// Classes are numbered from zero.
+    /// Number of the class, from zero.
     pub class: usize,
-    /// Metres, LiDAR frame.
+    /// Points in metres, LiDAR frame.
     pub points: Vec<[f32; 3]>,
-    /// Rows of blocks, pixels.
+    /// Rows of blocks, in pixels.
     pub distances: Arc<Vec<Vec<f32>>>,
 }
 
-/// How the cost is minimised.
+/// Settings of the minimisation.
 #[derive(Clone, Copy, Debug)]
 pub struct DescentConfig {
-    /// A line search turns the camera by at most this.
+    /// Largest rotation of the camera in a line search.
     pub step_rad: f64,
-    /// A line search moves the camera by at most this.
+    /// Largest motion of the camera in a line search.
     pub step_m: f64,
-    /// A line search ends within this share of its step.
+    /// Share of its step to which a line search is exact.
     pub tolerance: f64,
-    /// Of Powell's method, from each start.
+    /// Largest number of rounds of Powell's method from each start.
     pub max_rounds: usize,
-    /// It starts again from where it ended, with the axes of the camera, until that gains less than the tolerance.
+    /// Largest number of restarts at the last end, with the axes of the camera; they stop below the tolerance.
     pub max_restarts: usize,
-    /// Points that are looked at.
+    /// Largest number of points that are used.
     pub max_points: usize,
 }
 
-/// Where the cost is least.
+/// The minimum of the cost.
 #[derive(Clone, Copy, Debug)]
 pub struct DistanceMinimum {
     /// T_camera_lidar.
     pub pose: Isometry3<f64>,
-    /// The cost there.
+    /// The cost at the pose.
     pub cost_px: f64,
-    /// Costs computed.
+    /// Number of evaluations of the cost.
     pub num_evaluations: usize,
     /// Whether the last restarts gained nothing.
     pub converged: bool,
@@ -71,14 +71,14 @@ pub struct SemanticDistance {
 }
 
 impl SemanticDistance {
-    /// Takes all classes of all frames.
+    /// The cost over all classes of all frames.
     pub fn new(camera: Camera, parts: Vec<ClassInFrame>, block: usize) -> Self {
         let num_classes = parts.iter().map(|part| part.class + 1).max().unwrap_or(0);
         Self { camera, parts, num_classes, block }
     }
 
-    /// Pixels from where a class's points land to the nearest pixel of that class: the mean over those in the picture, and
-    /// of that the mean over classes. Infinite where no point lands in the picture.
+    /// Distance in pixels of a class's projected points from the nearest pixel of that class: the mean over the points in
+    /// the image, and then over the classes. Infinite where no point projects into the image.
     pub fn at(&self, pose: &Isometry3<f64>) -> f64 {
         let (rotation, translation) = (pose.rotation.to_rotation_matrix(), pose.translation.vector);
         let sum = |part: &ClassInFrame| self.sum(part, &rotation, &translation);
@@ -93,11 +93,11 @@ impl SemanticDistance {
         if num_seen == 0 { f64::INFINITY } else { total / f64::from(num_seen) }
     }
 
-    /// Where the cost is least, by Powell's method over a rotation vector and a motion of the camera's centre, both along
-    /// the axes of the camera at the start.
+    /// Minimum of the cost, by Powell's method over a rotation vector and a motion of the camera's centre, both along the
+    /// axes of the camera at the start.
     ///
     /// # Errors
-    /// No point lands in the picture at the start.
+    /// No point projects into the image at the start.
     pub fn minimize(&self, start: &Isometry3<f64>, config: &DescentConfig) -> Result<DistanceMinimum> {
         let near = self.near(start, config.max_points);
         let cost = near.at(start);
@@ -148,7 +148,7 @@ impl SemanticDistance {
         (pose(&minimum.x), minimum)
     }
 
-    /// The same of the points that land in the picture or beside it, at most about `max_points` of them.
+    /// The cost of the points that project into or near the image, at most about `max_points` of them.
     fn near(&self, pose: &Isometry3<f64>, max_points: usize) -> Self {
         let (width, height) = (self.camera.width as f64, self.camera.height as f64);
         let is_near = |point: &&[f32; 3]| {
@@ -167,7 +167,7 @@ impl SemanticDistance {
         Self { parts: self.parts.iter().zip(near).map(thin).collect(), ..self.clone() }
     }
 
-    /// The sum of the distances of the points that land in the picture, and how many these are.
+    /// The sum of the distances of the points that project into the image, and their number.
     fn sum(
         &self,
         part: &ClassInFrame,
@@ -185,7 +185,7 @@ impl SemanticDistance {
         found
     }
 
-    /// Bilinear between the centres of blocks; beyond the outermost centres, theirs.
+    /// Distance, bilinear between the centres of blocks; beyond the outermost centres, that of the nearest one.
     fn distance(&self, distances: &[Vec<f32>], pixel: &Point2<f64>) -> f64 {
         let between = |x: f64, count: usize| {
             let place = ((x + 0.5) / self.block as f64 - 0.5).clamp(0.0, (count - 1) as f64);

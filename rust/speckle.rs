@@ -1,6 +1,6 @@
-//! Isolated wrong labels of a picture, mended by their neighbours.
+//! Mending of isolated wrong labels of a label image by their neighbours.
 //!
-//! A label that hardly any neighbour shares says nothing of where a border runs, and each such pixel would pull at every
+//! A label that hardly any neighbour shares carries no information on a border, and each such pixel would pull at every
 //! point beside it. Wires and poles one pixel wide keep their labels, but for the pixel at either end: along them, two of
 //! eight neighbours agree.
 

@@ -1,4 +1,4 @@
-//! Fewer of many, where more would cost time and tell nothing.
+//! Thinning of many items to fewer, where more would cost time and add no information.
 
 /// The stride that leaves about `most` of `count`, and never many more.
 pub fn stride(count: usize, most: usize) -> usize {

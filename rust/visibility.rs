@@ -1,11 +1,11 @@
-//! LiDAR points in the picture, and which of them the camera cannot see because nearer ones stand in the way.
+//! LiDAR points in the image, and those of them that nearer points hide from the camera.
 
 use nalgebra::{Isometry3, Point2, Vector3};
 
 use crate::camera::Camera;
 use crate::spherical::to_f64;
 
-/// A point inside the picture.
+/// A point inside the image.
 #[derive(Clone, Copy, Debug)]
 pub struct Projected {
     /// `(u, v)`.
@@ -25,7 +25,7 @@ const NEARER: f64 = 0.8;
 /// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
 
-/// Projects points (metres, LiDAR frame); `None` for those outside the picture.
+/// Projects points (metres, LiDAR frame); `None` for those outside the image.
 pub fn project_points(
     camera: &Camera,
     points: &[[f32; 3]],
@@ -49,8 +49,8 @@ pub fn project_points(
 
 /// Tells which points are hidden from the camera.
 ///
-/// A return hides a farther one if both fall on about the same place of the picture while the LiDAR, from beside the
-/// camera, sees past the nearer one. So a point is hidden when some nearer return lands within about one spacing of the
+/// A return hides a farther one if both project onto about the same place of the image while the LiDAR, from beside the
+/// camera, sees past the nearer one. So a point is hidden when some nearer return projects within about one spacing of the
 /// projected points, and the LiDAR separates the two by more than the camera does: without a baseline nothing is hidden.
 /// Some visible points beside an edge are lost to this; what counts is that hidden ones do not pull at it.
 pub fn hidden(camera: &Camera, projected: &[Option<Projected>]) -> Vec<bool> {
@@ -71,7 +71,7 @@ pub fn hidden(camera: &Camera, projected: &[Option<Projected>]) -> Vec<bool> {
     projected.iter().map(|l| l.as_ref().is_some_and(is_hidden)).collect()
 }
 
-/// A coarse z-buffer: the nearest of the points that land in each square block.
+/// A coarse z-buffer: the nearest of the points that project into each square block.
 struct NearestReturns<'a> {
     block: f64,
     columns: usize,

@@ -1,9 +1,9 @@
 //! The camera's label image on the LiDAR's angular grid (Alg. 2, lines 2-3).
 //!
-//! A [`Placement`] says where the picture lies on the sphere; it answers which raw pixel a LiDAR direction falls on. The
-//! paper zooms the picture to the LiDAR's angular resolution, as if columns were azimuths and rows elevations; exact
-//! resampling turns the direction into the camera frame and projects it through K and the distortion model. The two agree
-//! on the axis of the picture and differ by several degrees at the border of a 90-degree lens.
+//! A [`Placement`] is the place of the image on the sphere; it maps LiDAR directions to raw pixels. The paper zooms the
+//! image to the LiDAR's angular resolution, as if columns were azimuths and rows elevations. Exact resampling turns the
+//! direction into the camera frame, and projects it through K and the distortion model. The two agree on the axis of the
+//! image, and differ by several degrees at the border of a 90-degree lens.
 
 use std::f64::consts::{PI, TAU};
 
@@ -15,28 +15,28 @@ use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 use crate::spherical::{azimuth, elevation};
 
-/// Where the lens ends is looked for in so many steps from the border to the middle.
+/// Number of steps from the border to the middle of the image, in the search for the end of the lens.
 const BORDER_STEPS: usize = 64;
 
-/// How the label image is brought to the angular grid.
+/// Mapping of the label image to the angular grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Zoom {
-    /// Through K and the distortion model.
+    /// Mapping through K and the distortion model.
     Exact,
-    /// The paper's: proportional to azimuth and elevation.
+    /// The paper's mapping: proportional to azimuth and elevation.
     Paper,
 }
 
-/// Where the optical axis points in the LiDAR frame, and how the picture is turned and scaled about it.
+/// Direction of the optical axis in the LiDAR frame, with the rotation and scale of the image about it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Placement {
     /// Azimuth of the optical axis, radians.
     pub azimuth: f64,
     /// Elevation of the optical axis, radians.
     pub elevation: f64,
-    /// Turn of the picture about the optical axis, radians; zero keeps its rows level.
+    /// Rotation of the image about the optical axis, radians; zero keeps its rows level.
     pub roll: f64,
-    /// Magnification of the zoomed picture; one for exact resampling, which has no use for it.
+    /// Magnification of the zoomed image; exact resampling does not use it, and has one.
     pub scale: f64,
 }
 
@@ -51,7 +51,7 @@ impl Placement {
         Self { roll: turn[(0, 1)].atan2(turn[(0, 0)]), ..level }
     }
 
-    /// `R_camera_lidar` of a camera placed so.
+    /// `R_camera_lidar` of a camera with this placement.
     pub fn rotation(&self) -> Rotation3<f64> {
         let ((sin_a, cos_a), (sin_e, cos_e)) = (self.azimuth.sin_cos(), self.elevation.sin_cos());
         let right = Vector3::new(sin_a, -cos_a, 0.0);
@@ -65,7 +65,7 @@ impl Placement {
     }
 }
 
-/// A camera's picture for a kind of zoom: maps LiDAR directions to raw pixels.
+/// A camera's image with a kind of zoom: maps LiDAR directions to raw pixels.
 #[derive(Clone, Debug)]
 pub struct Zoomed<'a> {
     camera: &'a Camera,
@@ -74,13 +74,13 @@ pub struct Zoomed<'a> {
     fov: Vector2<f64>,
     /// Rays towards the corners and the middles of the sides, camera frame, as far as the lens reaches.
     border: Vec<Vector3<f64>>,
-    /// What a placement's azimuth and elevation speak of, camera frame.
+    /// Direction in the camera frame of a placement's azimuth and elevation.
     axis: Vector3<f64>,
 }
 
 impl<'a> Zoomed<'a> {
     /// # Errors
-    /// The lens does not reach the middle of the picture.
+    /// The lens does not reach the middle of the image.
     pub fn new(camera: &'a Camera, zoom: Zoom) -> Result<Self> {
         let (center, _) = border_ray(camera, 0.0, 0.0)?;
         let sides = [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)];
@@ -99,7 +99,7 @@ impl<'a> Zoomed<'a> {
         Ok(Self { camera, zoom, fov, border, axis })
     }
 
-    /// `R_camera_lidar`, with the camera turned so that what placements call its axis becomes the optical axis.
+    /// `R_camera_lidar`, with the camera turned so that the axis of placements becomes the optical axis.
     pub fn onto_axis(&self, rotation: &Rotation3<f64>) -> Rotation3<f64> {
         Rotation3::rotation_between(&self.axis, &Vector3::z()).unwrap_or_default() * rotation
     }
@@ -109,8 +109,8 @@ impl<'a> Zoomed<'a> {
         self.fov.x
     }
 
-    /// How far a picture whose axis is level reaches above and below it, radians; all the way where the lens sees beside
-    /// or behind itself, since it then sees the horizon wherever it looks.
+    /// Angles that an image with a level axis reaches above and below it, radians; the largest possible where the lens sees
+    /// beside or behind itself, since it then sees the horizon in any direction.
     pub fn above_below(&self, roll: f64) -> (f64, f64) {
         let (sin, cos) = roll.sin_cos();
         if self.zoom == Zoom::Paper {
@@ -125,12 +125,12 @@ impl<'a> Zoomed<'a> {
         below.fold((0.0, 0.0), |(above, most), angle| (f64::max(above, -angle), f64::max(most, angle)))
     }
 
-    /// How far the picture reaches from its axis in any direction, radians.
+    /// Largest angle between the axis and a ray of the image, radians.
     pub fn reach(&self) -> f64 {
         self.border.iter().map(|ray| ray.angle(&self.axis)).fold(0.0, f64::max)
     }
 
-    /// The raw pixel that LiDAR directions fall on when the picture is placed so; `None` outside the picture.
+    /// The raw pixel of each LiDAR direction, with the image at a placement; `None` outside the image.
     #[inline]
     pub fn pixel_map(&self, placement: &Placement) -> impl Fn(&Vector3<f64>) -> Option<Point2<f64>> {
         let rotation = placement.rotation();
@@ -154,8 +154,8 @@ impl<'a> Zoomed<'a> {
     }
 }
 
-/// The ray towards a place of the picture, given from -1 (left, top) to 1 (right, bottom), and the share of the way from
-/// the middle that the lens reaches: a circular fisheye leaves the border dark.
+/// The ray at a place of the image, given from -1 (left, top) to 1 (right, bottom), and the share of the way from the
+/// middle that the lens reaches: a circular fisheye leaves the border dark.
 fn border_ray(camera: &Camera, right: f64, down: f64) -> Result<(Vector3<f64>, f64)> {
     let half = Vector2::new(camera.width as f64 - 1.0, camera.height as f64 - 1.0) * 0.5;
     let pixel = |share: f64| Point2::from(half + half.component_mul(&Vector2::new(right, down)) * share);

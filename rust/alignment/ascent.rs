@@ -20,18 +20,18 @@ const ADAM_EPSILON: f64 = 1e-12;
 /// A level with fewer points than this tells nothing; the pose stays as it is.
 const MIN_POINTS: usize = 50;
 
-/// How an ascent goes.
+/// Settings of an ascent.
 #[derive(Clone, Copy, Debug)]
 pub struct AlignmentConfig {
     /// Pixels less than this from one of another class count little.
     pub edge_band_px: usize,
-    /// Steps to go.
+    /// Number of steps.
     pub steps: usize,
     /// Points drawn for each step.
     pub batch_size: usize,
     /// Length of the first steps, in blocks; they fall along a cosine.
     pub step_size: f64,
-    /// Share of the step length that is left at the end.
+    /// Share of the step length that remains at the end.
     pub final_step: f64,
     /// The camera stays within this distance of the LiDAR, metres: where labels hardly tell the translation, an ascent would
     /// otherwise leave the rig.
@@ -40,16 +40,16 @@ pub struct AlignmentConfig {
     pub max_points: usize,
 }
 
-/// Where an ascent ended.
+/// The result of an ascent.
 #[derive(Clone, Copy, Debug)]
 pub struct Aligned {
     /// `T_camera_lidar`.
     pub pose: Isometry3<f64>,
-    /// Mutual information of points and blocks there, nats, less its bias.
+    /// Mutual information of points and blocks at the pose, nats, less its bias.
     pub mutual_information: f64,
-    /// Blocks between the mean poses of the last two quarters of the ascent: how far it was from settled.
+    /// Blocks between the mean poses of the last two quarters of the ascent; small if it has converged.
     pub drift: f64,
-    /// Labelled points on labelled blocks there.
+    /// Number of labelled points on labelled blocks at the pose.
     pub num_points: usize,
 }
 

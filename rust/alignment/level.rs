@@ -15,26 +15,26 @@ use crate::spherical::to_f64;
 use crate::thinning::{stride, thinned};
 use crate::visibility::{hidden, project_points};
 
-/// Pairs that a batch has not seen count as so many points: their pointwise mutual information has to be finite.
+/// Weight, in points, of pairs that a batch has not seen: their pointwise mutual information has to be finite.
 pub(super) const LEAST_WEIGHT: f64 = 0.1;
-/// Points that one task sums up: whatever the number of threads, sums are in this order.
+/// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
 const CHUNK: usize = 8192;
 
-/// The label images of all frames in blocks, and the points that may land on them.
+/// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
 pub struct Level {
     pub(super) observations: Arc<Observations>,
-    /// Of each frame.
+    /// Label shares of each frame.
     pub(super) maps: Vec<ShareMap>,
     /// Side of a block, pixels.
     pub(super) factor: usize,
-    /// One point of so many is looked at.
+    /// Step between the points that are used.
     stride: usize,
 }
 
 impl Level {
-    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. Points
-    /// are thinned to at most `max_points` over all frames and directions.
+    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. At most
+    /// `max_points` points, over all frames and directions, are used.
     pub fn new(
         observations: Arc<Observations>,
         factor: usize,
@@ -51,7 +51,7 @@ impl Level {
         Self { observations, maps, factor, stride }
     }
 
-    /// The labelled points on labelled pixels, with their weights: the anchor.
+    /// The labelled points on labelled pixels, with their weights at the anchor pose.
     pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
         let to_camera = to_camera(pose);
         let camera = &self.observations.camera;
@@ -83,8 +83,8 @@ impl Level {
         frames.concat()
     }
 
-    /// Takes out the points that lie amid one class, whose pairs do not change while they move by less than `radius`
-    /// blocks, and returns those pairs.
+    /// Removes the points inside one class, whose pairs do not change while they move by less than `radius` blocks, and
+    /// returns those pairs.
     pub fn take_constant(
         &self,
         samples: &mut Vec<Sample>,
@@ -106,7 +106,7 @@ impl Level {
         self.joint(&taken, pose)
     }
 
-    /// The joint histogram of the points' classes and the blocks on which they land.
+    /// The joint histogram of the points' classes and of the blocks that they project onto.
     pub fn joint(&self, samples: &[Sample], pose: &Isometry3<f64>) -> JointHistogram {
         self.joint_and_mixed(samples, self.projection(pose), at_anchor, |_| ()).0
     }
@@ -144,7 +144,7 @@ impl Level {
         (joint, gradient)
     }
 
-    /// Where a sample lies in the camera frame, and its pixel.
+    /// A sample in the camera frame, and its pixel.
     fn projection(
         &self,
         pose: &Isometry3<f64>,
@@ -156,8 +156,8 @@ impl Level {
         }
     }
 
-    /// The joint histogram of points weighed by `weigh`, and in chunks what `keep` makes of those on several classes, by
-    /// which it changes.
+    /// The joint histogram of points with weights from `weigh`; and, in chunks, the results of `keep` for the points on
+    /// several classes, by which the histogram changes.
     pub(super) fn joint_and_mixed<T: Send>(
         &self,
         samples: &[Sample],
@@ -198,7 +198,7 @@ impl Level {
     }
 }
 
-/// A sample's weight at the anchor pose, wherever it lands.
+/// A sample's weight at the anchor pose, wherever it projects.
 fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
     sample.weight
 }

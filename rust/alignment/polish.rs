@@ -17,49 +17,49 @@ use crate::se3;
 
 /// Blocks are pixels.
 const FACTOR: usize = 1;
-/// Gradients are taken so many blocks to either side, root mean square.
+/// Distance in blocks to either side at which gradients are taken, root mean square.
 const HALF_WIDTH: f64 = 0.5;
 /// Steps are no longer than this, in blocks.
 const LONGEST_STEP: f64 = 1.0;
-/// A step that does not climb is halved so many times before the search ends.
+/// A step that does not ascend is halved at most this number of times before the search ends.
 const MAX_HALVINGS: i32 = 4;
 /// Curvature is taken again if the last round moved the points by more blocks than this.
 const CURVATURE_HOLDS: f64 = 0.3;
-/// Points that lie amid so many blocks of one class are summed up once. A round that moves them farther than that is
-/// followed by another, which chooses them anew.
+/// Points at least this number of blocks inside one class are summed up once. A round that moves them farther is
+/// followed by another one, which chooses them again.
 const CONSTANT_RADIUS: usize = 2;
 /// Directions count as curved at least by this share of the most curved one.
 const LEAST_CURVATURE: f64 = 1e-3;
 
-/// How the finish goes.
+/// Settings of the polish.
 #[derive(Clone, Copy, Debug)]
 pub struct PolishConfig {
     /// Pixels less than this from one of another class count little.
     pub edge_band_px: usize,
-    /// How often the points are chosen anew.
+    /// Largest number of times that the points are chosen.
     pub max_rounds: usize,
-    /// Newton steps for each choice.
+    /// Largest number of Newton steps for each choice of points.
     pub max_steps: usize,
-    /// Converged means that a round has moved the points by less than this, root mean square.
+    /// The polish has converged when a round moves the points by less than this, root mean square.
     pub tolerance_px: f64,
     /// The camera stays within this distance of the LiDAR, metres.
     pub max_baseline_m: f64,
 }
 
-/// Where the finish ended.
+/// The result of the polish.
 #[derive(Clone, Copy, Debug)]
 pub struct Polished {
     /// `T_camera_lidar`.
     pub pose: Isometry3<f64>,
-    /// How far the last round moved the points, or still wanted to move them, root mean square.
+    /// Distance by which the last round moved the points, or still tried to move them, root mean square.
     pub moved_px: f64,
-    /// The inverse of minus the second derivative with respect to a twist, as last looked at; `None` where nothing
-    /// changes the information.
+    /// Last computed inverse of minus the second derivative with respect to a twist; `None` where nothing changes the
+    /// information.
     pub inverse_curvature: Option<Matrix6<f64>>,
 }
 
-/// Climbs to the top of the mutual information of all points. `inverse_curvature` is that of a polish near by, of part of
-/// the data: it saves a look around.
+/// Ascends to the maximum of the mutual information of all points. `inverse_curvature` is that of a nearby polish on part
+/// of the data; with it the curvature need not be computed at the start.
 pub fn polish(
     observations: &Arc<Observations>,
     start: &Isometry3<f64>,
@@ -118,8 +118,8 @@ impl Objective<'_> {
         within_baseline(&(se3::exp(twist) * pose), self.config.max_baseline_m)
     }
 
-    /// Where Newton's method ends, and how many blocks it wanted to go on and could not: steps along which nothing is
-    /// gained say that the curvature is wrong, or that the top is a cusp.
+    /// The pose at which Newton's method ends, and the number of blocks by which it still tried to move on: steps without
+    /// a gain mean that the curvature is wrong, or that the maximum is a cusp.
     fn newton(&self, start: &Isometry3<f64>, inverse_curvature: &Matrix6<f64>) -> (Isometry3<f64>, f64) {
         let mut pose = *start;
         let (mut value, mut gradient) = self.value_and_gradient(start);
@@ -168,7 +168,7 @@ impl Objective<'_> {
         Some(basis * inverse * basis.transpose())
     }
 
-    /// By how many blocks a twist moves the points, root mean square.
+    /// Displacement of the points by a twist, in blocks, root mean square.
     fn blocks(&self, twist: &Vector6<f64>) -> f64 {
         self.preconditioner.try_inverse().map_or(f64::INFINITY, |inverse| (inverse * twist).norm())
     }

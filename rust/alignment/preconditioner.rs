@@ -6,16 +6,16 @@ use super::level::Level;
 use super::pose::to_camera;
 use super::sample::Sample;
 
-/// So many points tell how a twist moves the picture.
+/// Number of points that suffice to measure how a twist moves the image.
 pub(super) const MAX_MOTION_POINTS: usize = 5000;
-/// No column is a longer translation than this share of the median range, however little it shows.
+/// Longest translation of a column, as a share of the median range, however little it moves the points.
 const LONGEST_MOTION: f64 = 0.05;
 
 impl Level {
     /// The preconditioner of ascents: six twists, as columns, that each move the points by one block, root mean square,
     /// independently of one another.
     ///
-    /// A sideways translation and the rotation that nearly undoes it in the picture become one strong and one weak motion,
+    /// A sideways translation and the rotation that nearly undoes it in the image become one strong and one weak motion,
     /// and an ascent goes along both at one pace instead of creeping along a valley between them. `None` where numbers
     /// overflow: nothing is a million kilometres away.
     pub fn preconditioner(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Option<Matrix6<f64>> {

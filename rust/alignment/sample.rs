@@ -1,13 +1,13 @@
-//! The points that count.
+//! The points that count in the mutual information.
 
 use nalgebra::{Point2, Vector3};
 
-/// Which labelled points of the picture count.
+/// The labelled points of the image that count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Counted {
-    /// All.
+    /// All of them.
     All,
-    /// Those that no nearer return hides from the camera.
+    /// The points that no nearer return hides from the camera.
     Visible,
 }
 

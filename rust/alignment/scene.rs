@@ -9,7 +9,7 @@ use crate::observation::{Frame, Observations};
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
 
-/// A picture of blobs, and points before it that carry the classes of their pixels at the identity.
+/// A label image of blobs, and points before it that carry the classes of their pixels at the identity.
 pub(super) fn scene(shift: f64) -> Arc<Observations> {
     let k = [[60.0, 0.0, 31.5], [0.0, 60.0, 23.5], [0.0, 0.0, 1.0]];
     let camera =

@@ -1,7 +1,7 @@
-//! How the mutual information depends on the pose and the intrinsics, around a pose: scores and curvature.
+//! Dependence of the mutual information on the pose and the intrinsics, near a pose: scores and curvature.
 //!
-//! The score of a part of the data is its share of the gradient; how scores scatter from part to part tells how far the
-//! optimum would move with other data. The objective is piecewise smooth with a smoothed cusp at its top, so curvature is
+//! The score of a part of the data is its share of the gradient. The scatter of the scores measures how far the optimum
+//! would move with other data. The objective is piecewise smooth with a smoothed cusp at its maximum, so curvature is
 //! the difference of gradients half a pixel to either side.
 
 use std::collections::BTreeMap;
@@ -20,9 +20,9 @@ use crate::observation::Observations;
 use crate::pyramid::Sampled;
 use crate::se3;
 
-/// Gradients are taken so many blocks to either side, root mean square.
+/// Distance in blocks to either side at which gradients are taken, root mean square.
 const HALF_WIDTH: f64 = 0.5;
-/// Points that lie amid so many blocks of one class do not change with it.
+/// Points at least this number of blocks inside one class do not change with the pose.
 const CONSTANT_RADIUS: usize = 4;
 
 /// Scores and curvature with respect to a twist on the left of the pose (metres and radians), and if asked for fx, fy, cx,
@@ -31,30 +31,30 @@ const CONSTANT_RADIUS: usize = 4;
 pub struct Sensitivity {
     /// Minus the second derivative, nats.
     pub curvature: DMatrix<f64>,
-    /// Mean products of what the parameters move the points by, pixels.
+    /// Mean products of the displacements of the points by the parameters, pixels.
     pub motions: DMatrix<f64>,
-    /// Of each part, its share of the gradient, nats; a row each.
+    /// Share of each part in the gradient, nats; one row for each part.
     pub scores: DMatrix<f64>,
 }
 
-/// How [`sensitivity`] looks.
+/// Settings of [`sensitivity`].
 #[derive(Clone, Copy, Debug)]
 pub struct SensitivityConfig {
     /// Side of a block of the label images, pixels.
     pub factor: usize,
     /// Pixels less than this from one of another class count little.
     pub edge_band_px: usize,
-    /// Points, over all frames and directions, that are looked at.
+    /// Largest number of points that are used, over all frames and directions.
     pub max_points: usize,
     /// Whether the intrinsics are parameters beside the pose.
     pub with_intrinsics: bool,
-    /// Parts are the squares of a picture of which so many lie side by side; with 1, frames.
+    /// Number of squares across an image that are the parts; with 1, the parts are frames.
     pub regions_across: usize,
 }
 
 /// Scores and curvature at a pose, over the points that are visible there.
 ///
-/// `None` where no point lands on a label, or nothing changes the information.
+/// `None` where no point projects onto a label, or nothing changes the information.
 pub fn sensitivity(
     observations: &Arc<Observations>,
     pose: &Isometry3<f64>,
@@ -106,7 +106,7 @@ pub fn sensitivity(
 
 struct Problem<'a> {
     level: &'a Level,
-    /// Their weights are shares of a class.
+    /// Points whose weights are shares of a class.
     samples: &'a [Sample],
     /// Pairs that do not change.
     constant: &'a JointHistogram,
@@ -123,7 +123,7 @@ impl Problem<'_> {
         if self.config.with_intrinsics { 6 + NUM_INTRINSICS } else { 6 }
     }
 
-    /// Where the points land at some parameters, with the weights that they have there: chosen anew, as the polish ends.
+    /// Projections of the points at some parameters, with the weights there: chosen again, as at the end of the polish.
     fn projected(&self, parameters: &DVector<f64>) -> (JointHistogram, Vec<Vec<ProjectedSample>>) {
         let camera = self.camera();
         let pose = se3::exp(&parameters.fixed_rows::<6>(0).into()) * self.pose;
@@ -143,7 +143,7 @@ impl Problem<'_> {
         (joint, projected)
     }
 
-    /// The gradient at some parameters, of points and weights as they are chosen at the pose.
+    /// The gradient at some parameters, with the points and weights chosen at the pose.
     fn gradient(&self, parameters: &DVector<f64>) -> DVector<f64> {
         let (joint, chunks) = self.projected(parameters);
         let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
@@ -159,7 +159,7 @@ impl Problem<'_> {
         sums.iter().fold(zero, |sum, chunk| sum + chunk) / joint.total().max(1.0)
     }
 
-    /// Adds what a point contributes to the gradient, times all weight.
+    /// Adds the contribution of a point to the gradient, times the total weight.
     fn add_score(
         &self,
         projected: &ProjectedSample,
@@ -181,8 +181,8 @@ impl Problem<'_> {
         }
     }
 
-    /// Mean products of what the parameters move the points by, pixels: `d^T G d` is the mean square displacement of a
-    /// change `d`.
+    /// Mean products of the displacements of the points by the parameters, pixels: `d^T G d` is the mean square
+    /// displacement by a change `d`.
     fn motions(&self) -> DMatrix<f64> {
         let n = self.num_parameters();
         let to_camera = to_camera(self.pose);

@@ -30,12 +30,12 @@ use model::Model;
 /// fx, fy, cx, cy, k1: see [`Camera::intrinsics_jacobian`].
 pub const NUM_INTRINSICS: usize = 5;
 
-/// A calibrated camera: picture size, focal lengths, principal point and lens.
+/// A calibrated camera: image size, focal lengths, principal point and lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
-    /// Columns of the picture.
+    /// Columns of the image.
     pub width: usize,
-    /// Rows of the picture.
+    /// Rows of the image.
     pub height: usize,
     focal: Vector2<f64>,
     center: Vector2<f64>,
@@ -46,7 +46,7 @@ impl Camera {
     /// Builds a camera whose model needs nothing beyond `K` and `distortion`: see [`Camera::with_parameters`].
     ///
     /// # Errors
-    /// As there.
+    /// The errors are those of [`Camera::with_parameters`].
     pub fn new(model: &str, size: (usize, usize), k: [[f64; 3]; 3], distortion: &[f64]) -> Result<Self> {
         Self::with_parameters(model, size, k, distortion, &[])
     }
@@ -118,7 +118,7 @@ impl Camera {
         SMatrix::<f64, 2, NUM_INTRINSICS>::new(x, 0.0, 1.0, 0.0, u, 0.0, y, 0.0, 1.0, v)
     }
 
-    /// The unit ray (camera frame) that lands on a pixel; `None` where the lens reaches no such pixel.
+    /// The unit ray (camera frame) that projects onto a pixel; `None` where the lens does not reach the pixel.
     pub fn unproject(&self, pixel: &Point2<f64>) -> Option<Vector3<f64>> {
         self.lens.unproject(&(pixel.coords - self.center).component_div(&self.focal))
     }
@@ -133,7 +133,7 @@ impl Camera {
         self.jacobian(&Vector3::z())[(0, 0)]
     }
 
-    /// Whether a pixel lies inside the picture, whose pixels reach half a pixel beyond their centres.
+    /// Whether a pixel lies inside the image, whose pixels reach half a pixel beyond their centres.
     #[inline]
     pub fn contains(&self, pixel: &Point2<f64>) -> bool {
         pixel.x >= -0.5

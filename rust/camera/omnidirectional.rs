@@ -10,16 +10,16 @@ use super::distortion::{Distortion, MAX_RADIUS, undistort, unfolded_radius};
 use super::model::Model;
 use crate::error::{Error, Result};
 
-/// From so far behind the sphere, rays are parallel to within a degree.
+/// Largest xi: from farther behind the sphere, rays are parallel to within a degree.
 const MAX_XI: f64 = 100.0;
 
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Omnidirectional {
     xi: f64,
     distortion: Distortion,
-    /// On the plane, before distortion.
+    /// Largest radius on the plane, before distortion.
     max_radius: f64,
-    /// Of the limit.
+    /// Cosine of the largest incidence angle.
     cos_limit: f64,
 }
 

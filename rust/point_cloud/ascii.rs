@@ -5,13 +5,13 @@ use super::fields::Fields;
 use super::parsed::{Parsed, shown};
 use super::table::Table;
 
-/// What stands in a line for a field.
+/// The part of a line that belongs to a field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Token {
-    /// So many values that nobody asks for.
+    /// A number of values that are skipped.
     Skipped(usize),
     Taken,
-    /// A number of values, and then so many of them; all skipped.
+    /// A count, followed by that number of values; all skipped.
     List,
 }
 
@@ -79,7 +79,7 @@ fn pack_line(line: &mut Line<'_>, tokens: &[Token], packed: &mut Vec<u8>) -> Par
     line.end()
 }
 
-/// What is left of a text, from somewhere in a line on.
+/// The rest of a text, from a place in a line.
 pub(super) struct Line<'a>(pub &'a [u8]);
 
 impl Line<'_> {

@@ -18,7 +18,7 @@ pub(super) enum Scalar {
 }
 
 impl Scalar {
-    /// By its kind and its size in bytes.
+    /// The type of a kind and a size in bytes.
     pub(super) fn new(kind: Kind, size: usize) -> Option<Self> {
         Some(match (kind, size) {
             (Kind::Signed, 1) => Self::I8,
@@ -35,7 +35,7 @@ impl Scalar {
         })
     }
 
-    /// In bytes.
+    /// Size in bytes.
     pub(super) fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -50,7 +50,7 @@ impl Scalar {
     }
 }
 
-/// How a number's bits are meant.
+/// The meaning of a number's bits.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Kind {
     Signed,
@@ -58,7 +58,7 @@ pub(super) enum Kind {
     Float,
 }
 
-/// Where the values of one field lie.
+/// The place of the values of one field.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Column {
     /// Bytes before the first value.
@@ -74,7 +74,7 @@ impl Column {
         Self { offset, stride, scalar, is_big_endian: false }
     }
 
-    /// That `count` values lie within `num_bytes`.
+    /// Checks that `count` values are within `num_bytes`.
     pub(super) fn check(&self, count: usize, num_bytes: usize) -> Parsed<()> {
         let last = count.saturating_sub(1).checked_mul(self.stride).and_then(|x| x.checked_add(self.offset));
         let end = last.and_then(|x| x.checked_add(self.scalar.size()));

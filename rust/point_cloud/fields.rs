@@ -1,4 +1,4 @@
-//! Which of a cloud's named fields are what: every format with names goes through here.
+//! The meaning of a cloud's named fields, for all formats with names.
 
 use super::column::Scalar;
 use super::parsed::{Parsed, shown};
@@ -35,7 +35,7 @@ impl<T> Fields<T> {
         })
     }
 
-    /// Those that there are.
+    /// All fields that the cloud has.
     pub(super) fn iter(&self) -> impl Iterator<Item = &T> {
         self.xyz.iter().chain(&self.intensity).chain(&self.ring).chain(&self.time).chain(&self.label)
     }

@@ -1,4 +1,4 @@
-//! Whatever bytes a file holds, reading it ends, in a cloud or in one line of complaint.
+//! Reading ends for any bytes of a file, with a cloud or with an error message of one line.
 
 use proptest::prelude::*;
 

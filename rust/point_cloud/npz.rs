@@ -12,7 +12,7 @@ use super::table::Table;
 /// Names of the array that holds x y z, where there are several; the last is `numpy.savez`'s own.
 const POINTS: &[&str] = &["points", "xyz", "cloud", "point_cloud", "pointcloud", "arr_0"];
 
-/// So many times its size, or so many bytes, an archive may unpack to: no bomb may, and zeros pack well.
+/// Largest ratio of the unpacked size of an archive to its own size, once it unpacks to more than the smallest limit.
 const LARGEST_RATIO: u64 = 100;
 const SMALLEST_LIMIT: u64 = 1 << 24;
 

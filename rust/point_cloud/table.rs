@@ -1,4 +1,4 @@
-//! What a parser finds in a file, and the one way from there to a point cloud: no-returns are dropped on the way.
+//! The columns that a parser finds in a file, and their conversion to a point cloud, which drops no-returns.
 
 use std::borrow::Cow;
 
@@ -24,7 +24,7 @@ pub(super) struct Values<'a> {
     column: Column,
 }
 
-/// Which entries of a file are returns.
+/// The entries of a file that are returns.
 pub(super) struct Returns {
     keep: Vec<bool>,
     count: usize,
@@ -157,7 +157,7 @@ impl<'a> Values<'a> {
 }
 
 impl Returns {
-    /// Of each entry whether it is one.
+    /// Tells for each entry whether it is a return.
     pub(super) fn keep(&self) -> &[bool] {
         &self.keep
     }

@@ -1,4 +1,4 @@
-//! How well points and pictures agree at a pose.
+//! Agreement of points and label images at a pose.
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;

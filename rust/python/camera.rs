@@ -1,4 +1,4 @@
-//! The camera, and points in its picture.
+//! The camera, and points in its image.
 
 use std::collections::BTreeMap;
 

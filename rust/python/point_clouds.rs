@@ -1,4 +1,4 @@
-//! Sweeps, as files hold them.
+//! Sweeps read from files.
 
 use std::path::PathBuf;
 

@@ -1,4 +1,4 @@
-//! The registration of pictures with spherical images, and the correspondences it gives.
+//! The registration of label images with spherical images, and the correspondences from it.
 
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;

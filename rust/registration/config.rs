@@ -4,14 +4,14 @@ use nalgebra::Rotation3;
 
 use crate::zoom::Zoom;
 
-/// How the registration searches. Angles in radians.
+/// Settings of the registration; angles in radians.
 #[derive(Clone, Copy, Debug)]
 pub struct RegistrationConfig {
-    /// How the picture is brought to the angular grid.
+    /// Mapping of the image to the angular grid.
     pub zoom: Zoom,
     /// Cell of the exhaustive search.
     pub coarse_cell: f64,
-    /// Block of the pictures in the refinement.
+    /// Block of the label images in the refinement.
     pub fine_cell: f64,
     /// In-plane rotations from minus this to plus this are searched.
     pub max_roll: f64,

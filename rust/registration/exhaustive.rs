@@ -19,7 +19,7 @@ use crate::zoom::{Placement, Zoomed};
 /// A placement of the exhaustive search with its score.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Candidate {
-    /// Where the picture lies.
+    /// Placement of the image.
     pub placement: Placement,
     /// Mutual information less its bias, nats.
     pub mutual_information: f64,
@@ -105,12 +105,12 @@ fn rolls(config: &RegistrationConfig, is_narrowed: bool) -> Vec<f64> {
     (-steps..=steps).map(|i| f64::from(i) * step).collect()
 }
 
-/// A placement turned to the right by so many of `columns` around.
+/// A placement turned to the right by `shift` of the `columns` of a full turn.
 fn shifted(upright: &Placement, shift: usize, columns: usize) -> Placement {
     Placement { azimuth: -(shift as f64) / columns as f64 * TAU, ..*upright }
 }
 
-/// What a search is narrowed to: rotations within an angle of one, and half a step of the search more.
+/// The range of a narrowed search: rotations within an angle of a given one, plus half a step of the search.
 struct Narrowed(Option<Around>);
 
 impl Narrowed {

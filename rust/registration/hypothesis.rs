@@ -1,16 +1,16 @@
-//! What the registration finds.
+//! The hypotheses that the registration finds.
 
 use crate::mutual_information::JointHistogram;
 use crate::zoom::Placement;
 
-/// A placement of the picture on the sphere, and how well labels agree there.
+/// A placement of the image on the sphere, with the agreement of the labels there.
 #[derive(Clone, Debug)]
 pub struct Hypothesis {
-    /// Where the picture lies.
+    /// Placement of the image.
     pub placement: Placement,
     /// Mutual information of the pooled histogram, nats, less its bias.
     pub mutual_information: f64,
-    /// Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames.
+    /// Number of labelled returns, among those used, on a labelled pixel, over all frames.
     pub num_pairs: f64,
     /// The pooled histogram.
     pub joint: JointHistogram,

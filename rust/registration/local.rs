@@ -1,4 +1,4 @@
-//! Powell's method around a placement, with the returns themselves on finer cells of the pictures.
+//! Powell's method around a placement, with the returns themselves on finer cells of the label images.
 
 use std::f64::consts::PI;
 
@@ -15,9 +15,9 @@ use crate::spherical::{LabelledReturn, SphericalImages, from_angles, to_f64};
 use crate::thinning::{stride, thinned};
 use crate::zoom::{Placement, Zoom, Zoomed};
 
-/// Half-width of Powell's first bracket for the scale of the zoomed picture.
+/// Half-width of Powell's first bracket for the scale of the zoomed image.
 const SCALE_STEP: f64 = 0.1;
-/// Line searches end within this share of their bracket; finer means nothing on cells of this size.
+/// Line searches end within this share of their bracket; a finer end has no meaning on cells of this size.
 const TOLERANCE: f64 = 0.02;
 const MAX_ROUNDS: usize = 8;
 /// Returns are thinned to at most this number, over all frames and directions: more make the histogram no better.
@@ -26,7 +26,7 @@ const MAX_RETURNS: usize = 20_000;
 /// The unit direction (LiDAR frame) and the class of a return.
 type LabelledDirection = (Vector3<f64>, u8);
 
-/// What is compared: the labelled returns of the spherical images, and label images in cells.
+/// The compared data: the labelled returns of the spherical images, and label images in cells.
 pub(super) struct Level<'a> {
     observations: &'a Observations,
     zoomed: &'a Zoomed<'a>,

@@ -1,9 +1,8 @@
 //! 2-D registration of label images with spherical label images by mutual information (Alg. 2, line 4).
 //!
-//! The histogram is pooled over all frames before MI is taken: with one frame, a sliver of agreement is easily luck. A
-//! grid over all azimuths, the elevations at which picture and sweep overlap, and in-plane rotations is searched
-//! exhaustively on coarse cells; the best placements that lie well apart are then refined by Powell's method on finer
-//! ones.
+//! The histogram is pooled over all frames before MI is computed, since a single frame easily agrees by chance. A grid
+//! over all azimuths, the elevations at which image and sweep overlap, and in-plane rotations is searched exhaustively
+//! on coarse cells. Powell's method on finer cells then refines the best placements that are well apart.
 
 mod config;
 mod downsampled;
@@ -24,14 +23,14 @@ use local::Level;
 pub use config::{Around, RegistrationConfig};
 pub use hypothesis::Hypothesis;
 
-/// Cells are small enough for so many across the picture: in the exhaustive search, and in Powell's.
+/// Number of cells across the image: in the exhaustive search, and in Powell's method.
 const CELLS_ACROSS: (f64, f64) = (16.0, 32.0);
-/// Powell's line searches reach so many cells of the exhaustive search.
+/// Reach of Powell's line searches, in cells of the exhaustive search.
 const REACH: f64 = 1.5;
-/// Hypotheses may lie close enough for so many across the picture.
+/// Number of hypotheses that fit side by side across the image.
 const SEPARATIONS_ACROSS: f64 = 4.0;
 
-/// Finds the best well-separated placements, best first, of all or of those around one.
+/// Finds the best well-separated placements, best first, among all or among those around one.
 ///
 /// # Errors
 /// No placement overlaps labelled points with labelled pixels.
@@ -58,7 +57,7 @@ pub fn register(
     Ok(separate(refined, 0.5 * separation, config.num_hypotheses, of))
 }
 
-/// The best, best first, up to `limit`, each at least `separation` away from all better ones; equals keep their order.
+/// At most `limit` items, best first, each at least `separation` away from all better ones; ties keep their order.
 fn separate<T>(
     mut found: Vec<T>,
     separation: f64,

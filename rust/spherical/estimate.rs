@@ -1,4 +1,4 @@
-//! The angular grid of a sensor that is not described, from its points.
+//! The angular grid of a sensor without a description, estimated from its points.
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
@@ -7,24 +7,24 @@ use crate::error::{Error, Result};
 
 /// Share of the points at each end of the elevation range that is taken for stray returns when a grid is estimated.
 const STRAY_SHARE: f64 = 0.002;
-/// An estimated grid has so many points to a cell: of cells hit at random, 86 % are then filled.
+/// Number of points for each cell of an estimated grid: of cells hit at random, 86 % are then filled.
 const POINTS_PER_CELL: f64 = 2.0;
 /// Limits of an estimated cell, radians.
 const MIN_ESTIMATED_CELL: f64 = 1e-3;
 const MAX_ESTIMATED_CELL: f64 = 0.035;
-/// Channels are looked for in a histogram of elevations with bins of this size, radians ...
+/// Size of the bins, radians, in the histogram of elevations that shows channels.
 const CHANNEL_BIN: f64 = 2e-4;
-/// ... of which they may fill at most this share; ...
+/// Largest share of the bins that channels fill.
 const MAX_CHANNEL_SHARE: f64 = 0.5;
-/// ... there are at least so many, ...
+/// Least number of channels.
 const MIN_CHANNELS: usize = 4;
-/// ... with so many returns a turn each; ...
+/// Least number of returns of a channel in each turn.
 const MIN_COLUMNS: usize = 90;
-/// ... and bins with less than this share of the fullest's returns are empty.
+/// Bins with less than this share of the fullest bin's returns are empty.
 const EMPTY_BIN_SHARE: f64 = 0.02;
 
-/// The grid of a sensor that is not described, from its sweeps: that of a spinning LiDAR if the points lie in
-/// channels, else square cells, small enough for the pattern and large enough that its points fill them.
+/// The grid of a sensor without a description, from its sweeps: that of a spinning LiDAR if the points lie in channels;
+/// else square cells, small enough for the pattern and large enough that the points fill them.
 ///
 /// # Errors
 /// There are no points, or they span no elevation range.
@@ -63,7 +63,7 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
     })
 }
 
-/// The number of runs of filled bins in the histogram of (sorted) elevations, if most bins are empty: one a channel.
+/// The number of runs of filled bins in the histogram of (sorted) elevations, one for each channel, if most are empty.
 fn count_channels(elevations: &[f64], bottom: f64, top: f64) -> Option<usize> {
     let num_bins = ((top - bottom) / CHANNEL_BIN) as usize + 1;
     let mut counts = vec![0u32; num_bins];
@@ -79,7 +79,7 @@ fn count_channels(elevations: &[f64], bottom: f64, top: f64) -> Option<usize> {
     (sparse && channels >= MIN_CHANNELS).then_some(channels)
 }
 
-/// The cells of about a degree that any point of any sweep falls into.
+/// The cells of about a degree that contain a point of any sweep.
 struct Filled {
     cells: Vec<bool>,
 }
@@ -100,18 +100,18 @@ impl Filled {
         Self { cells }
     }
 
-    /// Cells filled in each row.
+    /// Number of cells filled in each row.
     fn rows(&self) -> impl Iterator<Item = usize> {
         self.cells.chunks_exact(Self::COLUMNS).map(|row| row.iter().filter(|&&filled| filled).count())
     }
 
-    /// Steradian.
+    /// Solid angle of the filled cells, steradian.
     fn solid_angle(&self) -> f64 {
         let of_cell = |row: usize| ((row as f64 + 0.5) * Self::SIDE).sin() * Self::SIDE * Self::SIDE;
         self.rows().enumerate().map(|(row, count)| count as f64 * of_cell(row)).sum()
     }
 
-    /// The share of the turn that is filled, in the row where it is largest.
+    /// The filled share of the turn, in the row where it is largest.
     fn share_of_turn(&self) -> f64 {
         self.rows().max().unwrap_or(0) as f64 / Self::COLUMNS as f64
     }

@@ -13,10 +13,10 @@ use crate::observation::{Frame, Observations};
 
 pub use estimate::estimate;
 
-/// No return fell into this pixel.
+/// Index of a pixel without a return.
 pub const EMPTY: u32 = u32::MAX;
 
-/// A spherical image has at most so many pixels, ten times those of the densest sensors.
+/// Largest number of pixels of a spherical image, ten times that of the densest sensors.
 const MAX_PIXELS: usize = 1 << 24;
 
 /// A regular angular grid over all azimuths. Row 0 is the highest; columns run with falling azimuth, that is to the

@@ -65,21 +65,21 @@ class WithRest(click.Command):
     """,
 )
 @click.argument("drives", nargs=-1, required=True)
-@click.option("-o", "--output", type=PATH, required=True, metavar="DIR", help="Where results go.")
-@choice_option("--command", list(COMMANDS), default="calibrate", help="What is done.")
-@click.option("--calibration", type=PATH, metavar="FILE", help="With --command verify: the transform.")
-@number_option("--jobs", help="Drives at a time.  [default: 1]")
+@click.option("-o", "--output", type=PATH, required=True, metavar="DIR", help="Folder of the results.")
+@choice_option("--command", list(COMMANDS), default="calibrate", help="Command to run.")
+@click.option("--calibration", type=PATH, metavar="FILE", help="Transform to verify, with --command verify.")
+@number_option("--jobs", help="Number of drives at a time.  [default: 1]")
 @number_option(
-    "--threads", most=MAX_THREADS, help="Threads of each.  [default: cores by jobs; with --dask, 1]"
+    "--threads", most=MAX_THREADS, help="Threads for each drive.  [default: cores by jobs; with --dask, 1]"
 )
 @click.option(
     "--timeout",
     "timeout_s",
     type=FiniteRange(0.0, min_open=True),
     metavar="S",
-    help="Give a drive up after so long.",
+    help="Longest time for one drive.",
 )
-@click.option("--force", is_flag=True, help="Do again what is done.")
+@click.option("--force", is_flag=True, help="Run finished drives again.")
 @click.option(
     "--dask",
     "address",

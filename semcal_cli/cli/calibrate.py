@@ -44,14 +44,14 @@ WITH_SOIC = (
     ["mi", "soic"],
     default="mi",
     help="Mutual information, or SOIC, a rival to compare with: it needs the same class names on both sides, and does "
-    "not say how sure it is.",
+    "not estimate its uncertainty.",
 )
 @search_options
 @refinement_options
 @number_option(
     "--repeat",
     least=2,
-    help="Calibrate with N seeds, and report how far apart they lead beside the stated uncertainty.",
+    help="Calibrate with N seeds, and report their scatter beside the stated uncertainty.",
 )
 @click.option(
     "--to",
@@ -60,13 +60,15 @@ WITH_SOIC = (
     help="Write only the transform, in a format that `convert --formats` lists.",
 )
 @open_options("to-", "what is written with --to")
-@click.option("--report", "page", type=PATH, metavar="FILE", help="Write a page about it, too: .html.")
+@click.option(
+    "--report", "page", type=PATH, metavar="FILE", help="Also write a page about the result: .html."
+)
 @click.option(
     "--overlay",
     "images",
     type=PATH,
     metavar="DIR",
-    help="Write pictures of points on images there, too, before and after, of at most 20 frames.",
+    help="Also write overlays of the points, before and after, for at most 20 frames.",
 )
 @result_options
 def calibrate(

@@ -38,20 +38,20 @@ def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
 
     def add(command: Command) -> Command:
         for option in (
-            click.option(f"--{prefix}lidar", metavar="NAME", help=f"The LiDAR's in {of}."),
+            click.option(f"--{prefix}lidar", metavar="NAME", help=f"The LiDAR's frame or entry in {of}."),
             click.option(
                 f"--{prefix}camera", metavar="NAME", help=f"The camera's frame, entry or token in {of}."
             ),
             click.option(
                 f"--{prefix}frame",
                 type=click.Choice(FRAMES),
-                help=f"What the camera's frame in {of} is: optical (x right, y down, z forward) or body (x forward, "
+                help=f"Axes of the camera's frame in {of}: optical (x right, y down, z forward) or body (x forward, "
                 "y left, z up).",
             ),
             click.option(
                 f"--{prefix}direction",
                 type=click.Choice(DIRECTIONS),
-                help=f"Which points a bare matrix in {of} maps: p_camera = T p_lidar, or p_lidar = T p_camera.",
+                help=f"Direction of a bare matrix in {of}: p_camera = T p_lidar, or p_lidar = T p_camera.",
             ),
         ):
             command = option(command)
@@ -78,12 +78,12 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
 
 @click.command()
 @click.argument("source", metavar="IN", type=PATH)
-@click.option("--to", type=FormatName(), metavar="FORMAT", help="What to write; see --formats.")
+@click.option("--to", type=FormatName(), metavar="FORMAT", help="Format to write; see --formats.")
 @click.option(
-    "--from", "from_", type=FormatName(), metavar="FORMAT", help="What IN is, if its content does not tell."
+    "--from", "from_", type=FormatName(), metavar="FORMAT", help="Format of IN, if its content does not tell."
 )
 @click.option(
-    "-o", "--output", type=PATH, metavar="FILE", help="Where it goes. Standard output if not given."
+    "-o", "--output", type=PATH, metavar="FILE", help="File to write. Standard output if not given."
 )
 @click.option(
     "--into",
@@ -93,14 +93,14 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
 )
 @open_options("", "IN")
 @open_options("to-", "what is written")
-@click.option("--repair", is_flag=True, help="Take the nearest rotation of one that is none, and say so.")
+@click.option("--repair", is_flag=True, help="Replace an invalid rotation by the nearest one, and say so.")
 @click.option(
     "--formats",
     is_flag=True,
     is_eager=True,
     expose_value=False,
     callback=_list_formats,
-    help="List them, and exit.",
+    help="List the formats, and exit.",
 )
 def convert(
     source: Path,

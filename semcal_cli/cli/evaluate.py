@@ -18,7 +18,7 @@ from semcal_cli.cli.options import PATH
     type=PATH,
     required=True,
     metavar="FILE|DRIVE",
-    help="What to compare with: a calibration, a drive with T_camera_lidar, a RELLIS-3D transforms.yaml.",
+    help="Reference: a calibration, a drive with T_camera_lidar, or a RELLIS-3D transforms.yaml.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate(calibration: Path, reference: Path, as_json: bool) -> None:

@@ -24,7 +24,7 @@ ESTIMATORS = ("exact", "mine")
 
 @click.group()
 def experiment() -> None:
-    """Measure what the README's tables say, on synthetic drives."""
+    """Measure the figures of the README's tables, on synthetic drives."""
 
 
 out_option = click.option(
@@ -34,7 +34,7 @@ out_option = click.option(
     default="semcal_experiments",
     show_default=True,
     metavar="DIR",
-    help="Where results and pool go.",
+    help="Folder of the results and the pool.",
 )
 
 
@@ -49,9 +49,9 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
 
     def add(command: Command) -> Command:
         for option in (
-            number_option("--jobs", default=1, help="Runs at a time."),
+            number_option("--jobs", default=1, help="Number of runs at a time."),
             number_option(
-                "--first-seed", least=0, most=MAX_SEED, default=first_seed, help="The first of them."
+                "--first-seed", least=0, most=MAX_SEED, default=first_seed, help="Seed of the first drive."
             ),
             number_option("--seeds", default=num_seeds, help=help),
         ):
@@ -80,7 +80,7 @@ def _progress(what: str) -> Callable[[int, int], None]:
     multiple=True,
     default=ESTIMATORS,
     show_default=True,
-    help="What to compare; may be given twice.",
+    help="Estimator to compare; may be given twice.",
 )
 @click.option(
     "--row",
@@ -103,7 +103,7 @@ def accuracy(
     """Compare calibrations with the truth, over sensors, lenses, labels and starts.
 
     Takes about two minutes for each seed. Writes results.csv, summary.json, table.md and plot.png into a folder of DIR,
-    and keeps its drives in a pool beside it, about 45 MB each. When it was stopped it goes on where it was.
+    and keeps its drives in a pool beside it, about 45 MB each. A stopped run resumes where it was.
     """
     from semcal_cli.config import EDGE_BAND_PX, Estimator
     from semcal_cli.experiments import accuracy, runner
@@ -135,9 +135,9 @@ def accuracy(
 )
 @out_option
 def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
-    """Count how often intervals hold the truth, verdicts are right, and `verify` sees what is off.
+    """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
 
-    Takes about two minutes for each drive. Writes what `accuracy` writes, and goes on where it was when it was stopped.
+    Takes about two minutes for each drive. Writes the same files as `accuracy`; a stopped run resumes.
     """
     from semcal_cli.experiments import runner, trust
     from semcal_cli.experiments.pool import Pool
@@ -183,8 +183,8 @@ _rivals_command(
     "pairs",
     """Compare methods over the number of pairs: 1, 10, 20, 50 and 70.
 
-    semcal, SOIC and PMI start at the same pose, 2 degrees and 0.2 m off. Writes what `accuracy` writes, and goes on
-    where it was when it was stopped.
+    semcal, SOIC and PMI start at the same pose, 2 degrees and 0.2 m off. Writes the same files
+    as `accuracy`; a stopped run resumes where it was.
     """,
 )
 _rivals_command(
@@ -202,19 +202,19 @@ _rivals_command(
     "--reference",
     type=PATH,
     metavar="FILE|DRIVE",
-    help=f"What to compare with: {KNOWN_TRANSFORMS}.  [default: the drive's own]",
+    help=f"Reference: {KNOWN_TRANSFORMS}.  [default: the drive's own]",
 )
 @click.option(
     "--init",
     type=PATH,
     metavar="FILE|DRIVE",
-    help="Where all methods start.  [default: where semcal's initial calibration ends]",
+    help="Start of all methods.  [default: semcal's initial calibration]",
 )
 @number_option(
     "--frame",
     least=0,
     default=0,
-    help="Which frame the pictures show, numbered from 0 among those used.",
+    help="Frame that the pictures show, numbered from 0 among those used.",
 )
 @max_frames_option
 @out_option
@@ -254,7 +254,7 @@ def table(
 
 
 @experiment.command()
-@number_option("--repeats", default=3, help="Runs of each process.")
+@number_option("--repeats", default=3, help="Number of runs of each process.")
 @click.option(
     "--plain-torch",
     type=PATH,
@@ -265,8 +265,8 @@ def table(
 def speed(repeats: int, plain_torch: Path | None, out: Path) -> None:
     """Time whole processes, and compare the refinement with the same in plain torch.
 
-    Wants an idle machine; takes about three minutes for each repeat. Writes what `accuracy` writes, and goes on
-    where it was when it was stopped.
+    Needs an idle machine, and takes about three minutes for each repeat. Writes the same files
+    as `accuracy`; a stopped run resumes where it was.
     """
     from semcal_cli.errors import InputError
     from semcal_cli.experiments import runner, speed

@@ -39,12 +39,16 @@ PLOTS = (".png", ".svg")
 @click.argument("results", nargs=-1, required=True, type=PATH)
 @output_option
 @click.option(
-    "--reference", type=PATH, metavar="FILE", help="Judge, too, how far the rig is from this transform."
+    "--reference", type=PATH, metavar="FILE", help="Also judge the offset of the rig from this transform."
 )
 @limit_options(may_be_zero=False)
-@click.option("--report", "page", type=PATH, metavar="FILE", help="Write a page about it, too: .html.")
-@click.option("--plot", type=PATH, metavar="FILE", help="Write only the page's plot: .png or .svg.")
-@click.option("--junit", type=PATH, metavar="FILE", help="Write a JUnit XML file, too.")
+@click.option(
+    "--report", "page", type=PATH, metavar="FILE", help="Also write a page about the result: .html."
+)
+@click.option(
+    "--plot", type=PATH, metavar="FILE", help="Also write the page's plot on its own: .png or .svg."
+)
+@click.option("--junit", type=PATH, metavar="FILE", help="Also write a JUnit XML file.")
 @quiet_option
 def fleet(
     results: tuple[Path, ...],

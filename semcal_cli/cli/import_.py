@@ -65,7 +65,7 @@ def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--spread",
             is_flag=True,
-            help="Keep the frames whose label images differ most, of the slower half if speeds are known.",
+            help="Keep the frames whose label images differ most; if speeds are known, only among the slower half.",
         ),
         number_option(
             "--max-frames",
@@ -75,7 +75,7 @@ def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
             "--frames",
             type=FrameSlice(),
             default=slice(None),
-            help="Keep these of the frames that there are, counted from 0, as 0:100:10.",
+            help="Keep these frames, counted from 0, as 0:100:10.",
         ),
         click.option("--camera", metavar="NAME", help="The camera."),
         click.option(
@@ -84,7 +84,7 @@ def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
             type=PATH,
             required=True,
             metavar="DRIVE",
-            help="The drive's folder, or its drive.yaml.",
+            help="Folder of the drive, or its drive.yaml.",
         ),
     ):
         command = option(command)
@@ -98,7 +98,7 @@ def _gap_option(default: float | None) -> Callable[..., Any]:
         default=default,
         show_default=default is not None,
         metavar="S",
-        help="Leave out sweeps and pictures that are farther apart in time.",
+        help="Largest difference in time between a sweep and its image.",
     )
 
 
@@ -146,17 +146,17 @@ for _name, _summary in DATASETS.items():
 @click.option("--points", required=True, metavar="GLOB", help="Point clouds, as 'clouds/*.pcd'.")
 @click.option("--point-labels", metavar="GLOB", help="Labels of points; none if the clouds have them.")
 @click.option("--image-labels", metavar="GLOB", help="Label images.")
-@click.option("--images", metavar="GLOB", help="Pictures.")
+@click.option("--images", metavar="GLOB", help="Images.")
 @click.option(
     "--camera-info",
     type=PATH,
     required=True,
     metavar="FILE",
-    help="Intrinsics of the raw pictures: a ROS camera_info (its K and D, not P), a Kalibr camchain or an OpenCV "
+    help="Intrinsics of the raw images: a ROS camera_info (its K and D, not P), a Kalibr camchain or an OpenCV "
     "FileStorage.",
 )
 @click.option(
-    "--model", metavar="NAME", help="Camera model, if the file of the intrinsics tells none, or another."
+    "--model", metavar="NAME", help="Camera model, if the file of the intrinsics names none, or another one."
 )
 @click.option(
     "--reference", type=PATH, metavar="FILE", help="T_camera_lidar to compare with, in any known format."

@@ -80,7 +80,7 @@ output_option = click.option(
     "--output",
     type=PATH,
     metavar="FILE",
-    help="Where the result goes: .yaml, .yml or .json. Standard output, as YAML, if not given.",
+    help="File of the result: .yaml, .yml or .json. Standard output, as YAML, if not given.",
 )
 log_option = click.option(
     "--log", type=PATH, metavar="FILE", help="Write times, host and threads to a JSON file."
@@ -114,13 +114,13 @@ def limit_options(*, may_be_zero: bool) -> Callable[[Command], Command]:
         "--max-translation-m",
         default=Limits.translation_m,
         metavar="M",
-        help="How far the camera may be off.",
+        help="Largest allowed offset of the camera.",
     )
     rotation = limit(
         "--max-rotation-deg",
         default=Limits.rotation_deg,
         metavar="DEG",
-        help="How far the rotation may be off.",
+        help="Largest allowed offset of the rotation.",
     )
     return lambda command: rotation(translation(command))
 
@@ -171,7 +171,7 @@ cue_option = click.option(
     type=CueList(),
     default=LABELS,
     metavar="CUE[,CUE]",
-    help="What points and pixels are compared by: labels; intensity (the LiDAR's against the picture's grey values, "
+    help="Cues to compare: labels; intensity (the LiDAR's against the picture's grey values, "
     "without labels, from a start that is known to a few degrees); labels,intensity; or features (vectors of points "
     "and pixels; with --estimator mine).  [default: labels]",
 )

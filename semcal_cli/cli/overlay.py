@@ -27,17 +27,17 @@ COLORINGS = ("class", "depth", "agreement")
     type=PATH,
     required=True,
     metavar="DIR",
-    help="Where the pictures go, 000000.png and so on.",
+    help="Folder of the pictures, 000000.png and so on.",
 )
-@click.option("--against", type=PATH, metavar="FILE", help="Show this transform beside it.")
+@click.option("--against", type=PATH, metavar="FILE", help="Transform to show beside it.")
 @choice_option(
     "--by",
     COLORINGS,
     default="class",
-    help="What colours say: the class of the point; its distance from the camera (needs no labels); or whether its "
-    "class and the pixel's go together.",
+    help="Meaning of the colours: the class of the point; its distance from the camera (needs no labels); or whether "
+    "its class and the pixel's go together.",
 )
-@number_option("--max-frames", default=20, help="Of a longer drive, so many evenly spaced frames.")
+@number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
 @quiet_option
 def overlay(
     drive: Path,

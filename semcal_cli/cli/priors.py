@@ -40,7 +40,7 @@ PRIOR_OPTIONS = (
         "--fix",
         type=Axes(),
         metavar="AXES",
-        help="Keep these axes as they are in the transform that is started at, as `rz,tx`: tx ty tz are the camera's "
+        help="Keep these axes of the start transform, as `rz,tx`: tx ty tz are the camera's "
         "place along its axes, rx ry rz its rotation about them (x right, y down, z forward).",
     ),
     click.option(

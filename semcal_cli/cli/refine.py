@@ -28,7 +28,7 @@ from semcal_cli.config import CalibrationConfig
     type=PATH,
     metavar="FILE",
     required=True,
-    help=f"The transform to start at, as it is: {KNOWN_TRANSFORMS}.",
+    help=f"Transform to start at: {KNOWN_TRANSFORMS}.",
 )
 @max_baseline_option
 @refinement_options

@@ -21,13 +21,13 @@ REFINEMENT_OPTIONS = (
         "--estimator",
         get_args(Estimator),
         default=RefinementConfig.estimator,
-        help="What climbs: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it.",
+        help="Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it.",
     ),
     choice_option(
         "--device",
         get_args(Device),
         default=RefinementConfig.device,
-        help="Where the network of MINE computes.",
+        help="Device of the network of MINE.",
     ),
     click.option(
         "--edge-band",
@@ -35,7 +35,7 @@ REFINEMENT_OPTIONS = (
         default=RefinementConfig.edge_band_px,
         show_default=True,
         metavar="PX",
-        help="Pixels less than this from one of another class count a tenth; more for labels with ragged borders.",
+        help="Pixels nearer than this to another class count a tenth; use more for labels with ragged borders.",
     ),
     click.option("--no-polish", is_flag=True, help="Leave the pose where the estimator ended."),
 )

@@ -11,16 +11,16 @@ from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, drive_argument, quiet
 
 @click.command(
     help=f"Write a page about the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}. One HTML file with all "
-    "that is known of it, readable without a network."
+    "that is known about it, readable without a network."
 )
 @drive_argument
 @click.argument("calibration", type=PATH)
-@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="Where the page goes: .html.")
+@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="File of the page: .html.")
 @click.option(
     "--against",
     type=PATH,
     metavar="FILE",
-    help="Show this transform beside it. If not given, what the calibration's first stage arrived at.",
+    help="Transform to show beside it; if not given, that of the calibration's first stage.",
 )
 @threads_option
 @quiet_option

@@ -36,8 +36,9 @@ SEARCH_OPTIONS = (
         type=FiniteRange(),
         nargs=6,
         metavar="R P Y X Y Z",
-        help="Likewise, as one measures it by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the left, "
-        "pitch looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR frame.",
+        help="Start at this mounting, measured by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the "
+        "left, pitch looks down) of the camera's body frame, x forward and z up, and its place (metres), in the LiDAR "
+        "frame.",
     ),
     click.option(
         "--search-deg",
@@ -56,7 +57,7 @@ SEARCH_OPTIONS = (
     click.option(
         "--zoom",
         type=click.Choice(get_args(Zoom)),
-        help="How label images are brought to the LiDAR's angular grid: through K and the lens, or as the paper does.  "
+        help="Mapping of label images to the LiDAR's angular grid: through K and the lens, or as in the paper.  "
         f"[default: {InitializationConfig.zoom}]",
     ),
 )

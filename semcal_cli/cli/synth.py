@@ -80,12 +80,12 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
 @lidar_option("--fov-down-deg", type=ELEVATION, help="Elevation of the lowest ray.")
 @lidar_option("--range-noise-m", type=LENGTH, help="Standard deviation of a range.")
 @lidar_option("--dropout", type=SHARE, help="Share of the returns that are lost.")
-@lidar_option("--max-range-m", type=LENGTH, help="Nothing farther returns.")
+@lidar_option("--max-range-m", type=LENGTH, help="Largest range of a return.")
 @lidar_option(
-    "--lidar-tilt-deg", type=ELEVATION, help="How far the LiDAR's x axis, and the camera with it, dips."
+    "--lidar-tilt-deg", type=ELEVATION, help="Downward tilt of the LiDAR's x axis, and of the camera with it."
 )
-@camera_option("--width", type=click.IntRange(16, 8192), help="Columns of the picture.")
-@camera_option("--height", type=click.IntRange(16, 8192), help="Rows of the picture.")
+@camera_option("--width", type=click.IntRange(16, 8192), help="Columns of the image.")
+@camera_option("--height", type=click.IntRange(16, 8192), help="Rows of the image.")
 @camera_option(
     "--lens",
     type=click.Choice(get_args(Lens)),
@@ -93,20 +93,24 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     "wide: 100 degrees, rational_polynomial; fisheye: 200 degrees; omnidirectional: 190 degrees, xi 1.2; "
     "equirectangular: all round.",
 )
-@camera_option("--hfov-deg", type=click.FloatRange(5.0, 360.0), help="Other horizontal field of view.")
+@camera_option(
+    "--hfov-deg", type=click.FloatRange(5.0, 360.0), help="Horizontal field of view, if not that of the lens."
+)
 @mounting_option(
     "--camera-azimuth-deg",
     type=ANGLE,
-    help="Where the camera looks: 0 along the LiDAR's x axis, positive to the left. "
+    help="Azimuth of the camera: 0 along the LiDAR's x axis, positive to the left. "
     "Any direction if not given.",
 )
 @mounting_option(
-    "--camera-pitch-deg", type=ELEVATION, help="How far it looks up. Within 8 degrees of level if not given."
+    "--camera-pitch-deg",
+    type=ELEVATION,
+    help="Upward pitch of the camera. Within 8 degrees of level if not given.",
 )
 @mounting_option(
     "--camera-roll-deg",
     type=ANGLE,
-    help="How far it leans to its right. Within 4 degrees of upright if not given.",
+    help="Roll of the camera to its right. Within 4 degrees of upright if not given.",
 )
 @mounting_option(
     "--baseline-m",
@@ -121,13 +125,13 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
 @mounting_option(
     "--max-baseline-m",
     type=click.FloatRange(0.2, SYNTH_MAX_BASELINE_M),
-    help="The largest distance that is drawn.",
+    help="Largest distance that is drawn.",
 )
-@label_option("--label-noise", type=SHARE, help="Share of the labels, on both sides, of another class.")
+@label_option("--label-noise", type=SHARE, help="Share of wrong labels, on both sides.")
 @label_option(
     "--ontology",
     type=click.Choice(get_args(Ontology)),
-    help="Label points and pictures with the same named ids, or with ids that have nothing in common.",
+    help="Label points and images with the same named ids, or with ids that have nothing in common.",
 )
 @number_option(
     "--drives",

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @click.command(
     help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
 
-    The pose is estimated anew, from the transform on. Limits are along and about each
+    The pose is estimated again, starting at the transform. Limits are along and about each
     axis of the camera, and in all. Exit code 0: each passes. 3: an offset lies beyond its limit
     with its whole 95 % interval. 4: the data cannot decide.
     """
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 @click.argument("calibration", type=PATH)
 @limit_options(may_be_zero=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--junit", type=PATH, metavar="FILE", help="Write a JUnit XML file, too.")
+@click.option("--junit", type=PATH, metavar="FILE", help="Also write a JUnit XML file.")
 @seed_option
 @threads_option
 @max_frames_option

@@ -53,20 +53,20 @@ if TYPE_CHECKING:
 Degrade = Callable[[Observations, np.random.Generator], Observations]
 
 START_SEEDS = 2.5
-"""Rows that start off the truth have so many times the seeds of the others."""
+"""Factor on the number of seeds, for rows that start off the truth."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """A case of the table."""
+    """A row of the table: a rig, a change of its labels, and a start."""
 
     rig: str = "default"
     num_pairs: int = 20
     degrade: Degrade = lambda observations, rng: observations
     start: tuple[float, float] | None = None
-    """Start so many degrees from the truth, about a random axis, and so many metres; from nothing if None."""
+    """Distance of the start from the truth, degrees about a random axis and metres; None starts without a guess."""
     right: tuple[float, float] = (0.06, 1.5)
-    """Errors in degrees and centimetres within which a result is right; any other ought to say `not_trusted`."""
+    """Errors in degrees and centimetres within which a result is right; any other should say `not_trusted`."""
 
 
 RIGS: dict[str, dict[str, object]] = {
@@ -105,7 +105,7 @@ ROWS: dict[str, Row] = {
     "start 10 degrees and 0.5 m off": Row(start=(10.0, 0.5)),
     "start 20 degrees and 0.5 m off": Row(start=(20.0, 0.5)),
 }
-"""Where a bound on a median is wanted, right is whatever lies within three times that bound."""
+"""Rows; where a bound on a median is wanted, the limit of a right result is three times that bound."""
 
 
 @dataclass(frozen=True)
@@ -119,45 +119,45 @@ class Case:
 
 
 def cases(seeds: range, rows: Sequence[str] = tuple(ROWS)) -> list[Case]:
-    """Give the cases of some rows, seed by seed, so that a run that is stopped has all rows."""
+    """List the cases of some rows, seed by seed, so that a stopped run has results of all rows."""
     more = range(seeds.start, seeds.start + round(START_SEEDS * len(seeds)))
     return [Case(row, seed) for seed in more for row in rows if seed in seeds or ROWS[row].start is not None]
 
 
 @dataclass(frozen=True)
 class Result:
-    """One calibration against the truth."""
+    """The error of one calibration against the truth."""
 
     row: str
     seed: int
     estimator: str
     rotation_deg: float
-    """Infinite, as the other errors are, where the calibration failed."""
+    """Rotation error; infinite, as the other errors are, if the calibration failed."""
     camera_center_cm: float
     is_right: bool
-    """The errors are no larger than the row allows."""
+    """Whether the errors are within the row's limits."""
     status: str
-    """The calibration's, or why it failed."""
+    """Status of the calibration, or the reason why it failed."""
     initial_deg: float
     initial_cm: float
     refine_s: float
 
     @property
     def is_missed(self) -> bool:
-        """The calibration is wrong and does not say so."""
+        """Whether the calibration is wrong, but trusted."""
         return not self.is_right and math.isfinite(self.rotation_deg) and self.status != "not_trusted"
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """What all cases have in common; calling it runs one, and it can be sent to other processes."""
+    """The settings shared by all cases; a call runs one case. It can be pickled for other processes."""
 
     pool: Pool
     estimators: tuple[Estimator, ...]
     edge_band_px: int = EDGE_BAND_PX
 
     def __call__(self, case: Case) -> list[Result]:
-        """Calibrate from nothing, or from a bad start, with each estimator."""
+        """Calibrate without a guess, or from a wrong start, with each estimator."""
         row = ROWS[case.row]
         path = self.pool.drive(row.rig, RIGS[row.rig], case.seed)
         drive, truth = read_drive(path), read_transform(path)
@@ -226,22 +226,22 @@ class Summary:
     n: int
     """Number of calibrations."""
     rotation_deg: tuple[float, float, float]
-    """Median, 95 % quantile, worst."""
+    """Median, 95 % quantile and worst."""
     camera_center_cm: tuple[float, float, float]
     num_right: int
-    """Within the row's errors."""
+    """Number of results within the row's limits."""
     num_not_trusted: int
     """Number that the calibration itself did not trust."""
     num_missed: int
-    """Wrong, and not said to be."""
+    """Number of wrong results that are not reported as such."""
     num_failed: int
     """Number that gave no pose."""
     refine_s: float
-    """Median seconds from the initial pose to the end."""
+    """Median time in seconds from the initial pose to the end."""
 
 
 def summarise(results: Iterable[Result]) -> list[Summary]:
-    """Sum the results up, row by row and estimator by estimator, in the order in which they come."""
+    """Summarise the results of each row and estimator, in the order of the results."""
     return [
         Summary(
             row,
@@ -259,7 +259,7 @@ def summarise(results: Iterable[Result]) -> list[Summary]:
 
 
 def markdown(summaries: Sequence[Summary]) -> str:
-    """Give the table."""
+    """Format the table."""
     header = f"| | estimator | n | {ERROR_COLUMNS} | right | not trusted | wrong, not said | failed | refinement, s |"
     rows = [
         (
@@ -272,7 +272,7 @@ def markdown(summaries: Sequence[Summary]) -> str:
 
 
 def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON, table and plot into a folder; give the table."""
+    """Write CSV, JSON, table and plot into a folder, and return the table."""
     summaries = summarise(results)
     table = markdown(summaries)
     document = {"experiment": "accuracy", "machine": machine(), "jobs": num_jobs}
@@ -281,7 +281,7 @@ def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> st
 
 
 def _plot(results: Sequence[Result]) -> Figure:
-    """Box plots, a box an estimator in each row."""
+    """Draw a box plot with a box for each estimator in each row."""
     from matplotlib.figure import Figure
 
     rows = list(dict.fromkeys(result.row for result in results))

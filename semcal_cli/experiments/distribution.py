@@ -1,4 +1,4 @@
-"""How errors are distributed over the runs of a group: in numbers, in a table, and as boxes of a plot."""
+"""The distribution of errors over the runs of a group: in numbers, in a table, and as boxes of a plot."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
-"""Fields of a result, and what an axis says of them."""
+"""Fields of a result, with the labels of their axes."""
 ERROR_COLUMNS = "rotation, deg: median, 95 %, worst | camera centre, cm: median, 95 %, worst"
-"""Of a table, as `error_cells` fills them."""
+"""Header of the table columns that `error_cells` fills."""
 GROUP_WIDTH = 0.8
-"""Of the boxes of a group, which are one apart."""
+"""Width of the boxes of a group together; groups are at a distance of one."""
 
 Result = TypeVar("Result")
 Key = TypeVar("Key", bound=Hashable)
 
 
 class Errors(Protocol):
-    """One calibration against the truth."""
+    """The errors of one calibration against the truth."""
 
     @property
     def rotation_deg(self) -> float:
-        """Infinite, as the other error is, where the calibration failed."""
+        """Rotation error; infinite, as the other error is, if the calibration failed."""
 
     @property
     def camera_center_cm(self) -> float:
-        """Distance between the camera centres."""
+        """Distance between the camera centres, centimetres."""
 
 
 class ErrorDistribution(Protocol):
@@ -39,15 +39,15 @@ class ErrorDistribution(Protocol):
 
     @property
     def rotation_deg(self) -> tuple[float, float, float]:
-        """Of the rotation."""
+        """Distribution of the rotation error, degrees."""
 
     @property
     def camera_center_cm(self) -> tuple[float, float, float]:
-        """Of the camera's centre."""
+        """Distribution of the camera centre's error, centimetres."""
 
 
 def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key, list[Result]]:
-    """Put results with the same key together, in the order in which they come."""
+    """Group results by a key, in the order of the results."""
     groups: dict[Key, list[Result]] = {}
     for result in results:
         groups.setdefault(key(result), []).append(result)
@@ -55,8 +55,8 @@ def grouped(results: Iterable[Result], key: Callable[[Result], Key]) -> dict[Key
 
 
 def distribution(values: Sequence[float]) -> tuple[float, float, float]:
-    """Give median, 95 % quantile and worst of errors."""
-    # Not between two values: one may be infinite.
+    """Median, 95 % quantile and worst of errors."""
+    # Quantiles are not interpolated, since a value may be infinite.
     quantile = np.quantile(values, 0.95, method="higher")
     return float(np.median(values)), float(quantile), max(values)
 
@@ -64,14 +64,14 @@ def distribution(values: Sequence[float]) -> tuple[float, float, float]:
 def error_distributions(
     results: Sequence[Errors],
 ) -> tuple[tuple[float, float, float], tuple[float, float, float]]:
-    """Give the distributions of the rotation error, degrees, and of the camera centre's, centimetres."""
+    """Distributions of the rotation error, degrees, and of the camera centre's error, centimetres."""
     return distribution([r.rotation_deg for r in results]), distribution(
         [r.camera_center_cm for r in results]
     )
 
 
 def error_cells(summary: ErrorDistribution) -> tuple[str, str]:
-    """Give the cells of `ERROR_COLUMNS`."""
+    """Format the cells of `ERROR_COLUMNS`."""
     rotation = ", ".join(f"{x:.4f}" for x in summary.rotation_deg)
     return rotation, ", ".join(f"{x:.2f}" for x in summary.camera_center_cm)
 
@@ -85,13 +85,13 @@ def draw_groups(
     """Draw a box for each label in each group, a colour for each label; infinite errors are left out.
 
     Args:
-        axes: Where to draw; groups are at 0, 1, 2 and so on.
+        axes: Axes to draw in; groups are at 0, 1, 2 and so on.
         groups: Errors by label, then by group.
-        labels: What the legend says.
-        orientation: Of the boxes.
+        labels: Entries of the legend.
+        orientation: Orientation of the boxes.
 
     Returns:
-        The places of the boxes by label, then by group.
+        Positions of the boxes by label, then by group.
     """
     width = GROUP_WIDTH / len(labels)
     places = []

@@ -1,4 +1,4 @@
-"""The file that keeps what the cases of an experiment found, a line each as soon as it is done."""
+"""The file of an experiment's results, which gets the results of each case when it is done."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from semcal_cli.files.reading import read_text
 from semcal_cli.files.writing import write_text
 
 Found = TypeVar("Found")
-"""What a case finds: a dataclass of numbers and strings."""
+"""Result of a case: a dataclass of numbers and strings."""
 
 
 class Journal(Generic[Found]):
-    """`results.jsonl`: cases are told apart by their `repr`, and those of another version of semcal do not count."""
+    """`results.jsonl`: the `repr` of a case identifies it; cases of another version of semcal do not count."""
 
     def __init__(self, file: Path, kind: type[Found]) -> None:
-        """Read what is there; half a line is what was being written when the run was stopped, and is cut off.
+        """Read the file; an incomplete last line, left by a stopped run, is cut off.
 
         Raises:
-            InputError: a line is no case of this experiment.
+            InputError: a line is not a case of this experiment.
         """
         self.file, self.kind = file, kind
         self._before = self._cut_off_half_a_line()
@@ -40,11 +40,11 @@ class Journal(Generic[Found]):
                 raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
 
     def find(self, case: object) -> list[Found] | None:
-        """Give what a case found, or None if it has not been run."""
+        """Results of a case, or None if it has not been run."""
         return self._results.get(repr(case))
 
     def append(self, case: object, results: list[Found]) -> None:
-        """Keep what a case found."""
+        """Append the results of a case."""
         self._results[repr(case)] = results
         found: list[dict[str, Any]] = [vars(result) for result in results]
         line = {"case": repr(case), "version": version("semcal"), "results": found}
@@ -53,7 +53,7 @@ class Journal(Generic[Found]):
             file.write(self._new[repr(case)])
 
     def sort(self, cases: Sequence[object]) -> None:
-        """Put what was appended into the order of the cases, in which several jobs do not end."""
+        """Sort the lines by the order of the cases; several jobs finish cases in another order."""
         ordered = [self._new[repr(case)] for case in cases if repr(case) in self._new]
         if ordered != list(self._new.values()):
             write_text(self._before + "".join(ordered), self.file)
@@ -62,6 +62,6 @@ class Journal(Generic[Found]):
         text = read_text(self.file)
         whole = text[: text.rfind("\n") + 1]
         if half := text[len(whole) :]:
-            # In place, since the file is locked: a new one of the same name would not be.
+            # The file is cut in place, since it is locked: a new file of the same name would not be.
             os.truncate(self.file, self.file.stat().st_size - len(half.encode()))
         return whole

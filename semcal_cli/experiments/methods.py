@@ -1,4 +1,4 @@
-"""Ways to calibrate, as they are compared: each from the same pairs and the same start to a pose."""
+"""The calibration methods to compare: each estimates a pose from the same pairs and the same start."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from semcal_cli.result.stage import StageResult
 
 @dataclass(frozen=True)
 class Scene:
-    """What methods are given: the same pairs, by labels and by intensity."""
+    """The input of a method: the same pairs with labels and with intensity."""
 
     drive: Drive
     labels: Observations
     intensity: Observations
     is_initialized: bool = False
-    """The start is where an initial calibration ended; otherwise coarse levels are ascended first."""
+    """Whether the start is that of an initial calibration; otherwise coarse levels are ascended first."""
 
     def ascend(self, observations: Observations, T_init: Pose, estimator: Estimator) -> Pose:
-        """Ascend mutual information as `calibrate` does, `calibrate --init` if the start is any pose."""
+        """Ascend mutual information as `calibrate` does, or as `calibrate --init` does if the start is any pose."""
         data = LoadedDrive(self.drive, observations)
         start = StageResult(T_camera_lidar=T_init, agreement=_core.agreement(observations.core, T_init))
         if not self.is_initialized:
@@ -37,7 +37,7 @@ class Scene:
 
 
 Method = Callable[[Scene, Pose], Pose]
-"""From a start T_camera_lidar (4, 4) to a better one; raises a `SemcalError` where it finds none."""
+"""Function from a start T_camera_lidar (4, 4) to a better one; raises a `SemcalError` if it finds none."""
 
 METHODS: dict[str, Method] = {
     "semcal": lambda scene, T_init: scene.ascend(scene.labels, T_init, "exact"),
@@ -46,7 +46,8 @@ METHODS: dict[str, Method] = {
     "semcal, MINE": lambda scene, T_init: scene.ascend(scene.labels, T_init, "mine"),
     "PMI, MINE": lambda scene, T_init: scene.ascend(scene.intensity, T_init, "mine"),
 }
-"""PMI is after Pandey et al.: mutual information of reflectivity and grey values, by its histogram or by MINE."""
+"""Methods by name. PMI follows Pandey et al.: mutual information of reflectivity and grey values, by its histogram or
+by MINE."""
 
 WITH_MINE = ("semcal, MINE", "PMI, MINE")
 

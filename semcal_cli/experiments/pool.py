@@ -12,7 +12,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 20
-"""Frames of each drive in the pool, which experiments cut down."""
+"""Number of frames of each drive in the pool; experiments use some of them."""
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class Pool:
     folder: Path
 
     def drive(self, rig: str, changes: dict[str, object], seed: int) -> Path:
-        """Give the drive of a rig, a `SynthConfig` with some changes.
+        """Path of the drive of a rig, a `SynthConfig` with some changes; the drive is made if it is missing.
 
         Raises:
-            InputError: something else is where the drive goes.
+            InputError: something else is at the drive's path.
         """
         path = self.folder / f"{rig}_{seed:06d}"
         if not (path / DRIVE_FILE).exists():
@@ -34,12 +34,12 @@ class Pool:
         return path
 
     def _make(self, config: SynthConfig, path: Path) -> None:
-        """Make a drive. Other processes may want it, too: whoever is first puts it in place."""
+        """Make a drive. Other processes may make it at the same time: the first one to finish puts it in place."""
         self.folder.mkdir(exist_ok=True)
         with TemporaryDirectory(dir=self.folder) as folder:
             made = Path(folder) / "drive"
             synthesize(config, made)
-            # Nothing computes on the pictures, which are most of the bytes.
+            # No experiment computes on the images, which are most of the bytes.
             for picture in (made / "images").iterdir():
                 picture.unlink()
             try:

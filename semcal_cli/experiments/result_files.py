@@ -26,7 +26,7 @@ def write_results(
     figure: Figure | None,
     folder: Path,
 ) -> None:
-    """Write an experiment's files: results.csv, summary.json (`document` and rows), table.md, and plot.png if any."""
+    """Write an experiment's results.csv, summary.json (`document` and rows), table.md, and plot.png for a figure."""
     file = io.StringIO()
     writer = csv.DictWriter(file, list(vars(results[0])), lineterminator="\n")
     writer.writeheader()
@@ -42,14 +42,14 @@ def write_results(
 
 
 def markdown_table(header: str, rows: Iterable[Sequence[object]]) -> str:
-    """Give a Markdown table; the header is its first line."""
+    """Format a Markdown table; the header is its first line."""
     rule = "|" + (header.count("|") - 1) * "---|"
     lines = [f"| {' | '.join(map(str, row))} |" for row in rows]
     return "\n".join([header, rule, *lines]) + "\n"
 
 
 def machine() -> dict[str, object]:
-    """Say what this runs on."""
+    """Describe this machine."""
     return {
         "semcal": version("semcal"),
         "python": platform.python_version(),

@@ -1,6 +1,6 @@
-"""Error against the number of pairs, and against wrong labels, beside SOIC and PMI from the same starts.
+"""Error against the number of pairs, and against wrong labels, in comparison with SOIC and PMI from the same starts.
 
-After the box plots of Jiang, Osteen and Saripalli, arXiv 2104.12023.
+The plots follow the box plots of Jiang, Osteen and Saripalli, arXiv 2104.12023.
 """
 
 from __future__ import annotations
@@ -42,16 +42,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 START_DEG, START_M = 2.0, 0.2
-"""Every method starts so far off."""
+"""Distance of every method's start from the truth."""
 MINE_SETTINGS = ("10", "20%")
-"""MINE takes longer, and is run in these settings ..."""
+"""Settings in which MINE is run, since it takes longer."""
 MINE_EVERY = 5
-"""... on the drives of seeds that this divides."""
+"""Divisor of the seeds on whose drives MINE is run."""
 
 
 @dataclass(frozen=True)
 class Setting:
-    """A group of boxes: so many pairs, and so many wrong labels on both sides."""
+    """A group of boxes: a number of pairs, and a share of wrong labels on both sides."""
 
     name: str
     num_pairs: int
@@ -63,12 +63,12 @@ EXPERIMENTS: dict[str, tuple[Setting, ...]] = {
     "noise": tuple(Setting(f"{share:.0%}", 20, share) for share in (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)),
 }
 AXES = {"pairs": "pairs", "noise": "wrong labels"}
-"""What the settings of an experiment differ in."""
+"""Axis of the plot of each experiment, along which its settings differ."""
 
 
 @dataclass(frozen=True)
 class Case:
-    """All settings on the drive of a seed."""
+    """All settings on the drive of one seed."""
 
     seed: int
     """Seed of the drive."""
@@ -76,7 +76,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Finding:
-    """One calibration against the truth."""
+    """The error of one calibration against the truth."""
 
     setting: str
     """Name of the setting."""
@@ -85,7 +85,7 @@ class Finding:
     seed: int
     """Seed of the drive."""
     rotation_deg: float
-    """Infinite, as the other error is, where the calibration failed."""
+    """Rotation error; infinite, as the other error is, if the calibration failed."""
     camera_center_cm: float
     """Distance of the camera from its true place."""
     seconds: float
@@ -96,14 +96,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class Experiment:
-    """The settings that all cases have in common; calling it runs a case, and it can be sent to other processes."""
+    """The settings that all cases share; a call runs one case. It can be pickled for other processes."""
 
     settings: tuple[Setting, ...]
     """What the drive is cut down to, one after another."""
     scratch: Path
-    """Where drives are while they are needed."""
+    """Folder of the drives while they are needed."""
     config: SynthConfig = field(default_factory=SynthConfig)
-    """Of the drives, but for frames and seed."""
+    """Settings of the drives, except for frames and seed."""
 
     def __call__(self, case: Case) -> list[Finding]:
         """Make a drive, cut it down to each setting, and calibrate it with each method from the same start."""
@@ -121,12 +121,12 @@ class Experiment:
             chosen = sorted(order[: setting.num_pairs].tolist())
             wrong = with_wrong_labels(labels.of_frames(chosen), setting.wrong, rng)
             scene = Scene(drive, mend(wrong), intensity.of_frames(chosen))
-            # Made when first asked for: it is no method's time.
+            # These observations are made at their first use, and their time counts for no method.
             _ = scene.labels.core, scene.intensity.core
             for method in METHODS:
                 if method in WITH_MINE and (setting.name not in MINE_SETTINGS or case.seed % MINE_EVERY):
                     continue
-                # Wrong labels are nothing to what does not look at labels.
+                # Wrong labels have no effect on methods that do not use labels.
                 known = by_intensity.get((method, setting.num_pairs))
                 if known is None:
                     found.append(_measure(setting, method, case.seed, scene, T_init, truth))
@@ -158,16 +158,16 @@ class Summary:
     n: int
     """Number of drives."""
     rotation_deg: tuple[float, float, float]
-    """Median, 95 % quantile, worst."""
+    """Median, 95 % quantile and worst."""
     camera_center_cm: tuple[float, float, float]
     num_lost: int
-    """Ended no nearer to the truth than they began, or failed."""
+    """Number of runs that failed, or ended no nearer to the truth than they began."""
     seconds: float
-    """Median, from pairs in memory to a pose."""
+    """Median time from pairs in memory to a pose."""
 
 
 def summarise(findings: Sequence[Finding]) -> list[Summary]:
-    """Sum findings up, setting by setting and method by method, in the order in which they come."""
+    """Summarise the findings of each setting and method, in the order of the findings."""
     groups = grouped(findings, lambda f: (f.setting, f.method))
     names = list(dict.fromkeys(finding.setting for finding in findings))
     ordered = [(name, method) for name in names for method in METHODS if (name, method) in groups]
@@ -187,13 +187,13 @@ def _summary(setting: str, method: str, found: Sequence[Finding]) -> Summary:
 
 
 def markdown(axis: str, summaries: Sequence[Summary]) -> str:
-    """Give the table of settings that differ in `axis`."""
+    """Format the table of settings that differ along `axis`."""
     rows = [(s.setting, s.method, s.n, *error_cells(s), s.num_lost, f"{s.seconds:.1f}") for s in summaries]
     return markdown_table(f"| {axis} | method | n | {ERROR_COLUMNS} | lost | s |", rows)
 
 
 def write_rivals(name: str, findings: Sequence[Finding], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON, table and plot into a folder; give the table."""
+    """Write CSV, JSON, table and plot into a folder, and return the table."""
     summaries = summarise(findings)
     table = markdown(AXES[name], summaries)
     document: dict[str, object] = {
@@ -207,11 +207,11 @@ def write_rivals(name: str, findings: Sequence[Finding], num_jobs: int, folder: 
 
 
 def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
-    """Box plots as the paper's, a box a method in each setting."""
+    """Draw box plots like the paper's, with a box for each method in each setting."""
     from matplotlib.figure import Figure
 
     settings = list(dict.fromkeys(finding.setting for finding in findings))
-    # On a few seeds only: points in the table, no boxes.
+    # These ran on a few seeds only: they are points in the table, without boxes.
     methods = [name for name in METHODS if name not in WITH_MINE]
     groups = grouped(findings, lambda f: (f.method, f.setting))
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
@@ -234,7 +234,7 @@ def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
 def _count_failures(
     axes: Axes, places: Sequence[Sequence[float]], errors: Sequence[Sequence[Sequence[float]]]
 ) -> None:
-    """Say above each box how many calibrations failed."""
+    """Write above each box the number of calibrations that failed."""
     for of_method, errors_of_method in zip(places, errors, strict=True):
         for place, values in zip(of_method, errors_of_method, strict=True):
             if num_failed := sum(not math.isfinite(value) for value in values):

@@ -1,4 +1,4 @@
-"""Running the cases of an experiment, so that one that was stopped goes on where it was."""
+"""Running of the cases of an experiment; a stopped run resumes where it was."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ from semcal_cli.jobs.processes import Processes, in_processes
 from semcal_cli.jobs.resume import locked, resume
 
 MODULE = "semcal_cli.experiments.worker"
-"""What the processes run."""
+"""Module that the processes run."""
 JOURNAL = "results.jsonl"
 
 Case = TypeVar("Case")
-"""What an experiment runs once; cases are told apart by their `repr`."""
+"""Unit of an experiment that is run once; its `repr` identifies it."""
 
 
 @dataclass(frozen=True)
 class Measured(Generic[Case, Found]):
-    """A case that was run."""
+    """A case with its results."""
 
     case: Case
     results: list[Found]
 
 
 def make_folder(out: Path, name: str) -> Path:
-    """Make the folder of an experiment.
+    """Create the folder of an experiment.
 
     Raises:
-        InputError: it cannot be made.
+        InputError: the folder cannot be created.
     """
     folder = out / name
     try:
@@ -52,23 +52,23 @@ def run_cases(
     num_jobs: int,
     progress: Callable[[int, int], None],
 ) -> list[Found]:
-    """Run each case that has no results in `folder` yet; a run that was stopped goes on where it was.
+    """Run each case that has no results in `folder` yet; a stopped run resumes where it was.
 
     With several jobs, each computes on one thread.
 
     Args:
-        cases: What to run.
-        run: Runs one; it is sent to other processes.
-        kind: The class of what it finds.
-        folder: Where `results.jsonl` is, or will be.
-        num_jobs: Cases at a time.
-        progress: Called with how many cases are done, and how many there are.
+        cases: All cases of the experiment.
+        run: Function that runs one case; it is pickled for other processes.
+        kind: Class of the results.
+        folder: Folder of `results.jsonl`.
+        num_jobs: Number of cases at a time.
+        progress: Called with the number of finished cases, and the number of all cases.
 
     Returns:
-        What all cases found, in the order of the cases.
+        Results of all cases, in the order of the cases.
 
     Raises:
-        InputError: the results so far are none of this experiment, or another process writes to them.
+        InputError: the existing results are not of this experiment, or another process writes to them.
         CalibrationError: the process of a case crashed.
     """
     num_threads = 1 if num_jobs > 1 else None
@@ -96,7 +96,7 @@ def run_cases(
 def _measure(
     run: Callable[[Case], list[Found]], num_threads: int | None, processes: Processes, case: Case
 ) -> Measured[Case, Found]:
-    """Let a process run a case; what is raised there is raised here."""
+    """Run a case in another process; its exceptions are raised here."""
     reply = processes.ask({"work": pack((run, case)), "num_threads": num_threads})
     if reply.failure is not None:
         raise CalibrationError(f"{case}: {reply.failure}")

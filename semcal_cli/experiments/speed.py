@@ -34,15 +34,15 @@ ESTIMATORS = ("exact", "mine")
 SEED = 10_000
 LONG_DRIVE = 1000
 MAKE_FRAMES = 70
-"""Frames that are rendered; the long drive names them again and again, but each is read and looked at anew."""
+"""Number of rendered frames; the long drive repeats them, and reads and processes each repetition."""
 START = 5.0, 0.3
-"""Degrees and metres off the truth, for what only refines."""
+"""Distance of the start from the truth in degrees and metres, for processes that only refine."""
 SEMCAL = [
     sys.executable,
     "-c",
     "import sys; sys.path = list(filter(None, sys.path)); from semcal_cli.cli import main; main()",
 ]
-"""The installed command, even where the working directory holds its source."""
+"""The installed command, even if the working directory contains its source."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Case(Process):
 
 @dataclass(frozen=True)
 class Timing(Process):
-    """One run of a process."""
+    """Time, memory and error of one run of a process."""
 
     seconds: float
     """Wall-clock time of the whole process."""
@@ -79,12 +79,12 @@ class Timing(Process):
 
 @dataclass(frozen=True)
 class Summary(Process):
-    """All runs of a process."""
+    """Medians over all runs of a process."""
 
     n: int
     """Number of runs."""
     seconds: tuple[float, float]
-    """Median, worst."""
+    """Median and worst."""
     peak_gib: float
     """Largest resident memory of all runs."""
     rotation_deg: float
@@ -92,20 +92,20 @@ class Summary(Process):
     camera_center_cm: float
     """Largest distance of the camera from its true place in all runs."""
     against_plain_torch: float | None
-    """How many times faster than the plain-torch process of the same estimator and pairs."""
+    """Ratio of the plain-torch process's time to this one's, with the same estimator and pairs."""
 
 
 @dataclass(frozen=True)
 class Experiment:
-    """Processes on synthetic drives in a folder; calling it runs one."""
+    """Processes on synthetic drives in a folder; a call runs one."""
 
     folder: Path
     """Where drives and results go."""
     plain_torch: Path | None
-    """The script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None."""
+    """Script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None."""
 
     def cases(self, repeats: int) -> list[Case]:
-        """Give all runs; rivals take turns, so that a busy machine slows both."""
+        """List all runs; rivals take turns, so that a busy machine slows both."""
         processes = [
             *(
                 (f"calibrate, {estimator}", count)
@@ -121,7 +121,7 @@ class Experiment:
         return [Case(*process, repeat) for repeat in range(repeats) for process in processes]
 
     def __call__(self, case: Case) -> list[Timing]:
-        """Run a process, and compare what it gives with the truth."""
+        """Run a process, and compare its pose with the truth."""
         drive = make_drive(self.folder, case.num_pairs)
         truth = read_transform(drive)
         command, estimator = case.name.split(", ")
@@ -131,7 +131,7 @@ class Experiment:
         if command == "calibrate":
             process = [*SEMCAL, command, *options, "-q"]
         elif command == "refine":
-            # The rival does not polish, either.
+            # The rival does not polish; neither does semcal here.
             process = [*SEMCAL, command, *options, "-q", "--no-polish", "--init", str(start)]
         else:
             process = [sys.executable, str(self.plain_torch), *options, "--init", str(start)]
@@ -144,7 +144,7 @@ class Experiment:
 
 
 def summarise(timings: Sequence[Timing]) -> list[Summary]:
-    """Sum the runs of each process up."""
+    """Summarise the runs of each process."""
     groups = grouped(timings, lambda t: (t.name, t.num_pairs))
     medians = {key: float(np.median([t.seconds for t in found])) for key, found in groups.items()}
     summaries = []
@@ -191,19 +191,19 @@ def _plot(timings: Sequence[Timing]) -> Figure:
 
 
 def run_process(command: list[str]) -> tuple[float, float]:
-    """Run a process, and tell its wall time in seconds and its peak memory in GiB.
+    """Run a process, and measure its wall time in seconds and its peak memory in GiB.
 
-    Linux counts this process's own memory as the other's until that begins: it never tells less.
+    Until the process begins, Linux counts the memory of this one as its own: the peak is at least that.
 
     Raises:
-        CalibrationError: it failed.
+        CalibrationError: the process failed.
     """
     begin = perf_counter()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     with process.stderr as errors:
         complaint = errors.read()
-    # Not `wait`, which does not tell the memory.
+    # `wait` does not return the memory.
     _, status, usage = os.wait4(process.pid, 0)
     code = process.returncode = os.waitstatus_to_exitcode(status)
     if code not in (0, 3):
@@ -212,7 +212,7 @@ def run_process(command: list[str]) -> tuple[float, float]:
 
 
 def markdown(summaries: Sequence[Summary]) -> str:
-    """Give the table."""
+    """Format the table."""
     header = (
         "| process | pairs | n | seconds: median, worst | peak memory, GiB | error "
         "| times faster than plain torch |"
@@ -227,9 +227,9 @@ def markdown(summaries: Sequence[Summary]) -> str:
 
 
 def make_drive(folder: Path, count: int) -> Path:
-    """Give a drive of so many pairs.
+    """Make a drive of `count` pairs.
 
-    Frames are rendered once; a shorter drive has the first of them, a longer one all of them as often as it takes.
+    Frames are rendered once; a shorter drive has the first of them, a longer one repeats all of them.
     """
     rendered = folder / "drive"
     if not (rendered / DRIVE_FILE).exists():
@@ -243,7 +243,7 @@ def make_drive(folder: Path, count: int) -> Path:
 
 
 def _make_start(drive: Path, T_camera_lidar: Pose) -> Path:
-    """Write a drive whose reference is a pose to start at."""
+    """Write a drive whose reference is the start pose."""
     path = drive.with_name("start.yaml")
     document = read_document(drive) | {"T_camera_lidar": T_camera_lidar.tolist()}
     write_text(document_text(document, "yaml"), path)

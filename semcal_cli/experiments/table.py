@@ -1,7 +1,7 @@
-"""One drive with a reference, by every method from the same start: the tables of the paper, and its pictures.
+"""One drive with a reference, calibrated by every method from the same start: the tables and figures of the paper.
 
-After Jiang, Osteen and Saripalli, arXiv 2104.12023, whose columns "roll, pitch, yaw" hold the rotation vector of
-T_camera_lidar in degrees.
+The tables follow Jiang, Osteen and Saripalli, arXiv 2104.12023, whose columns "roll, pitch, yaw" hold the rotation
+vector of T_camera_lidar in degrees.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from semcal_cli.result.stage import StageResult
 
 ORDER = ("SOIC", "PMI", "PMI, MINE", "semcal", "semcal, MINE")
 PICTURES = ("reference", "SOIC", "PMI", "semcal")
-"""In the paper's order, (a) to (d)."""
+"""Poses of the images (a) to (d), in the paper's order."""
 PICTURE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", PICTURES, strict=True))
 FILES = ("results.csv", "summary.json", "table.md", *PICTURE_FILES)
 LEGEND = (
@@ -49,18 +49,18 @@ LEGEND = (
 
 @dataclass(frozen=True)
 class Comparison:
-    """What every method made of a drive."""
+    """The poses of every method on a drive."""
 
     drive: Drive
     labels: Observations
     poses: dict[str, Pose]
-    """T_camera_lidar (4, 4): `reference`, `start`, and what methods found."""
+    """T_camera_lidar (4, 4) by name: `reference`, `start`, and each method with an answer."""
     seconds: dict[str, float]
-    """By method, from pairs in memory to a pose; semcal's with its assessment."""
+    """Time by method, from pairs in memory to a pose; semcal's includes its assessment."""
     failures: dict[str, str]
-    """Why other methods found nothing."""
+    """Reasons of the methods without an answer, by name."""
     status: Status | None
-    """What semcal says of its own pose; the others say nothing."""
+    """Status of semcal's own pose; the other methods have none."""
     reasons: tuple[str, ...]
 
 
@@ -74,11 +74,11 @@ def compare(
     """Calibrate a drive by every method.
 
     Args:
-        data: The drive, as `load` gives it.
+        data: Drive loaded by `load`.
         T_reference: (4, 4) T_camera_lidar to compare with.
-        initial_pose: Where to start; None starts where the initial calibration ends.
-        frame: Frame that images will be drawn of.
-        progress: Told what is being done.
+        initial_pose: Start of all methods; None takes the result of the initial calibration.
+        frame: Frame of the drawn images.
+        progress: Called with a description of each step.
 
     Raises:
         InputError: a file is missing or is not what its name or the drive says, or there is no such frame.
@@ -88,7 +88,7 @@ def compare(
     progress(
         "searching all mounting directions" if initial_pose is None else f"starting at {initial_pose.name}"
     )
-    # Without a given pose, the others start where semcal's initial calibration ends.
+    # Without a given pose, the others start at the result of semcal's initial calibration.
     initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
     T_init = initial.T_camera_lidar if initial_pose is None else initial_pose.T_camera_lidar
     poses, seconds = {"reference": T_reference, "start": T_init}, {}
@@ -115,7 +115,7 @@ def compare(
 
 
 def _read_intensity(data: LoadedDrive) -> tuple[Observations, dict[str, str]]:
-    """Give a drive by its intensities; without any, by its labels, and why methods by intensity find nothing."""
+    """Load a drive's intensities; if it has none, return the labels, and reasons for the methods by intensity."""
     try:
         return load_cues(data.drive, ("intensity",)), {}
     except SemcalError as failure:
@@ -129,7 +129,7 @@ def _calibrate(data: LoadedDrive, initial: StageResult) -> Calibration:
 
 
 def _check_frame(drive: Drive, frame: int) -> None:
-    """Check what pictures will be drawn on, before all the work."""
+    """Check the image to draw on before the long computation."""
     if frame >= len(drive.frames):
         raise InputError(f"{drive.path}: found {len(drive.frames)} frames, needed one numbered {frame}")
     read_frame_image(drive, drive.frames[frame])
@@ -137,37 +137,37 @@ def _check_frame(drive: Drive, frame: int) -> None:
 
 @dataclass(frozen=True)
 class Row:
-    """A transform, and how far it is from the reference."""
+    """A transform, and its error against the reference."""
 
     method: str
     rotation_vector_x_deg: float
-    """Of T_camera_lidar, as the translation."""
+    """First component of T_camera_lidar's rotation vector; the translation below is also T_camera_lidar's."""
     rotation_vector_y_deg: float
     rotation_vector_z_deg: float
     translation_x_m: float
     translation_y_m: float
     translation_z_m: float
     roll_deg: float
-    """Of the camera's body frame in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Roll of the camera's body frame in the LiDAR frame, R = Rz(yaw) Ry(pitch) Rx(roll)."""
     pitch_deg: float
     yaw_deg: float
     rotation_error_deg: float
     camera_center_error_cm: float
     mutual_information_nats: float
-    """Of labels."""
+    """Mutual information of the labels."""
     distance_px: float | None
-    """SOIC's cost: from points to pixels of their class; None where nothing has a class of the same name."""
+    """SOIC's cost, from points to pixels of their class; None if the two sides have no class name in common."""
 
     @property
     def cells(self) -> tuple[str, str, str]:
-        """Rotation vector, translation and angles for reading."""
+        """Rotation vector, translation and angles as text."""
         found = list(vars(self).values())[1:10]
         x, y, z = (", ".join(f"{v:.2f}" for v in np.round(found[k : k + 3], 2) + 0.0) for k in (0, 3, 6))
         return x, y, z
 
 
 def describe(found: Comparison) -> list[Row]:
-    """Describe the reference, the start, and what each method found."""
+    """Describe the reference, the start, and the pose of each method."""
     try:
         soic = Soic(found.labels, SoicConfig())
     except CalibrationError:
@@ -191,7 +191,7 @@ def describe(found: Comparison) -> list[Row]:
 
 
 def markdown(found: Comparison, rows: Sequence[Row]) -> str:
-    """Give the table."""
+    """Format the table."""
     lines = [
         "| | rotation vector, deg | translation, m | roll, pitch, yaw, deg | off the reference | MI, nats "
         "| distance, px | s |",
@@ -211,12 +211,12 @@ def markdown(found: Comparison, rows: Sequence[Row]) -> str:
 
 
 def _cell(text: str) -> str:
-    """Text that a table holds."""
+    """Escape a text for a cell of a table."""
     return " ".join(text.split()).replace("|", "\\|")
 
 
 def write_table(found: Comparison, frame: int, folder: Path) -> str:
-    """Write CSV, JSON, table and the pictures of a frame into a folder; give the table.
+    """Write CSV, JSON, table and the images of a frame into a folder, and return the table.
 
     Raises:
         InputError: a file cannot be written.
@@ -238,12 +238,12 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
 
 
 def _write_images(found: Comparison, frame: int, folder: Path) -> None:
-    """Draw the points of a frame at each pose, as the paper's (a) to (d), one picture each."""
+    """Draw the points of a frame at each pose, as the paper's (a) to (d), one image for each."""
     pictures, legend = Overlays(found.drive, found.labels, found.poses).draw(frame)
     swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
     for file, method in zip(PICTURE_FILES, PICTURES, strict=True):
         path = folder / file
-        # One of another time would be taken for this one's.
+        # An image of an earlier run would be mistaken for one of this run.
         path.unlink(missing_ok=True)
         if method in pictures:
             picture = add_caption(pictures[method], f"({file[0]}) {method}", pictures[method].shape[1])

@@ -1,4 +1,4 @@
-"""How often what a calibration says of itself is true: intervals, verdicts, and `verify`."""
+"""Frequency with which a calibration's own statements are true: intervals, verdicts, and `verify`."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
 PAIRS = (1, 2, 3, 5, 10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)
 VERIFY_DRAWS = 5
-"""Times that the labels of a drive are made wrong for `verify`, with transforms off in other directions."""
+"""Number of times that a drive's labels are corrupted for `verify`, with transforms off in other directions."""
 MINE_PAIRS = 10
 MINE_EVERY = 5
-"""The drive of every so many seeds is calibrated with MINE, too; of all rigs in turn."""
+"""Step between the seeds whose drive is also calibrated with MINE; it covers all rigs in turn."""
 OTHER_DRIVE = len(RIGS)
-"""Pictures of another drive are those of the seed that is so many on: the next one of the same rig."""
+"""Step to the seed whose drive replaces the images: the next one of the same rig."""
 CONFIDENT_SIGMAS = 4.0
 CONFIDENT_DEG, CONFIDENT_CM = 0.2, 5.0
-"""Wrong is what is beyond all of these."""
+"""Limits of a confidently wrong calibration: its error is beyond all of these."""
 LIMITS = Limits(rotation_deg=0.1, translation_m=0.02)
 TURNED_DEG = 0.2
 MOVED_M = 0.03
@@ -52,7 +52,7 @@ MOVED_M = 0.03
 
 @dataclass(frozen=True)
 class Scene:
-    """What else a drive can be made impossible with."""
+    """The truth of a drive, and another drive, for making it impossible to calibrate."""
 
     truth: Pose
     """(4, 4) true T_camera_lidar of the drive."""
@@ -65,10 +65,10 @@ Degrade = Callable[[Observations, Scene, np.random.Generator], Observations]
 
 @dataclass(frozen=True)
 class Case:
-    """One run on the drive of a seed."""
+    """One run on the drive of one seed."""
 
     kind: str
-    """`good`, `mine`, a key of `BAD`, or `verify`."""
+    """Kind of the run: `good`, `mine`, a key of `BAD`, or `verify`."""
     seed: int
     """Seed of the drive."""
     num_pairs: int
@@ -81,10 +81,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a calibration or a verification said, and what was true."""
+    """The statement of a calibration or a verification, and its true errors."""
 
     kind: str
-    """The case's; of a verification the key of `OFFSETS`."""
+    """Kind of the case; for a verification the key of `OFFSETS`."""
     seed: int
     """Seed of the drive."""
     rig: str
@@ -94,11 +94,11 @@ class Outcome:
     noise: float
     """Share of wrong labels on both sides."""
     status: str
-    """The calibration's, `failed`, or the verdict of `verify`."""
+    """Status of the calibration, `failed`, or the verdict of `verify`."""
     reasons: str
     """Sentences that speak against the transform."""
     errors: tuple[float, ...] = ()
-    """Camera centre in centimetres and rotation in degrees, along the camera's axes."""
+    """Errors of the camera centre in centimetres and of the rotation in degrees, along the camera's axes."""
     sigmas: tuple[float, ...] = ()
     """Stated standard errors of `errors`."""
     half_widths: tuple[float, ...] = ()
@@ -106,7 +106,7 @@ class Outcome:
 
     @property
     def is_confidently_wrong(self) -> bool:
-        """Trusted, yet beyond four standard errors, 0.2 degrees and 5 cm."""
+        """Whether a trusted pose is off by more than four standard errors, 0.2 degrees and 5 cm."""
         if self.status != "trusted":
             return False
         pairs = zip(self.errors, self.sigmas, (CONFIDENT_CM,) * 3 + (CONFIDENT_DEG,) * 3, strict=True)
@@ -114,7 +114,7 @@ class Outcome:
 
 
 def _one_class(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
-    """Every point and every pixel is of one class, but for a few that are wrong."""
+    """Give all points and pixels one class, except for a few wrong labels."""
     clouds, images = observations.clouds, observations.images
     point = np.argmax(np.bincount(np.concatenate([cloud.classes for cloud in clouds])))
     pixel = np.argmax(np.bincount(np.concatenate([image.classes.ravel() for image in images])))
@@ -140,7 +140,7 @@ def _wrong_focal_length(observations: Observations, scene: Scene, rng: np.random
 
 
 def _other_images(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
-    """The pictures of another drive, class by class of the same name."""
+    """Replace the images by those of another drive, with classes matched by name."""
     other = scene.other()
     places = {name: place for place, name in enumerate(observations.image_class_names)}
     names = [*other.image_class_names, *["none"] * (256 - len(other.image_class_names))]
@@ -152,7 +152,7 @@ def _other_images(observations: Observations, scene: Scene, rng: np.random.Gener
 
 
 def _behind(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
-    """Only the points that the camera cannot see: behind it, or outside its picture."""
+    """Keep only the points that the camera cannot see: behind it, or outside its image."""
     camera = core_camera(observations.camera)
     clouds = []
     for cloud in observations.clouds:
@@ -169,17 +169,17 @@ BAD: dict[str, Degrade] = {
     "labels shuffled": _shuffled,
     "K wrong by 10 %": _wrong_focal_length,
 }
-"""Drives that cannot be calibrated."""
+"""Changes that make a drive impossible to calibrate, by name."""
 AS_IT_IS, TURNED = "as it is", f"{TURNED_DEG} degrees off"
 MOVED = tuple(f"{100 * MOVED_M:.0f} cm off along {axis}" for axis in "xyz")
 OFFSETS = (AS_IT_IS, TURNED, *MOVED)
-"""Transforms to verify: turned about a random axis of the camera, or moved along one of its axes."""
+"""Names of the transforms to verify: turned about a random axis of the camera, or moved along one of its axes."""
 
 
 def cases(seeds: range) -> list[Case]:
     """List for each seed six calibrations of a good drive, five of bad ones, and five rounds of three verifications.
 
-    Every fifth seed has a calibration with MINE, too. Of a round without wrong labels there is only one: another would
+    Every fifth seed also has a calibration with MINE. A round without wrong labels occurs only once: another one would
     be the same.
     """
     found = []
@@ -196,7 +196,7 @@ def cases(seeds: range) -> list[Case]:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Runs a case; it can be sent to other processes."""
+    """Runs a case; it can be pickled for other processes."""
 
     pool: Pool
 
@@ -279,9 +279,9 @@ def _off(truth: Pose, kind: str, rng: np.random.Generator) -> Pose:
 
 @dataclass(frozen=True)
 class Rate:
-    """How often something was so, with the binomial 95 % interval of Wilson (1927).
+    """Frequency of an event, with the binomial 95 % interval of Wilson (1927).
 
-    Runs of one drive, and axes of one run, share what they see: as far as they do, the interval is too narrow.
+    Runs on one drive, and axes of one run, are not independent: the interval is then too narrow.
     """
 
     name: str
@@ -290,7 +290,7 @@ class Rate:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Of the rate."""
+        """95 % interval of the rate."""
         if self.n == 0:
             return 0.0, 1.0
         z2, p = 1.96**2, self.count / self.n
@@ -300,7 +300,7 @@ class Rate:
 
 
 def rates(findings: Sequence[Outcome]) -> list[Rate]:
-    """All that is promised."""
+    """Rates of all statements that semcal makes."""
     good = [f for f in findings if f.kind == "good"]
     calibrated = [f for f in findings if f.kind not in OFFSETS]
     mine = [f for f in findings if f.kind == "mine"]
@@ -349,14 +349,14 @@ def _rate(name: str, findings: Iterable[Outcome], is_so: Callable[[Outcome], boo
 
 
 def _coverage(name: str, findings: Iterable[Outcome]) -> Rate:
-    """Axes whose truth lies within the stated interval."""
+    """Rate of the axes whose truth is within the stated interval."""
     stated = [f for f in findings if f.half_widths]
     inside = [abs(error) <= half for f in stated for error, half in zip(f.errors, f.half_widths, strict=True)]
     return Rate(name, sum(inside), len(inside))
 
 
 def sharpness(findings: Sequence[Outcome]) -> float:
-    """Median stated standard error over the true root mean square error, of trusted calibrations; the worst axis."""
+    """Ratio of the median stated standard error to the true root mean square error, if trusted; the worst axis."""
     trusted = [f for f in findings if f.kind == "good" and f.status == "trusted"]
     if not trusted:
         return math.nan
@@ -366,7 +366,7 @@ def sharpness(findings: Sequence[Outcome]) -> float:
 
 
 def markdown(findings: Sequence[Outcome]) -> str:
-    """Give the table."""
+    """Format the table."""
     rows = []
     for rate in rates(findings):
         low, high = rate.interval
@@ -377,7 +377,7 @@ def markdown(findings: Sequence[Outcome]) -> str:
 
 
 def write_trust(findings: Sequence[Outcome], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON, table and plot into a folder; give the table."""
+    """Write CSV, JSON, table and plot into a folder, and return the table."""
     table = markdown(findings)
     document = {
         "experiment": "trust",
@@ -390,7 +390,7 @@ def write_trust(findings: Sequence[Outcome], num_jobs: int, folder: Path) -> str
 
 
 def _plot(findings: Sequence[Outcome]) -> Figure:
-    """Errors in units of their half interval, by number of pairs: 95 % ought to lie within one."""
+    """Plot the errors in units of their half interval, by number of pairs: 95 % should be within one."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 4.0), layout="constrained")

@@ -19,17 +19,17 @@ def main() -> None:
 
 
 def pack(value: object) -> str:
-    """Give an object of ours as text for the other process."""
+    """Pickle an object as text for the other process."""
     return b64encode(pickle.dumps(value)).decode()
 
 
 def unpack(text: str) -> Any:
-    """Give back what the other process packed."""
+    """Restore an object that the other process packed."""
     return pickle.loads(b64decode(text))
 
 
 def _run(question: dict[str, Any]) -> Iterator[str]:
-    """Give what a case found, or the exception that it ended with."""
+    """Yield the results of a case, or the exception that ended it."""
     run, case = unpack(question["work"])
     set_num_threads(question["num_threads"])
     try:
