@@ -290,7 +290,7 @@ class Agreement:
 
     @property
     def mutual_information(self) -> float:
-        """Of visible points and the pixels around them, nats, plug-in estimate."""
+        """Mutual information of visible points and the pixels around them, nats, plug-in estimate."""
     @property
     def bias(self) -> float:
         """Miller and Madow's estimate of how far the plug-in estimate is too high, nats."""
@@ -333,7 +333,7 @@ class Aligned:
         """(4, 4)."""
     @property
     def mutual_information(self) -> float:
-        """Of points and blocks there, less its bias, nats."""
+        """Mutual information of points and blocks there, less its bias, nats."""
     @property
     def num_points(self) -> int:
         """Labelled points on labelled blocks there."""
@@ -434,7 +434,7 @@ def student_quantile(probability: float, degrees_of_freedom: float) -> float:
     """The quantile of Student's t; raises `ValueError` unless degrees of freedom are above 0."""
 
 def set_num_threads(num_threads: int) -> None:
-    """Run the core on so many threads; results do not depend on it."""
+    """Set the number of threads of the core; results do not depend on it."""
 
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],

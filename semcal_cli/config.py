@@ -1,7 +1,7 @@
 """Every default, once. Nothing heavy is imported here, so that `semcal --help` can show them at once.
 
-A stage takes its settings as one of these classes; the Rust core reads the attributes of the same objects. All fields
-of a class are recorded in the result under `settings.options`.
+A stage takes its settings as one of these classes, and the Rust core reads the attributes of the same objects. The
+settings that change an answer are recorded in the result under `settings.options`.
 """
 
 from __future__ import annotations
@@ -284,7 +284,7 @@ class RefinementConfig:
 
 @dataclass(frozen=True)
 class CalibrationConfig:
-    """Everything about a calibration that is not the drive."""
+    """What a user sets of a calibration. Settings of the other classes keep their defaults."""
 
     seed: int = 0
     """Seed of every random choice: the same seed gives the same bytes."""

@@ -50,10 +50,14 @@ def _initial_pose(transform: Path | str | npt.ArrayLike) -> InitialPose:
     if isinstance(transform, Path | str):
         path = Path(transform)
         return InitialPose(read_transform(path), str(path), path)
-    T_camera_lidar: Pose = np.asarray(transform, np.float64)
-    if T_camera_lidar.shape != (4, 4) or not np.isfinite(T_camera_lidar).all():
-        found = f"found shape {T_camera_lidar.shape}"
-        raise InputError(f"transform: {found}, needed a finite 4 x 4 matrix or a file")
+    try:
+        T_camera_lidar: Pose = np.array(transform, np.float64)
+    except (TypeError, ValueError):
+        raise InputError("transform: found no array of numbers, needed a 4 x 4 matrix or a file") from None
+    if T_camera_lidar.shape != (4, 4):
+        raise InputError(f"transform: found shape {T_camera_lidar.shape}, needed a 4 x 4 matrix or a file")
+    if not np.isfinite(T_camera_lidar).all():
+        raise InputError("transform: found values that are not finite, needed a rigid transform")
     try:
         check_rigid(T_camera_lidar)
     except ValueError as error:

@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.assessment.assess import Assessment
 from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
@@ -35,9 +34,8 @@ from semcal_cli.config import (
 from semcal_cli.drive.cues import describe_cues, files_of
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -49,48 +47,13 @@ from semcal_cli.refinement.polish import polish as polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement
 from semcal_cli.refinement.pyramid import refine as refine_pose
 from semcal_cli.result.assembly import assemble
-from semcal_cli.result.calibration import Calibration, Repeatability
+from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
-from semcal_cli.result.stage import Finding, StageResult
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.stage import StageResult
+from semcal_cli.stages import Stages
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
-
-
-@dataclass(frozen=True)
-class Stages:
-    """Results of the stages of one calibration; None for stages that were not run."""
-
-    initial: StageResult
-    refined: StageResult | None = None
-    polished: Polish | None = None
-    fused: Fused | None = None
-    assessment: Assessment | None = None
-    repeatability: Repeatability | None = None
-    findings: tuple[Finding, ...] = ()
-    """Findings against the pose of the last stage."""
-
-    @property
-    def poses(self) -> dict[str, StageResult]:
-        """Results of the stages that give a pose, by name, in order."""
-        stages = {
-            "initial": self.initial,
-            "refined": self.refined,
-            "polished": self.polished,
-            "fused": self.fused,
-        }
-        return {name: stage for name, stage in stages.items() if stage is not None}
-
-    @property
-    def uncertainty(self) -> Uncertainty | None:
-        """Uncertainty of the last pose; None if it was not assessed or the data do not determine it."""
-        return None if self.assessment is None else self.assessment.uncertainty
-
-    @property
-    def T_camera_lidar(self) -> Pose:
-        """Pose (4, 4) of the last stage, metres."""
-        return (self.fused or self.polished or self.refined or self.initial).T_camera_lidar
 
 
 def calibrate(
@@ -101,7 +64,6 @@ def calibrate(
     priors: Sequence[Prior] = (),
     relative_to: Path = Path(),
     on_event: Listener = ignore,
-    sweeps: Sweeps | None = None,
     hashes: dict[str, str] | None = None,
 ) -> Calibration:
     """Calibrate the camera and the LiDAR of a drive.
@@ -113,7 +75,6 @@ def calibrate(
         priors: Known axes of the pose.
         relative_to: Folder of the result, which names the drive relative to it.
         on_event: Called with each event.
-        sweeps: Sweeps that other cameras of a rig have read; if not given, this drive reads its own.
         hashes: SHA-256 by the real paths of files; missing ones are added.
 
     Raises:
@@ -121,7 +82,10 @@ def calibrate(
         CalibrationError: the data give no answer.
     """
     config = config or CalibrationConfig()
-    data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event, sweeps)
+    data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event)
+    if data.cues != config.cues:
+        found, needed = (" and ".join(cues) for cues in (data.cues, config.cues))
+        raise InputError(f"{data.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}")
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)
@@ -189,22 +153,23 @@ def refine_and_polish(
     """Refine and polish the initial pose, and fuse it with priors.
 
     Poses from features are not polished, because the polish needs the exact mutual information, which vectors lack.
+
+    Raises:
+        InputError: as `refine`, or there are priors without a polish.
+        CalibrationError: as `refine`.
     """
+    is_polished = config.is_polished and not data.observations.has_vectors
+    if priors and not is_polished:
+        raise InputError(
+            f"{priors[0].name}: is weighed by the polish, which features and is_polished=False exclude"
+        )
+    motion = check_motion(data.observations.motion_error_px)
     refined = refine(data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar)
-    stages = Stages(
-        initial, refined, findings=(*initial.findings, *check_motion(data.observations.motion_error_px))
-    )
-    if not config.is_polished or data.observations.has_vectors:
-        return replace(stages, findings=(*stages.findings, *refined.findings))
+    if not is_polished:
+        return Stages(initial, refined, of_data=motion)
     polished = polish(data, refined.T_camera_lidar, config, on_event)
-    stages = replace(stages, polished=polished)
-    if not priors:
-        unsettled = () if polished.is_accepted else refined.findings
-        return replace(stages, findings=(*stages.findings, *polished.findings, *unsettled))
-    fused = fuse(data, polished.T_camera_lidar, config, priors, on_event)
-    # If labels alone determine no pose, their polish is not expected to settle.
-    of_labels = polished.findings if fused.is_alone else ()
-    return replace(stages, fused=fused, findings=(*stages.findings, *of_labels, *fused.findings))
+    fused = fuse(data, polished.T_camera_lidar, config, priors, on_event) if priors else None
+    return Stages(initial, refined, polished, fused, of_data=motion)
 
 
 def refine(
@@ -306,7 +271,7 @@ def assess(
     count = len(found.findings)
     note = f"{count} findings" if count > 1 else "1 finding" if count else "no findings"
     on_event(StageDone("assessed", perf_counter() - start, note))
-    return replace(stages, assessment=found, findings=(*stages.findings, *found.findings))
+    return replace(stages, assessment=found)
 
 
 def repeat(
@@ -330,7 +295,7 @@ def repeat(
             others.append(None)
     repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty)
     on_event(StageDone("repeated", perf_counter() - start, f"{config.num_seeds} seeds"))
-    return replace(stages, repeatability=repeatability, findings=(*stages.findings, *findings))
+    return replace(stages, repeatability=repeatability, of_comparison=findings)
 
 
 def make_calibration(
@@ -374,7 +339,7 @@ def _settings(
     priors: Sequence[Prior],
 ) -> dict[str, object]:
     """Collect the options that changed the answer, in the order of the stages."""
-    settings: dict[str, object] = {"max_frames": config.max_frames}
+    settings: dict[str, object] = {"max_frames": data.max_frames}
     if data.cues != LABELS:
         settings["cues"] = describe_cues(data.cues)
     if initial_pose is not None and initial_pose.source is None:

@@ -14,8 +14,9 @@ from semcal_cli.events import Listener, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import Stages, assess, initialize, refine_and_polish, start_at
+from semcal_cli.pipeline import assess, initialize, refine_and_polish, start_at
 from semcal_cli.result.stage import StageResult
+from semcal_cli.stages import Stages
 
 NEAR_DEG = 5.0
 """Rotation between transform and estimate, in degrees, beyond which all mounting directions are searched."""

@@ -13,7 +13,7 @@ from semcal_cli.geometry.poses import Pose, camera_center, inverse, rotation_err
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, initialize, runner_up
 from semcal_cli.result.hypothesis import Hypothesis
 
-RIGHT_DEG = 1.0  # pictures of 640 x 360 climb on blocks of 2 pixels, a quarter of a degree
+RIGHT_DEG = 1.0  # pictures of 640 x 360 ascend on blocks of 2 pixels, a quarter of a degree
 RIGHT_CM = 15.0
 
 
@@ -93,7 +93,7 @@ def test_a_given_pose_narrows_the_search(street_observations: Observations, stre
         from_nothing(street_observations, turned_about_z(street_truth, 20.0), search_deg=25.0)[0],
         street_truth,
     )
-    # Where it looks elsewhere, the truth is not found: the climbs end within their own reach of where they began.
+    # Where it looks elsewhere, the truth is not found: the ascents end within their own reach of where they began.
     elsewhere = turned_about_z(street_truth, 120.0)
     for hypothesis in from_nothing(street_observations, elsewhere, search_deg=20.0):
         assert rotation_error_deg(hypothesis.pose, street_truth) > 45.0

@@ -10,7 +10,8 @@ from semcal_cli.drive.cues import files_of
 from semcal_cli.drive.loading import load
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import Stages, make_calibration, start_at
+from semcal_cli.pipeline import make_calibration, start_at
+from semcal_cli.stages import Stages
 
 CHOSEN = [3, 1]
 

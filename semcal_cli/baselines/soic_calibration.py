@@ -10,26 +10,24 @@ from semcal_cli import _core
 from semcal_cli.assessment.pose_checks import check_distance, check_motion
 from semcal_cli.baselines.soic import Soic
 from semcal_cli.config import CalibrationConfig, SoicConfig
-from semcal_cli.drive.document import Drive
-from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import Stages, make_calibration
+from semcal_cli.pipeline import make_calibration
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.stages import Stages
 
 
 def calibrate_by_soic(
-    drive: Drive,
+    data: LoadedDrive,
     config: CalibrationConfig,
     *,
     initial_pose: InitialPose | None = None,
     relative_to: Path = Path(),
     on_event: Listener = ignore,
-    sweeps: Sweeps | None = None,
     hashes: dict[str, str] | None = None,
 ) -> Calibration:
     """Calibrate with SOIC; arguments and errors are those of `pipeline.calibrate`.
@@ -37,20 +35,19 @@ def calibrate_by_soic(
     The semantic centroids put the camera no farther from the LiDAR than `config.refinement.max_baseline_m`. An initial
     pose replaces them. A result whose camera is farther away is not trusted.
     """
-    data = load(drive, config, on_event, sweeps)
     on_event(Progress("computing distances to classes"))
     start = perf_counter()
     soic = Soic(data.observations, SoicConfig())
     initial = _initialize(data, soic, initial_pose, config.refinement.max_baseline_m, start, on_event)
     refined = _minimize(data, soic, initial.T_camera_lidar, on_event)
-    findings = (
-        *check_motion(data.observations.motion_error_px),
-        *refined.findings,
-        *check_distance(refined.T_camera_lidar, config.refinement.max_baseline_m),
-    )
     return make_calibration(
         data,
-        Stages(initial, refined, findings=findings),
+        Stages(
+            initial,
+            refined,
+            of_data=check_motion(data.observations.motion_error_px),
+            of_comparison=check_distance(refined.T_camera_lidar, config.refinement.max_baseline_m),
+        ),
         config,
         initial_pose=initial_pose,
         relative_to=relative_to,

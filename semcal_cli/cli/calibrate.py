@@ -109,9 +109,9 @@ def calibrate(
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
-        sys.exit(calibrate_rig(rig, run, common))
+        sys.exit(calibrate_rig(rig, run, common, config))
     outputs = Outputs(common.output, common.log, None if to is None else (to, format_options), page, images)
-    sys.exit(_calibrate_drive(drive, run, outputs, common, initial_pose))
+    sys.exit(_calibrate_drive(drive, run, outputs, common, config, initial_pose))
 
 
 def _by_method(method: str, priors: tuple[Prior, ...]) -> Callable[..., Calibration]:
@@ -130,20 +130,23 @@ def _calibrate_drive(
     run: Callable[..., Calibration],
     outputs: Outputs,
     common: ResultOptions,
+    config: CalibrationConfig,
     initial_pose: InitialPose | None,
 ) -> int:
     """Calibrate one camera, write the result, and return the exit code."""
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.loading import load
     from semcal_cli.jobs.threads import set_num_threads
 
     spec = read_drive(drive)
     outputs.check(spec, initial_pose)
     set_num_threads(common.threads)
     with Terminal(quiet=common.quiet) as terminal:
-        calibration = run(spec, relative_to=outputs.folder, on_event=terminal.on_event)
+        data = load(spec, config, terminal.on_event)
+        calibration = run(data, relative_to=outputs.folder, on_event=terminal.on_event)
     code = outputs.write(calibration, terminal, common.threads)
-    outputs.illustrate(spec, calibration, terminal)
+    outputs.illustrate(data.drive, calibration, terminal)
     return code
 
 

@@ -28,8 +28,9 @@ def initialize(drive: Path, **options: Any) -> None:
     from semcal_cli.drive.document import read_drive
     from semcal_cli.drive.loading import load
     from semcal_cli.jobs.threads import set_num_threads
-    from semcal_cli.pipeline import Stages, make_calibration
     from semcal_cli.pipeline import initialize as search
+    from semcal_cli.pipeline import make_calibration
+    from semcal_cli.stages import Stages
 
     search_config, initial_pose = make_search(options)
     asked = ResultOptions(**options)
@@ -43,7 +44,7 @@ def initialize(drive: Path, **options: Any) -> None:
         terminal.print(*hypothesis_lines(found.hypotheses))
         calibration = make_calibration(
             data,
-            Stages(found, findings=found.findings),
+            Stages(found),
             config,
             initial_pose=initial_pose,
             relative_to=outputs.folder,

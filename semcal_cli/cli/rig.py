@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,7 @@ from semcal_cli.cli.options import ResultOptions, given_parameters
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs
 from semcal_cli.cli.tables import labelled, matrix_lines, row
 from semcal_cli.cli.terminal import Terminal
+from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.point_clouds import Sweeps
@@ -28,6 +28,7 @@ from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
 
 if TYPE_CHECKING:
+    from semcal_cli.config import CalibrationConfig
     from semcal_cli.drive.document import Drive
     from semcal_cli.rig.pairs import Pair
 
@@ -39,13 +40,16 @@ OF_ONE_CAMERA = (
 SUFFIXES = (".yaml", ".yml", ".json")
 
 
-def calibrate_rig(path: Path, calibrate: Callable[..., Calibration], options: ResultOptions) -> int:
+def calibrate_rig(
+    path: Path, calibrate: Callable[..., Calibration], options: ResultOptions, config: CalibrationConfig
+) -> int:
     """Calibrate the cameras of a rig one after another, reading each sweep once, and write the results.
 
     Args:
         path: File of the rig, rig.yaml.
         calibrate: Function that calibrates the camera of a drive: `pipeline.calibrate` with its settings.
         options: Options of every command that computes a calibration; the output is a folder.
+        config: All settings of a calibration.
 
     Returns:
         The exit code.
@@ -71,34 +75,30 @@ def calibrate_rig(path: Path, calibrate: Callable[..., Calibration], options: Re
     terminals = {name: Terminal(quiet=options.quiet) for name in drives}
     cameras: dict[str, Calibration] = {}
     failures: dict[str, str] = {}
+    used = {name: len(drive.frames) for name, drive in drives.items()}
     for name, terminal in terminals.items():
-        run = partial(calibrate, drives[name], relative_to=folder, sweeps=sweeps, hashes=hashes)
+        terminal.print(f"[{name}]")
         try:
-            cameras[name] = _calibrate_camera(name, run, outputs[name], terminal, options.threads)
+            with terminal:
+                data = load(drives[name], config, terminal.on_event, sweeps)
+                used[name] = len(data.drive.frames)
+                found = calibrate(data, relative_to=folder, on_event=terminal.on_event, hashes=hashes)
+            outputs[name].write(found, terminal, options.threads)
+            cameras[name] = found
         except SemcalError as error:
             failures[name] = " ".join(str(error).splitlines())
             terminal.print(labelled("failed", failures[name]))
     if not cameras:
         raise CalibrationError(_sentence(failures, len(drives)))
-    found = combine(rig, drives, cameras, failures, sweeps.num_different)
-    _write(found, rig, drives, folder, hashes)
+    rig_calibration = combine(rig, drives, cameras, failures, sweeps.num_different)
+    _write(rig_calibration, rig, drives, folder, hashes)
     if options.log is not None:
         logs = {name: terminal.log_document(options.threads) for name, terminal in terminals.items()}
         write_text(json.dumps(logs, indent=2) + "\n", options.log)
-    Terminal(quiet=options.quiet).print(*_lines(found, drives, folder))
+    Terminal(quiet=options.quiet).print(*_lines(rig_calibration, sum(used.values()), folder))
     if failures:
         raise CalibrationError(_sentence(failures, len(drives)))
-    return EXIT_NOT_TRUSTED if found.status == "not_trusted" else 0
-
-
-def _calibrate_camera(
-    name: str, run: Callable[..., Calibration], outputs: Outputs, terminal: Terminal, num_threads: int | None
-) -> Calibration:
-    terminal.print(f"[{name}]")
-    with terminal:
-        calibration = run(on_event=terminal.on_event)
-    outputs.write(calibration, terminal, num_threads)
-    return calibration
+    return EXIT_NOT_TRUSTED if rig_calibration.status == "not_trusted" else 0
 
 
 def _write(
@@ -112,10 +112,8 @@ def _write(
     write_text(document_text(document, "yaml"), folder / f"{RESULT}.yaml")
 
 
-def _lines(found: RigCalibration, drives: Mapping[str, Drive], folder: Path) -> list[str]:
-    """Describe the result of the whole rig as lines of text."""
-    used = [calibration.quality.num_frames for calibration in found.cameras.values()]
-    num_frames = sum(used) + sum(len(drives[name].frames) for name in found.failures)
+def _lines(found: RigCalibration, num_frames: int, folder: Path) -> list[str]:
+    """Describe the result of the whole rig, of which `num_frames` frames were used."""
     return [
         *(line for pair in found.pairs for line in _pair_lines(pair)),
         labelled("sweeps", f"{found.num_sweeps:,} for {num_frames:,} frames"),

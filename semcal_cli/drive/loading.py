@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli.config import LABELS, CalibrationConfig, Cue
+from semcal_cli.config import LABELS, MAX_FRAMES, CalibrationConfig, Cue
 from semcal_cli.drive.cues import choose_frames, load_cues
 from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.observations import Observations
@@ -24,6 +24,8 @@ class LoadedDrive:
     observations: Observations
     """Points and pixels; with several cues, the frames of each cue follow one another."""
     cues: tuple[Cue, ...] = LABELS
+    max_frames: int = MAX_FRAMES
+    """Largest number of frames that were asked for."""
 
     def of_frames(self, indices: Sequence[int]) -> LoadedDrive:
         """Take some of the frames, of both the document and the observations."""
@@ -58,7 +60,7 @@ def load(
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    data = LoadedDrive(used, load_cues(used, config.cues, sweeps), config.cues)
+    data = LoadedDrive(used, load_cues(used, config.cues, sweeps), config.cues, config.max_frames)
     on_event(StageDone("load", perf_counter() - start, _describe(data, len(whole.frames))))
     return data
 

@@ -1,7 +1,7 @@
-"""The finish: to the top of the mutual information of all points in full resolution, if held-out data agree.
+"""The polish: Newton's method on the mutual information of all points in full resolution, if held-out data agree.
 
-A pose is first polished on a part of the data. The rest says whether it got better or worse there, by the difference of
-pointwise mutual information, paired over parts of the pictures. A polish that holds is then repeated on everything.
+A pose is first polished on a part of the data. The rest tells whether it got better or worse there, by the difference
+of pointwise mutual information, paired over parts of the images. An accepted polish is then repeated on all data.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ HELD_OUT = 3
 
 @dataclass(frozen=True, kw_only=True)
 class Polish(StageResult):
-    """What the finish arrived at. Its pose is the one before if the polish was rejected."""
+    """Result of the polish. Its pose is the one before if the polish was rejected."""
 
     held_out: HeldOut
-    """What held-out data said of it."""
+    """Test of the polish on data that it did not use."""
     is_settled: bool
     moved_px: float
-    """How far the last round moved the points, root mean square."""
+    """Root mean square by which the last round moved the points, in pixels."""
 
     @property
     def is_accepted(self) -> bool:
@@ -115,7 +115,7 @@ def newton(
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) to start at.
-        config: How.
+        config: Settings of the polish.
         inverse_curvature: (6, 6) of a run near by, which saves time.
     """
     return _core.polish(observations.core, T_camera_lidar, config, inverse_curvature)

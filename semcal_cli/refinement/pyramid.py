@@ -4,7 +4,7 @@ What is maximised at a level is the estimator's: the exact mutual information of
 or the Donsker-Varadhan bound of a statistics network (`semcal_cli.refinement.mine`).
 
 Every level has the same number of steps, whose lengths fall to a twentieth: on mini-batches, when to stop earlier would
-be told by noise. Whether the pose has settled by then is measured, and said.
+be told by noise. Whether the pose has settled by then is measured.
 
 Overlap: the points of a level are those that lie inside the picture at the level's start, with the weights that they
 have there, and while the lens still projects them they keep counting when they leave it, with the class at the nearest
@@ -32,7 +32,7 @@ from semcal_cli.result.stage import Finding, StageResult
 
 @dataclass(frozen=True)
 class Level:
-    """Where a level of the pyramid ended."""
+    """End of a level of the pyramid."""
 
     factor: int
     """Side of a block in pixels."""

@@ -23,7 +23,7 @@ def generators(like: Tensor) -> Tensor:
     """Make the six generators of SE(3): three translations, then rotations about x, y and z.
 
     Args:
-        like: A tensor that has the dtype and the device that they shall have.
+        like: A tensor of the dtype and on the device that the result has.
 
     Returns:
         (6, 4, 4).

@@ -49,6 +49,8 @@ DOCUMENTS = (".yaml", ".yml", ".json", ".stdout")
 LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 TIMES = re.compile(r" *\d+\.\d+ s\b|\d+\.\d+ \|$", re.MULTILINE)
 NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
+VERDICTS = ("status", "verdict")
+"""Keys of words that must not differ."""
 MAX_LISTED = 20
 
 
@@ -196,7 +198,13 @@ def compare_values(before: Any, after: Any, path: str, found: Differences) -> No
         is_number = isinstance(left, int | float) or isinstance(right, int | float)
         found.num_numbers += is_number
         if repr(left) != repr(right):
-            (found.numbers if is_number else found.words).append(f"{path}: {before!r:.90} -> {after!r:.90}")
+            must_not = is_number or path.endswith(VERDICTS) or figures(before) != figures(after)
+            (found.numbers if must_not else found.words).append(f"{path}: {before!r:.90} -> {after!r:.90}")
+
+
+def figures(value: Any) -> list[str]:
+    """List the numbers in a value, or in all that it holds."""
+    return NUMBER.findall(json.dumps(value, default=str))
 
 
 def compare_keys(before: dict[str, Any], after: dict[str, Any], path: str, found: Differences) -> None:
@@ -209,9 +217,9 @@ def compare_keys(before: dict[str, Any], after: dict[str, Any], path: str, found
         if twin is not None:
             added.remove(twin)
             pairs.append((key, twin))
-        found.words.append(
-            f"{path}.{key}: {'removed' if twin is None else f'now {twin}'}, was {before[key]!r:.90}"
-        )
+        is_lost = twin is None and bool(figures(before[key]))
+        change = "removed" if twin is None else f"now {twin}"
+        (found.numbers if is_lost else found.words).append(f"{path}.{key}: {change}, was {before[key]!r:.90}")
     found.words += [f"{path}.{key}: added, is {after[key]!r:.90}" for key in added]
     for key, twin in pairs:
         compare_values(before[key], after[twin], f"{path}.{key}", found)

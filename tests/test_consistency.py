@@ -18,7 +18,7 @@ def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     return [finding.sentence for finding in check_consistency(observations, T_camera_lidar)]
 
 
-def test_a_good_drive_leaves_no_doubt(street_observations: Observations, street_truth: Pose) -> None:
+def test_nothing_is_found_against_a_good_drive(street_observations: Observations, street_truth: Pose) -> None:
     assert sentences(street_observations, street_truth) == []
     assert sentences(street_observations.of_frames([1]), street_truth) == []
 

@@ -1,0 +1,65 @@
+"""What the stages of one calibration arrived at, and what speaks against the pose of the last one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from semcal_cli.assessment.assess import Assessment
+from semcal_cli.assessment.fusion import Fused
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.polish import Polish
+from semcal_cli.result.calibration import Repeatability
+from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.uncertainty import Uncertainty
+
+
+@dataclass(frozen=True)
+class Stages:
+    """Results of the stages of one calibration; None for stages that were not run."""
+
+    initial: StageResult
+    refined: StageResult | None = None
+    polished: Polish | None = None
+    fused: Fused | None = None
+    assessment: Assessment | None = None
+    repeatability: Repeatability | None = None
+    of_data: tuple[Finding, ...] = ()
+    """Findings against the data."""
+    of_comparison: tuple[Finding, ...] = ()
+    """Findings of a comparison of the last pose with something else, such as the poses of other seeds."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings against the pose of the last stage."""
+        findings = [*self.initial.findings, *self.of_data]
+        # If labels alone determine no pose, their polish is not expected to settle.
+        if self.polished is not None and (self.fused is None or self.fused.is_alone):
+            findings += self.polished.findings
+        # A pose that is polished or fused need not have settled before.
+        is_last = self.fused is None and (self.polished is None or not self.polished.is_accepted)
+        if self.refined is not None and is_last:
+            findings += self.refined.findings
+        for later in (self.fused, self.assessment):
+            findings += () if later is None else later.findings
+        return (*findings, *self.of_comparison)
+
+    @property
+    def poses(self) -> dict[str, StageResult]:
+        """Results of the stages that give a pose, by name, in order."""
+        stages = {
+            "initial": self.initial,
+            "refined": self.refined,
+            "polished": self.polished,
+            "fused": self.fused,
+        }
+        return {name: stage for name, stage in stages.items() if stage is not None}
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Uncertainty of the last pose; None if it was not assessed or the data do not determine it."""
+        return None if self.assessment is None else self.assessment.uncertainty
+
+    @property
+    def T_camera_lidar(self) -> Pose:
+        """Pose (4, 4) of the last stage, metres."""
+        return (self.fused or self.polished or self.refined or self.initial).T_camera_lidar
