@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
@@ -117,9 +118,8 @@ def block_means(vectors: Vectors, factor: int) -> Vectors:
     Returns:
         (H // factor, W // factor, C) float16; sums are taken in float32.
     """
-    rows, columns, channels = vectors.shape[0] // factor, vectors.shape[1] // factor, vectors.shape[2]
-    if factor == 1 or not rows or not columns:
+    if factor == 1 or factor > min(vectors.shape[:2]):
         return vectors
-    whole = vectors[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, channels)
-    means: Vectors = whole.mean(axis=(1, 3), dtype=np.float32).astype(np.float16)
+    averaged = functional.avg_pool2d(torch.from_numpy(vectors).permute(2, 0, 1), factor)
+    means: Vectors = averaged.permute(1, 2, 0).numpy()
     return means
