@@ -89,8 +89,8 @@ class FeaturePoints:
         Returns:
             (N, C) float32, differentiable in `pixels`. Beyond the border it is what the border has.
         """
-        # `grid_sample` needs places in float32 from -1 to 1, and all vectors in float32: on five drives of six it was
-        # less accurate, with twice the memory and no faster.
+        # `grid_sample` needs places and all vectors in float32: twice the memory, no faster, and over six seeds of a
+        # drive of 20 frames 0.047 instead of 0.032 degrees, which may be chance.
         place = (pixels + 0.5) / self.block_px - 0.5
         last = place.new_tensor([self.columns - 1, self.rows - 1])
         place = torch.minimum(place.clamp(min=0.0), last)
