@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.config import CalibrationConfig, Limits
+from semcal_cli.config_checks import check_config, check_limits
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.format import FormatOptions
-from semcal_cli.geometry.poses import Pose, check_rigid
+from semcal_cli.geometry.poses import as_transform
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.verification import Verification
 from semcal_cli.verification import verify as verify_loaded
@@ -42,7 +41,11 @@ def verify(
     """
     config = config or CalibrationConfig()
     initial_pose = _initial_pose(transform)
+    check_config(config)
+    limits = limits or Limits()
+    check_limits(limits)
     data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event)
+    data.check_cues(config.cues)
     return verify_loaded(data, initial_pose, limits, config.seed, on_event)
 
 
@@ -50,19 +53,7 @@ def _initial_pose(transform: Path | str | npt.ArrayLike) -> InitialPose:
     if isinstance(transform, Path | str):
         path = Path(transform)
         return InitialPose(read_transform(path), str(path), path)
-    try:
-        T_camera_lidar: Pose = np.array(transform, np.float64)
-    except (TypeError, ValueError):
-        raise InputError("transform: found no array of numbers, needed a 4 x 4 matrix or a file") from None
-    if T_camera_lidar.shape != (4, 4):
-        raise InputError(f"transform: found shape {T_camera_lidar.shape}, needed a 4 x 4 matrix or a file")
-    if not np.isfinite(T_camera_lidar).all():
-        raise InputError("transform: found values that are not finite, needed a rigid transform")
-    try:
-        check_rigid(T_camera_lidar)
-    except ValueError as error:
-        raise InputError(f"transform: {error}") from None
-    return InitialPose(T_camera_lidar, "transform")
+    return InitialPose(as_transform(transform, "transform"), "transform")
 
 
 def convert(

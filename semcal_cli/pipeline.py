@@ -31,6 +31,7 @@ from semcal_cli.config import (
     PyramidConfig,
     RefinementConfig,
 )
+from semcal_cli.config_checks import check_config
 from semcal_cli.drive.cues import describe_cues, files_of
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -82,10 +83,9 @@ def calibrate(
         CalibrationError: the data give no answer.
     """
     config = config or CalibrationConfig()
+    check_config(config)
     data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event)
-    if data.cues != config.cues:
-        found, needed = (" and ".join(cues) for cues in (data.cues, config.cues))
-        raise InputError(f"{data.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}")
+    data.check_cues(config.cues)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)

@@ -13,11 +13,12 @@ PACKAGE = Path(semcal_cli.__file__).parent
 MAY_IMPORT = {
     "errors": "",
     "config": "",
+    "config_checks": "",
     "_core": "",
     "geometry": "",
     "events": "geometry",
     "files": "geometry",
-    "drive": "files events",
+    "drive": "files events config_checks",
     "result": "drive",
     "initialization": "result",
     "refinement": "result",

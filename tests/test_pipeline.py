@@ -8,10 +8,11 @@ from click.testing import CliRunner
 
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.cli import semcal
-from semcal_cli.config import CalibrationConfig
+from semcal_cli.config import CalibrationConfig, RefinementConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import InputError
 from semcal_cli.events import Event, Progress, StageDone
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -67,3 +68,22 @@ def test_stages_that_are_asked_for_tell_as_well(
     assert names == ["initial", "refined", "polished", "fused", "assessed", "repeated"]
     assert list(calibration.stages) == names[:4]
     assert calibration.repeatability is not None
+
+
+@pytest.mark.parametrize(
+    ("config", "complaint"),
+    [
+        (CalibrationConfig(cues=()), "cues: found (), needed a tuple of different cues"),
+        (CalibrationConfig(cues=("nope",)), "cues: found 'nope', needed one of: labels, intensity, features"),  # type: ignore[arg-type]
+        (CalibrationConfig(seed=-1), "seed: found -1, needed a number from 0 on"),
+        (CalibrationConfig(max_frames=0), "max_frames: found 0, needed a number from 1 on"),
+        (
+            CalibrationConfig(refinement=RefinementConfig(estimator="x")),  # type: ignore[arg-type]
+            "estimator: found 'x', needed one of: exact, mine",
+        ),
+    ],
+)
+def test_settings_out_of_range_are_refused(street: Path, config: CalibrationConfig, complaint: str) -> None:
+    with pytest.raises(InputError) as refusal:
+        calibrate(street, config)
+    assert str(refusal.value) == complaint

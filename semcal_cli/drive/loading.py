@@ -8,9 +8,11 @@ from pathlib import Path
 from time import perf_counter
 
 from semcal_cli.config import LABELS, MAX_FRAMES, CalibrationConfig, Cue
+from semcal_cli.config_checks import check_config
 from semcal_cli.drive.cues import choose_frames, load_cues
 from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -35,6 +37,18 @@ class LoadedDrive:
         drive = self.drive.model_copy(update={"frames": frames})
         return replace(self, drive=drive, observations=self.observations.of_frames(all_cues))
 
+    def check_cues(self, cues: tuple[Cue, ...]) -> None:
+        """Check that the drive was loaded by the cues that are asked for.
+
+        Raises:
+            InputError: it was loaded by others.
+        """
+        if self.cues != cues:
+            found, needed = (" and ".join(names) for names in (self.cues, cues))
+            raise InputError(
+                f"{self.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
+            )
+
     @property
     def first_cue(self) -> Observations:
         """Observations of the first cue."""
@@ -52,10 +66,11 @@ def load(
     """Read a drive, or the frames of it that are used.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says.
+        InputError: a file is missing or is not what its name or the drive says, or a setting is out of its range.
         CalibrationError: one side's labels carry no information.
     """
     start, config = perf_counter(), config or CalibrationConfig()
+    check_config(config)
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)

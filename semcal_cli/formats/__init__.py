@@ -30,7 +30,7 @@ from semcal_cli.formats import (
 )
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, as_transform
 
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,
@@ -138,13 +138,18 @@ def _content(source: Source) -> str:
 
 
 def write_transform(
-    T_camera_lidar: Pose, path: Path | None, name: str, options: FormatOptions | None = None
+    T_camera_lidar: Pose, path: Path | str | None, name: str, options: FormatOptions | None = None
 ) -> bytes:
     """Write a transform in a format, to a file if a path is given, and return the content of the file.
 
     Raises:
-        InputError: the format needs an option that is not given, or the file cannot be written.
+        InputError: the transform is not rigid, the format is not known or needs an option that is not given, or the
+            file cannot be written.
     """
+    T_camera_lidar, path = (
+        as_transform(T_camera_lidar, "T_camera_lidar"),
+        None if path is None else Path(path),
+    )
     format, options = find_format(name), options or FormatOptions()
     _check_options(format, options, "--to-")
     content = format.write(T_camera_lidar, replace(options, file=path))

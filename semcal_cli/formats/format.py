@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -220,7 +221,7 @@ def from_quaternion(where: str, xyzw: list[float], xyz: list[float], options: Fo
     Raises:
         InputError: the quaternion is not of unit norm, or the translation farther than any rig.
     """
-    norm = float(np.linalg.norm(xyzw))
+    norm = math.hypot(*xyzw)
     if options.on_repair is not None and norm > 0.0 and abs(norm - 1.0) > ROUNDING:
         options.on_repair(f"{where}: found a quaternion of norm {norm:.6g}, scaled it to 1")
         xyzw = [value / norm for value in xyzw]

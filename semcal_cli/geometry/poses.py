@@ -9,9 +9,10 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from semcal_cli import _core
+from semcal_cli.errors import InputError
 
 Pose: TypeAlias = NDArray[np.float64]
 """(4, 4) rigid transform."""
@@ -45,6 +46,31 @@ def check_rigid(T: Pose) -> None:
             f"found determinant {determinant:.6g} and R R^T off the identity by {residual:.2g}, "
             f"needed a rotation: determinant 1 and R R^T the identity within {RIGID_TOLERANCE}"
         )
+
+
+def as_transform(value: ArrayLike, name: str) -> Pose:
+    """Copy a rigid transform that a program gives.
+
+    Args:
+        value: (4, 4) numbers.
+        name: What messages call it.
+
+    Raises:
+        InputError: it is no rigid transform.
+    """
+    try:
+        T: Pose = np.array(value, np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: found no array of numbers, needed a 4 x 4 matrix") from None
+    if T.shape != (4, 4):
+        raise InputError(f"{name}: found shape {T.shape}, needed a 4 x 4 matrix")
+    if not np.isfinite(T).all():
+        raise InputError(f"{name}: found values that are not finite, needed a rigid transform")
+    try:
+        check_rigid(T)
+    except ValueError as error:
+        raise InputError(f"{name}: {error}") from None
+    return T
 
 
 def nearest_rigid(T: Pose) -> Pose:
