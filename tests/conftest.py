@@ -1,14 +1,18 @@
 import os
+import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import yaml
+from click.testing import CliRunner
 from hypothesis import settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.cli import main, semcal
 from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
@@ -90,6 +94,12 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture
+def drive(street: Path, tmp_path: Path) -> Path:
+    """A copy of a drive, to be broken."""
+    return Path(shutil.copytree(street, tmp_path / "drive"))
+
+
 @pytest.fixture(scope="session")
 def street_observations(street: Path) -> Observations:
     return load_observations(read_drive(street))
@@ -98,3 +108,27 @@ def street_observations(street: Path) -> Observations:
 @pytest.fixture(scope="session")
 def street_truth(street: Path) -> Pose:
     return read_transform(street)
+
+
+def run(capfd: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
+    """Run the command in this process: exit code, standard output, standard error."""
+    argv, sys.argv = sys.argv, ["semcal", *map(str, arguments)]
+    try:
+        main()
+        code = 0
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    finally:
+        sys.argv = argv
+    return code, *capfd.readouterr()
+
+
+@pytest.fixture(scope="session")
+def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a calibration, its page and its pictures, all of one run; tests do not write to it."""
+    folder = tmp_path_factory.mktemp("made")
+    options = ["-o", str(folder / "c.yaml"), "--report", str(folder / "r.html")]
+    command = ["calibrate", str(street), *options, "--overlay", str(folder / "overlays")]
+    result = CliRunner().invoke(semcal, command)
+    assert result.exit_code in (0, 3), result.output
+    return folder

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from camera_infos import ROS
 
 from semcal_cli.files.images import write_image
 from semcal_cli.geometry.poses import Pose
@@ -192,9 +193,12 @@ def semantickitti(root: Path) -> Tree:
     return Tree(root, (), tree.T_camera_lidar, {"road": [40], "car": [10, 252]}, {}, ([0, 1], []))
 
 
+KITTI_RAW_DRIVE = "2011_09_26/2011_09_26_drive_0001_sync"
+
+
 def kitti_raw(root: Path) -> Tree:
     """calib_velo_to_cam.txt is off by a quarter turn about the optical axis, which R_rect_00 takes back."""
-    day, drive = root / "2011_09_26", root / "2011_09_26/2011_09_26_drive_0001_sync"
+    day, drive = root / "2011_09_26", root / KITTI_RAW_DRIVE
     for number in range(2):
         write_cloud(drive / f"velodyne_points/data/{number:010d}.bin")
         write_ids(drive / f"image_02/data/{number:010d}.png")
@@ -359,3 +363,22 @@ TREES: dict[str, Callable[[Path], Tree]] = {
     "kitti-360": kitti_360,
     "carla": carla,
 }
+
+
+def own_data(root: Path) -> list[object]:
+    for number in (1, 2, 3):
+        write_cloud(root / f"clouds/{number:06d}.bin")
+        write_labels(root / f"clouds/{number:06d}.label", [1, 2, 3])
+    for number in (2, 3, 4):
+        write_ids(root / f"labels/{number:06d}.png")
+    write(root / "camera.yaml", ROS)
+    return [
+        "--points",
+        root / "clouds/*.bin",
+        "--point-labels",
+        root / "clouds/*.label",
+        "--image-labels",
+        root / "labels/*.png",
+        "--camera-info",
+        root / "camera.yaml",
+    ]

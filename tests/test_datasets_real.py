@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import TEST_DATA
+from dataset_imports import run_import
 from scipy.spatial.transform import Rotation
-from test_datasets import run_import
 
 from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera

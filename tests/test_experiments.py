@@ -14,7 +14,7 @@ from conftest import STREET, make_pose
 
 from semcal_cli.cli import semcal
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.experiments import accuracy, pool, speed, trust
+from semcal_cli.experiments import accuracy, pool, speed, trust, trust_rates
 from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.runner import run_cases
@@ -166,7 +166,7 @@ def test_rates_of_trust() -> None:
         outcome("labels shuffled", "trusted", 3.9),
         trust.Outcome("as it is", 0, "default", 20, 0.0, "fail", ""),
     ]
-    rates = {rate.name: (rate.count, rate.n) for rate in trust.rates(outcomes)}
+    rates = {rate.name: (rate.count, rate.n) for rate in trust_rates.rates(outcomes)}
     assert rates["trusted: axes in the 95 % interval"] == (18, 24)
     assert rates["trusted, 10 pairs"] == (18, 24)
     assert rates["trusted, 5 pairs"] == (0, 0)
@@ -176,8 +176,10 @@ def test_rates_of_trust() -> None:
     assert rates["good drives are trusted, 10 pairs or more"] == (4, 5)
     assert rates["not trusted or failed, labels shuffled"] == (1, 3)
     assert rates["verify fails, as it is"] == (1, 1)
-    assert trust.sharpness(outcomes) == pytest.approx(1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0))
-    low, high = trust.Rate("", 3, 10).interval  # Wilson's, as in Brown, Cai and DasGupta (2001)
+    assert trust_rates.sharpness(outcomes) == pytest.approx(
+        1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0)
+    )
+    low, high = trust_rates.Rate("", 3, 10).interval  # Wilson's, as in Brown, Cai and DasGupta (2001)
     assert (low, high) == pytest.approx((0.1078, 0.6032), abs=1e-4)
 
 
@@ -195,7 +197,7 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     assert verified[trust.MOVED[seed % 3]] in ("fail", "inconclusive")  # two pairs of a small picture
     assert found["good"][0].status == "trusted"
     assert {found[kind][0].status for kind in kinds[1:4]} <= {"not_trusted", "failed"}
-    table = trust.write_trust([each for listed in found.values() for each in listed], 1, tmp_path)
+    table = trust_rates.write_trust([each for listed in found.values() for each in listed], 1, tmp_path)
     assert "| confident and wrong, of all | 0 | 4 | 0.0% |" in table
     assert (tmp_path / "plot.png").stat().st_size > 1000
 

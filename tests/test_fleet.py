@@ -1,45 +1,23 @@
 """Many calibrations of one rig: their mean, who disagrees, and when the rig changed."""
 
-import json
-import re
-from dataclasses import fields, replace
-from pathlib import Path
-from xml.etree import ElementTree
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from conftest import make_pose
+from fleets import SIGMAS, TRUTH, fleet, members, series_of
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.batch.tasks import Outcome
-from semcal_cli.cli import semcal
 from semcal_cli.config import Limits
-from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.documents import read_document
+from semcal_cli.errors import CalibrationError
 from semcal_cli.fleet.changes import ALPHA, change_points, drift
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
-from semcal_cli.fleet.members import Member, _Line
 from semcal_cli.fleet.record import describe_fleet
-from semcal_cli.formats import read_transform
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.poses import camera_center
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 
-TRUTH = make_pose((1.2, -0.3, 0.8), (0.4, -0.2, 0.7))
 MANY = 1e6
-SIGMAS = np.array([0.004, 0.003, 0.006, *np.radians([0.02, 0.03, 0.01])])
-
-
-def fleet(
-    rng: np.random.Generator, count: int, extra: float = 0.0
-) -> tuple[list[Pose], np.ndarray, np.ndarray]:
-    """Calibrations that scatter as they say, and by `extra` times as much again; covariances; coordinates."""
-    scales = rng.uniform(0.5, 2.0, count)
-    off = rng.standard_normal((count, 6)) * SIGMAS * scales[:, None]
-    off += extra * rng.standard_normal((count, 6)) * SIGMAS
-    covariances = np.array([np.diag((SIGMAS * scale) ** 2) for scale in scales])
-    return [pose_at(TRUTH, each) for each in off], covariances, off
 
 
 def test_coordinates_are_those_of_the_calibration_s_uncertainty() -> None:
@@ -185,14 +163,6 @@ def test_a_drift_is_measured() -> None:
     assert alarms <= 3  # at a level of 1 %
 
 
-def members(poses: list[Pose], covariances: np.ndarray) -> list[Member]:
-    """Drives, one every half a day."""
-    return [
-        Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, T, covariance, None)
-        for index, (T, covariance) in enumerate(zip(poses, covariances, strict=True))
-    ]
-
-
 @pytest.mark.parametrize(("count", "extra"), [(3, 3.0), (5, 1.0), (8, 3.0), (20, 1.0), (60, 0.0)])
 def test_intervals_hold_the_truth_and_nothing_is_seen_where_nothing_is(count: int, extra: float) -> None:
     """Intervals of 95 %, whether drives scatter as they say or by four times as much; 60 fleets, 360 axes each."""
@@ -212,21 +182,6 @@ def test_intervals_hold_the_truth_and_nothing_is_seen_where_nothing_is(count: in
     # Nor are they wide for nothing: as wide as errors want them to be, but for what few drives do not tell.
     wanted = 1.96 * np.std(errors, axis=0)
     assert (np.median(widths, axis=0) < {3: 5.0, 5: 2.5}.get(count, 1.7) * wanted).all()
-
-
-def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
-    """A fleet to which something happened."""
-    rng = np.random.default_rng(seed)
-    _, covariances, series = fleet(rng, count, 1.0)
-    if kind == "change":
-        series[15:, [1, 4]] += [0.08, np.radians(0.6)]
-    if kind == "drift":
-        series[:, 3] += np.radians(np.linspace(0.0, 0.8, count))
-    if kind == "outlier":
-        series[9, [0, 5]] += [0.2, np.radians(1.0)]
-    if kind == "small change":
-        series[15:, 4] += np.radians(0.22)
-    return members([pose_at(TRUTH, each) for each in series], covariances)
 
 
 @pytest.mark.parametrize(
@@ -287,119 +242,6 @@ def test_too_few_drives_decide_nothing() -> None:
         combine_drives(mostly_out, Limits())
 
 
-def line(member: Member, **changes: object) -> dict:
-    """A line of a batch's summary."""
-    assert member.T_camera_lidar is not None
-    assert member.covariance is not None
-    found = {"drive": f"drives/{member.drive}", "status": "trusted", "exit_code": 0, "reasons": []}
-    found |= {"stamp": member.stamp, "T_camera_lidar": member.T_camera_lidar.tolist()}
-    found |= {"covariance": member.covariance.tolist(), "mutual_information_nats": 1.5}
-    found |= {"camera": "a", "result": f"{member.drive}/calibration.yaml"}
-    return found | changes
-
-
-def write_summary(folder: Path, lines: list[dict]) -> Path:
-    folder.mkdir(exist_ok=True)
-    (folder / "summary.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
-    return folder
-
-
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(semcal, ["fleet", *map(str, arguments)])
-
-
-def test_the_command(tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("change")]
-    lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "exit_code": 3}
-    lines[4] |= {"status": "failed", "T_camera_lidar": None, "covariance": None, "exit_code": 1}
-    batch = write_summary(tmp_path / "batch", lines)
-    out = tmp_path / "fleet.yaml"
-    extra = ["--report", tmp_path / "f.html", "--plot", tmp_path / "f.svg", "--junit", tmp_path / "f.xml"]
-    found = run(batch, "-o", out, *extra)
-    assert found.exit_code == 3, found.output
-    assert "drives/003: left out: not trusted; overlap 3 %" in found.stderr
-    assert found.stderr.endswith("fail\n")
-    document = read_document(out)
-    assert document["status"] == "fail"
-    assert [d["drive"] for d in document["drives"] if d["status"] == "left_out"] == [
-        "drives/003",
-        "drives/004",
-    ]
-    assert read_transform(out) == pytest.approx(np.array(document["T_camera_lidar"]))
-    page = (tmp_path / "f.html").read_text()
-    assert "The rig does not hold" in page
-    assert "changed at drives/015" in page
-    assert "://" not in page
-    first = {name: (tmp_path / name).read_bytes() for name in ("fleet.yaml", "f.html", "f.svg", "f.xml")}
-    assert run(batch, "-o", out, *extra).exit_code == 3
-    assert first == {name: (tmp_path / name).read_bytes() for name in first}
-
-
-def test_the_exit_codes(tmp_path: Path) -> None:
-    steady = [line(member) for member in series_of("nothing")]
-    assert run(write_summary(tmp_path / "a", steady)).exit_code == 0
-    xml = tmp_path / "f.xml"
-    assert run(write_summary(tmp_path / "b", steady[:2]), "--junit", xml).exit_code == 4
-    *_, skipped = [case for case in ElementTree.parse(xml).getroot() if case.find("skipped") is not None]
-    assert skipped.get("name") == "all together"
-    # Drives of two batches, and limits below what drives scatter by.
-    rest = write_summary(tmp_path / "c", steady[2:])
-    assert run(tmp_path / "b", rest).exit_code == 0
-    assert run(tmp_path / "b", rest, "--max-rotation-deg", "0.06").exit_code == 4
-    assert run(tmp_path / "b", rest, "--max-rotation-deg", "1e-4").exit_code == 3
-
-
-@pytest.mark.parametrize(
-    ("changes", "complaint"),
-    [
-        ({"status": "pass"}, "line 2: status: found 'pass', of verify"),
-        ({"status": "fine"}, "line 2: status: found 'fine', needed"),
-        (
-            {"T_camera_lidar": [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]},
-            "line 2: T_camera_lidar",
-        ),
-        (
-            {"covariance": np.diag([1, 1, 1, 1, 1, -1.0]).tolist()},
-            "line 2: covariance: found standard errors of 0 to",
-        ),
-        ({"covariance": np.zeros((6, 6)).tolist()}, "line 2: covariance: found standard errors of 0 to"),
-        ({"covariance": None}, None),
-        ({"T_camera_lidar": None}, "line 2: T_camera_lidar: found nothing"),
-        ({"extra": 1}, "line 2: unknown key 'extra'"),
-        ({"result": "000/calibration.yaml"}, "000: found twice"),
-        ({"drive": "drives/000"}, None),
-        ({"stamp": 1e300}, "line 2: stamp"),
-    ],
-)
-def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("nothing")[:5]]
-    lines[1] |= changes
-    found = run(write_summary(tmp_path / "batch", lines))
-    if complaint is None:
-        assert found.exit_code == 0
-        assert ("drives/001: left out: nothing is known of its error" in found.stderr) == (
-            "covariance" in changes
-        )
-    else:
-        assert isinstance(found.exception, InputError)
-        assert complaint in str(found.exception)
-
-
-def test_what_is_no_result_is_named(tmp_path: Path) -> None:
-    for content, complaint in (
-        ("{\n", "summary.jsonl: line 1: "),
-        ("", "found no drives"),
-        ("[]\n", "line 1: "),
-    ):
-        (tmp_path / "summary.jsonl").write_text(content)
-        assert complaint in str(run(tmp_path).exception)
-    assert "no such file" in str(run(tmp_path / "none").exception)
-    write_summary(tmp_path, [line(member) for member in series_of("nothing")])
-    for option in ("-o", "--report", "--plot"):
-        assert "found suffix '.txt'" in str(run(tmp_path, option, tmp_path / "out.txt").exception)
-    assert "reads or writes" in str(run(tmp_path, "--junit", tmp_path / "summary.jsonl").exception)
-
-
 def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
     drives = series_of("nothing")
     drives[5] = replace(drives[5], stamp=None)
@@ -410,75 +252,9 @@ def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
     )
 
 
-def test_copies_count_once(tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("nothing")[:5]]
-    one = write_summary(tmp_path / "one", lines)
-    two = write_summary(tmp_path / "two", lines)
-    assert "found the same result to the last bit" in str(run(one, two).exception)
-
-
-@pytest.mark.parametrize(
-    ("sigma", "complaint"),
-    [
-        (1e-160, "found standard errors of 1e-160 to 1e-160 m, needed 1e-05 to 100"),
-        (1e153, "of 1e\\+153 to 1e\\+153 m"),
-    ],
-)
-def test_standard_errors_that_no_calibration_has(sigma: float, complaint: str, tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("nothing")[:5]]
-    lines[3]["covariance"] = (sigma**2 * np.eye(6)).tolist()
-    assert re.search(complaint, str(run(write_summary(tmp_path / "batch", lines)).exception))
-
-
-def test_a_result_is_checked_and_compared_as_a_calibration_is(tmp_path: Path) -> None:
-    out = tmp_path / "fleet.json"
-    run(write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")]), "-o", out)
-    compared = CliRunner().invoke(semcal, ["compare", str(out), str(out)])
-    assert "not known" not in compared.output
-    document = json.loads(out.read_text())
-    for key, value in (
-        ("translation_m", [0, 0, 0]),
-        ("quaternion_xyzw", "junk"),
-        ("T_lidar_camera", np.eye(4).tolist()),
-    ):
-        out.write_text(json.dumps(document | {key: value}))
-        with pytest.raises(InputError, match=key):
-            read_transform(out)
-
-
-def test_a_failure_to_write_leaves_the_earlier_result(tmp_path: Path) -> None:
-    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
-    out = tmp_path / "fleet.yaml"
-    out.write_text("an earlier result")
-    assert isinstance(run(batch, "-o", out, "--junit", "/dev/full").exception, InputError)
-    assert out.read_text() == "an earlier result"
-
-
-def test_names_may_hold_anything(tmp_path: Path) -> None:
-    lines = [line(member) for member in series_of("outlier")]
-    lines[9]["drive"] = '<b>"&\x01\x1b[31m\n' + "9" * 5000
-    xml = tmp_path / "f.xml"
-    found = run(write_summary(tmp_path / "batch", lines), "--junit", xml, "--report", tmp_path / "f.html")
-    assert found.exit_code == 3
-    assert "\x1b" not in found.stderr
-    assert "<b>" not in (tmp_path / "f.html").read_text()
-    suite = ElementTree.parse(xml).getroot()
-    failed = [case.get("name", "") for case in suite if case.find("failure") is not None]
-    assert failed[1:] == ["all together"]
-    assert '<b>"&??[31m\n999' in failed[0]
-    lines[9]["drive"] = "a\x00b"
-    assert "line 10: drive: found" in str(run(write_summary(tmp_path / "batch", lines)).exception)
-    (tmp_path / "batch/summary.jsonl").write_text("\n")
-    assert "found no drives" in str(run(tmp_path / "batch").exception)
-
-
 def test_names_that_differ_in_zeros_keep_their_order() -> None:
     drives = [
         replace(drive, stamp=None, drive="0" * i + "1") for i, drive in enumerate(series_of("nothing")[:6])
     ]
     one, other = combine_drives(drives, Limits()), combine_drives(drives[::-1], Limits())
     assert one.T_camera_lidar.tolist() == other.T_camera_lidar.tolist()
-
-
-def test_a_line_is_what_a_batch_writes() -> None:
-    assert set(_Line.model_fields) == {field.name for field in fields(Outcome)}

@@ -139,7 +139,7 @@ def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
 
     Takes about two minutes for each drive. Writes the same files as `accuracy`; a stopped run resumes.
     """
-    from semcal_cli.experiments import runner, trust
+    from semcal_cli.experiments import runner, trust, trust_rates
     from semcal_cli.experiments.pool import Pool
 
     folder = runner.make_folder(out, "trust")
@@ -151,7 +151,7 @@ def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
         jobs,
         _progress("runs"),
     )
-    click.echo(trust.write_trust(findings, jobs, folder), nl=False)
+    click.echo(trust_rates.write_trust(findings, jobs, folder), nl=False)
 
 
 def _rivals_command(name: str, help: str) -> None:

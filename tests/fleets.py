@@ -1,0 +1,45 @@
+"""Calibrations of one rig that scatter as they say, and to which something happened."""
+
+import numpy as np
+from conftest import make_pose
+
+from semcal_cli.fleet.members import Member
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import pose_at
+
+TRUTH = make_pose((1.2, -0.3, 0.8), (0.4, -0.2, 0.7))
+SIGMAS = np.array([0.004, 0.003, 0.006, *np.radians([0.02, 0.03, 0.01])])
+
+
+def fleet(
+    rng: np.random.Generator, count: int, extra: float = 0.0
+) -> tuple[list[Pose], np.ndarray, np.ndarray]:
+    """Calibrations that scatter as they say, and by `extra` times as much again; covariances; coordinates."""
+    scales = rng.uniform(0.5, 2.0, count)
+    off = rng.standard_normal((count, 6)) * SIGMAS * scales[:, None]
+    off += extra * rng.standard_normal((count, 6)) * SIGMAS
+    covariances = np.array([np.diag((SIGMAS * scale) ** 2) for scale in scales])
+    return [pose_at(TRUTH, each) for each in off], covariances, off
+
+
+def members(poses: list[Pose], covariances: np.ndarray) -> list[Member]:
+    """Drives, one every half a day."""
+    return [
+        Member(f"{index:03d}", 1.7e9 + 43_200.0 * index, T, covariance, None)
+        for index, (T, covariance) in enumerate(zip(poses, covariances, strict=True))
+    ]
+
+
+def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
+    """A fleet to which something happened."""
+    rng = np.random.default_rng(seed)
+    _, covariances, series = fleet(rng, count, 1.0)
+    if kind == "change":
+        series[15:, [1, 4]] += [0.08, np.radians(0.6)]
+    if kind == "drift":
+        series[:, 3] += np.radians(np.linspace(0.0, 0.8, count))
+    if kind == "outlier":
+        series[9, [0, 5]] += [0.2, np.radians(1.0)]
+    if kind == "small change":
+        series[15:, 4] += np.radians(0.22)
+    return members([pose_at(TRUTH, each) for each in series], covariances)

@@ -1,0 +1,294 @@
+"""What `calibrate`, `refine` and `initialize` write and say of a drive, through the real command."""
+
+import io
+import json
+import re
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from conftest import make_pose, run
+from scipy.spatial.transform import Rotation
+
+from semcal_cli import _core
+from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_pose
+from semcal_cli.assessment.repeatability import compare_seeds
+from semcal_cli.cli import EXIT_FAILURE
+from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
+from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.drive.observations import Observations
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.writing import write_text
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, inverse
+from semcal_cli.result.calibration import Calibration, read_calibration
+from semcal_cli.result.uncertainty import Uncertainty
+
+NOT_LABELLED = 0
+"""The id that synthetic drives ignore."""
+
+
+def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    T_lidar_camera = inverse(street_truth)
+    body = T_lidar_camera[:3, :3] @ OPTICAL_AXES.T
+    rpy = Rotation.from_matrix(body).as_euler("xyz", degrees=True) + 5.0
+    numbers = [f"{x:.1f}" for x in (*rpy, *T_lidar_camera[:3, 3])]
+    for extra in ([], ["--search-deg", "15"]):
+        output = tmp_path / "out.yaml"
+        code, _, _ = run(capfd, "initialize", street, "--init-rpy-xyz", *numbers, *extra, "-o", output, "-q")
+        assert code == 0
+        calibration = read_calibration(output)
+        assert compare_poses(calibration.pose, street_truth).rotation_deg < 1.0
+        assert calibration.settings.options["given"] == "--init-rpy-xyz " + " ".join(
+            repr(float(x)) for x in numbers
+        )
+
+
+def test_calibrate_then_evaluate(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "calibration.yaml"
+    assert run(capfd, "calibrate", street, "-o", result, "-q") == (0, "", "")
+    assert read_calibration(result).status == "trusted"
+    code, out, _ = run(capfd, "evaluate", result, "--reference", street, "--json")
+    error = json.loads(out)
+    assert code == 0
+    assert error["rotation_deg"] == compare_poses(read_calibration(result).pose, street_truth).rotation_deg
+    assert error["rotation_deg"] < 0.2
+    assert error["camera_center_cm"] < 5.0
+    assert "rotation" in run(capfd, "evaluate", result, "--reference", result)[1]
+
+
+def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
+    drive: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Only points within five degrees of the optical axis are labelled, a hundredth of the picture."""
+    for path in (drive / "points").iterdir():
+        points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
+        is_near = points @ street_truth[2, :3] > np.cos(np.radians(5.0)) * np.linalg.norm(points, axis=1)
+        labels = drive / "point_labels" / f"{path.stem}.label"
+        np.where(is_near, np.fromfile(labels, np.uint32), NOT_LABELLED).astype(np.uint32).tofile(labels)
+    code, _, _ = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml", "-q")
+    calibration = read_calibration(tmp_path / "out.yaml")
+    assert code == EXIT_NOT_TRUSTED
+    assert calibration.status == "not_trusted"
+    assert re.fullmatch(
+        r"visible labelled points cover \d\.\d% of the picture, needed at least 3%", calibration.reasons[0]
+    )
+
+
+def test_a_runner_up_that_is_close_is_not_trusted(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
+    for path in (drive / "points").iterdir():
+        cloud = np.fromfile(path, np.float32).reshape(-1, 4)
+        np.concatenate([cloud, cloud * np.float32([-1.0, -1.0, 1.0, 1.0])]).tofile(path)
+    for path in (drive / "point_labels").iterdir():
+        path.write_bytes(2 * path.read_bytes())
+    code, _, _ = run(capfd, "initialize", drive, "-o", tmp_path / "out.yaml", "-q")
+    assert code == EXIT_NOT_TRUSTED
+    (reason,) = read_calibration(tmp_path / "out.yaml").reasons
+    assert re.fullmatch(
+        r"a mounting \d+ degrees away explains the labels almost as well: \d\.\d{4} against \d\.\d{4} nats, "
+        r"\d\.\d\d standard errors apart, needed 2\.00; add frames",
+        reason,
+    )
+
+
+def refine(
+    drive: Path, result: Path, capfd: pytest.CaptureFixture[str], *options: str
+) -> tuple[Calibration, str]:
+    """Refine from the reference: what is written, and standard error."""
+    code, _, err = run(capfd, "refine", drive, "--init", drive, "-o", result, *options)
+    calibration = read_calibration(result)
+    assert code == (EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0)
+    return calibration, err
+
+
+def test_what_the_polish_did_is_told(street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    polished, err = refine(street, tmp_path / "out.yaml", capfd)
+    assert polished.polish is not None
+    assert polished.polish.accepted
+    assert polished.status == "trusted"
+    assert list(polished.stages) == ["initial", "refined", "polished"]
+    assert re.search(r"polished .* accepted: held out [+-]0\.\d{4} \+- 0\.\d{4} nats", err)
+    plain, _ = refine(street, tmp_path / "out.yaml", capfd, "--no-polish")
+    assert plain.polish is None
+    assert plain.status == "not_assessed"
+    assert list(plain.stages) == ["initial", "refined"]
+    np.testing.assert_allclose(plain.pose, plain.stages["refined"].T_camera_lidar, atol=1e-12)
+
+
+def test_a_polish_that_held_out_data_reject_is_undone(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Labels of the frames that are worked with are three pixels to the side, those of the held-out frames are not."""
+    document = read_document(drive / DRIVE_FILE)
+    frames = [dict(document["frames"][index]) for index in (0, 1, 2, 3, 0, 1)]
+    for index in (0, 1, 3, 4):
+        image = cv2.imread(str(drive / frames[index]["image_labels"]), cv2.IMREAD_UNCHANGED)
+        frames[index]["image_labels"] = f"image_labels/moved_{index}.png"
+        cv2.imwrite(str(drive / frames[index]["image_labels"]), np.roll(image, 3, axis=1))
+    write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
+    rejected, err = refine(drive, tmp_path / "out.yaml", capfd)
+    assert rejected.polish is not None
+    assert not rejected.polish.accepted
+    assert rejected.status == "not_trusted"
+    assert any(
+        reason.startswith("the polish was rejected: held-out data agree less after it, by ")
+        for reason in rejected.reasons
+    )
+    assert "rejected, the refined pose stays" in err
+    plain, _ = refine(drive, tmp_path / "out.yaml", capfd, "--no-polish")
+    np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
+
+
+def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = drive / "drive.yaml"
+    document = yaml.safe_load(path.read_text())
+    for row in range(2):
+        document["camera"]["K"][row][row] *= 1.1
+    path.write_text(yaml.safe_dump(document))
+    code, _, _ = run(capfd, "calibrate", drive, "-o", tmp_path / "out.yaml", "-q")
+    calibration = read_calibration(tmp_path / "out.yaml")
+    assert (code, calibration.status) == (EXIT_NOT_TRUSTED, "not_trusted")
+    assert any("the focal length looks wrong" in reason for reason in calibration.reasons)
+
+
+def test_what_is_known_is_weighed_and_said(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "out.yaml"
+    center = [f"{x:.4f}" for x in camera_center(street_truth)]
+    options = ["--init", street, "--fix", "ty,rz", "--prior-translation-m", *center, "0.001"]
+    code, _, err = run(capfd, "calibrate", street, *options, "-o", result)
+    calibration = read_calibration(result)
+    assert (code, calibration.status) == (0, "trusted"), err
+    assert list(calibration.stages) == ["initial", "refined", "polished", "fused"]
+    assert f"--prior-translation-m {' '.join(f'{float(x):g}' for x in center)} 0.001, --fix ty,rz" in err
+    error = compare_poses(calibration.pose, street_truth)
+    assert abs(error.camera_center_xyz_cm[1]) < 1e-6
+    assert abs(error.rotation_xyz_deg[2]) < 1e-6
+    assert calibration.uncertainty is not None
+    assert max(calibration.uncertainty.sigma_camera_center_m) < 0.0011
+    assert calibration.uncertainty.sigma_rotation_deg[2] < 1e-5
+    _, about = calibration.settings.options["priors"]
+    assert about["sigma_camera_center_m"] == [None, 0.0, None]
+    assert about["sigma_rotation_deg"] == [None, None, 0.0]
+
+
+def test_a_place_beyond_the_baseline_is_no_prior(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--prior-translation-m", "5", "0", "0", "1"]
+    code, _, err = run(capfd, "calibrate", street, *options, "-o", tmp_path / "out.yaml")
+    assert code == EXIT_FAILURE
+    assert err == (
+        "semcal: error: --prior-translation-m: found the camera 5 m from the LiDAR, needed at most 3 m; "
+        "--max-baseline-m sets the limit\n"
+    )
+
+
+def test_motion_and_limits_that_hold_a_pose_are_said(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    assert check_motion(None) == check_motion(3.0) == ()
+    (moved,) = check_motion(7.04)
+    assert moved.sentence == (
+        "the LiDAR's motion is not compensated: half of the points are 7.0 pixels off or more, needed at most 3"
+    )
+    agreement = _core.agreement(street_observations.core, street_truth)
+    T = np.eye(4)
+    T[:3, 3] = [0.0, 0.9, 0.0]
+    assert check_pose(T, agreement, 1.0) == check_pose(T, agreement) == ()
+    (held,) = check_pose(T, agreement, 0.9)
+    assert held.sentence.startswith(
+        "the camera is held at 0.9 m from the LiDAR, the limit of --max-baseline-m"
+    )
+    assert check_distance(T, 1.0) == ()
+    (far,) = check_distance(T, 0.8)
+    assert far.sentence == "the camera is 0.9 m from the LiDAR, --max-baseline-m allows 0.8 m"
+
+
+def test_seeds_that_lead_elsewhere_are_said() -> None:
+    stated = Uncertainty(
+        covariance=((0.0,) * 6,) * 6,
+        degrees_of_freedom=(9.0,) * 6,
+        sigma_camera_center_m=(0.1,) * 3,
+        sigma_translation_m=(0.1,) * 3,
+        sigma_rotation_deg=(0.5,) * 3,
+        half_width_95_camera_center_m=(0.3, 0.2, 0.0),
+        half_width_95_rotation_deg=(1.0,) * 3,
+    )
+    T = make_pose((0.3, -1.2, 0.5), (0.4, -0.2, 0.1))
+    moved = make_pose((0.0, 0.0, 0.0), (-0.2, 0.0, 0.0)) @ T
+    turned = T.copy()
+    turned[:3, :3] = Rotation.from_euler("z", 1.5, degrees=True).as_matrix() @ T[:3, :3]
+    turned[:3, 3] = -turned[:3, :3] @ camera_center(T)
+    found, findings = compare_seeds(T, [moved, None, turned], stated)
+    assert [finding.sentence for finding in findings] == [
+        "1 of 4 seeds gave no answer",
+        "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
+    ]
+    assert (found.num_seeds, found.num_failed) == (4, 1)
+    assert found.spread_camera_center_m == pytest.approx((np.std([0.0, 0.2, 0.0], ddof=1), 0.0, 0.0))
+    assert found.spread_rotation_deg == pytest.approx((0.0, 0.0, np.std([0.0, 0.0, 1.5], ddof=1)))
+    assert found.farthest_camera_center_m == pytest.approx(0.2)
+    assert found.farthest_rotation_deg == pytest.approx(1.5)
+    none, findings = compare_seeds(T, [None], None)
+    assert (none.num_failed, none.spread_camera_center_m, len(findings)) == (1, None, 1)
+
+
+def test_a_calibration_in_the_format_of_another_tool(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    options = ["--init", street, "--to", "text", "--to-direction", "lidar-to-camera", "-q"]
+    code, out, _ = run(capfd, "calibrate", street, *options)
+    T = np.loadtxt(io.StringIO(out))
+    assert code == 0
+    assert compare_poses(T, street_truth).rotation_deg < 0.2
+    code, out, err = run(capfd, "calibrate", street, "--to", "text", "-o", tmp_path / "T.txt")
+    assert (code, out) == (EXIT_FAILURE, "")
+    assert err.startswith(
+        "semcal: error: --to text: found a transform of no stated direction, needed --to-direction "
+    )
+
+
+def test_other_seeds_lead_to_the_same_place(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    result = tmp_path / "out.yaml"
+    code, _, err = run(capfd, "calibrate", street, "--repeat", "2", "-o", result)
+    calibration = read_calibration(result)
+    found, stated = calibration.repeatability, calibration.uncertainty
+    assert found is not None
+    assert stated is not None
+    assert (code, found.num_seeds, found.num_failed) == (0, 2, 0)
+    assert "2 seeds          camera centre x y z" in err
+    assert found.spread_camera_center_m is not None
+    assert max(found.spread_camera_center_m) > 0.0
+    assert found.farthest_camera_center_m < min(stated.half_width_95_camera_center_m)
+
+
+def test_a_long_drive_is_cut_to_the_frames_that_differ(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = drive / "drive.yaml"
+    document = yaml.safe_load(path.read_text())
+    document["frames"] = [dict(document["frames"][0]) for _ in range(3)] + document["frames"]
+    path.write_text(yaml.safe_dump(document))
+    result = tmp_path / "out.yaml"
+    code, _, err = run(capfd, "refine", drive, "--init", drive, "--max-frames", "4", "-o", result)
+    calibration = read_calibration(result)
+    assert code == 0
+    assert "4 of 7 frames" in err
+    assert [frame.points for frame in calibration.input.frames] == [f"points/{i:06d}.bin" for i in range(4)]
+    assert sum("/0" in name for name in calibration.input.sha256) == 3 * 4  # the files of the frames used

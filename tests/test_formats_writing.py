@@ -1,0 +1,210 @@
+"""Transforms in files of every format: how they are written, alone or into a file of the user's."""
+
+import io
+import json
+import os
+import shutil
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from conftest import DRIVE, make_pose, poses
+from format_files import KIT, RELLIS3D_KEY, SENSORS, STAMPED, T_ANY, words
+from hypothesis import given, settings
+from scipy.spatial.transform import Rotation
+
+from semcal_cli.cli import semcal
+from semcal_cli.errors import InputError
+from semcal_cli.formats import FORMATS, find_format, put_transform, read_transform, write_transform
+from semcal_cli.formats.format import CameraFrame, FormatOptions, Source
+
+
+@pytest.mark.parametrize("name", ["semcal", "tf2", "kalibr", "rellis-3d", "fast-livo2"])
+def test_documents_are_json_where_the_files_suffix_says_so(name: str, tmp_path: Path) -> None:
+    for suffix in (".json", ".yaml"):
+        write_transform(T_ANY, tmp_path / f"T{suffix}", name)
+        np.testing.assert_allclose(read_transform(tmp_path / f"T{suffix}"), T_ANY, atol=1e-9)
+    json.loads((tmp_path / "T.json").read_text())
+
+
+def test_sensors_are_named_by_channel_in_a_table_of_the_users(tmp_path: Path) -> None:
+    table = tmp_path / "calibrated_sensor.json"
+    table.write_text(json.dumps([dict(row, sensor_token=row["token"] * 2) for row in SENSORS]))
+    channels = [{"token": "aa", "channel": "CAM_FRONT"}, {"token": "bb", "channel": "LIDAR_TOP"}]
+    (tmp_path / "sensor.json").write_text(json.dumps(channels))
+    options, T = (
+        FormatOptions(camera="CAM_FRONT", lidar="LIDAR_TOP"),
+        make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7)),
+    )
+    put_transform(T, table, options)
+    np.testing.assert_allclose(read_transform(table, None, options), T, atol=1e-9)
+
+
+def test_lines_that_say_nothing_of_it_stay_as_they_are(tmp_path: Path) -> None:
+    """With the indentation of the file, and rows of a matrix on a line each."""
+    text = (
+        "# the rig\ncam0:\n    camera_model: pinhole   # of the left\n    intrinsics: [1.0, 2.0, 3.0, 4.0]\n"
+        "    topics:\n      - /a\n      - '/b'\n    T_cam_lidar:\n"
+        + "".join(f"      - [{', '.join(map(repr, row))}]\n" for row in np.eye(4).tolist())
+        + "    resolution: [640, 480]\n"
+    )
+    file = tmp_path / "chain.yaml"
+    file.write_text(text)
+    put_transform(T_ANY, file, None)
+    before, after = text.splitlines(), file.read_text().splitlines()
+    assert len(after) == len(before)
+    changed = [number for number, lines in enumerate(zip(before, after, strict=True)) if lines[0] != lines[1]]
+    assert changed == [8, 9, 10]  # Of the matrix, whose last row is what it was.
+
+
+THERE_AND_BACK = 1e-8  # Roll, pitch and yaw lose half of their digits close to a pitch of 90 degrees.
+RELATIVE = {"autoware": "sensor kit", "nuscenes": "vehicle"}
+
+
+@pytest.mark.parametrize("name", [format.name for format in FORMATS if format.name not in RELATIVE])
+@pytest.mark.parametrize("frame", ["optical", "body"])
+@given(T=poses)
+@settings(max_examples=8)
+def test_there_and_back_is_the_same(name: str, frame: CameraFrame, T: np.ndarray) -> None:
+    options = FormatOptions(direction="camera-to-lidar", frame=frame)
+    content = find_format(name).write(T, options)
+    suffix = (
+        "calib_cam_to_velo.txt"
+        if name == "kitti-360"
+        else "f.json"
+        if content.startswith((b"{", b"["))
+        else "f"
+    )
+    source = Source(Path(suffix), content)
+    assert find_format(name).recognises(source) or name == "apollo"
+    again = find_format(name).read(source, options)
+    np.testing.assert_allclose(again, T, atol=THERE_AND_BACK)
+
+
+@pytest.mark.parametrize(("name", "relative_to"), RELATIVE.items())
+def test_what_is_relative_to_something_else_needs_a_file(name: str, relative_to: str) -> None:
+    with pytest.raises(
+        InputError, match=f"--to {name}: poses are relative to the {relative_to}, needed --into a "
+    ):
+        find_format(name).write(T_ANY, FormatOptions())
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "options", "kept"),
+    [
+        (
+            "kit.yaml",
+            "# our kit\n"
+            + yaml.dump(KIT, default_flow_style=None).replace(
+                "velodyne_top", "# the top one\n  velodyne_top"
+            ),
+            FormatOptions(camera="camera0/camera_link"),
+            ["# our kit", "# the top one", "camera1/camera_optical_link"],
+        ),
+        (
+            "avia.yaml",
+            "/**:\n  ros__parameters:\n    common: {img_en: 1}  # keep\n    extrin_calib:\n"
+            "      extrinsic_T: [0.1, 0.2, 0.3]\n      Rcl: [1, 0, 0, 0, 1, 0, 0, 0, 1]\n      Pcl: [0, 0, 0]\n",
+            FormatOptions(),
+            ["common: {img_en: 1}  # keep", "extrinsic_T: [0.1, 0.2, 0.3]"],
+        ),
+        (
+            "calibrated_sensor.json",
+            json.dumps(SENSORS, indent=1),
+            FormatOptions(camera="a", lidar="b"),
+            ['\n  "token": "b"'],
+        ),
+        ("drive.yaml", DRIVE + "# the end\n", FormatOptions(), ["# the end", "K: [[640, 0, 639.5]"]),
+    ],
+)
+def test_a_file_of_the_users_keeps_all_else(
+    name: str, text: str, options: FormatOptions, kept: list[str], tmp_path: Path
+) -> None:
+    file, T = tmp_path / name, make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
+    file.write_text(text)
+    put_transform(T, file, options)
+    np.testing.assert_allclose(read_transform(file, None, options), T, atol=1e-9)
+    for piece in kept:
+        assert piece in file.read_text()
+
+
+@pytest.mark.parametrize(
+    ("parent", "child", "options"),
+    [
+        ("velodyne", "camera_optical_frame", FormatOptions()),
+        ("camera_optical_frame", "velodyne", FormatOptions()),
+        ("velodyne", "camera_link", FormatOptions(frame="body")),
+        ("base", "nose", FormatOptions(frame="optical", camera="nose", lidar="base")),
+    ],
+)
+def test_a_file_in_place_keeps_its_frames(
+    parent: str, child: str, options: FormatOptions, tmp_path: Path
+) -> None:
+    document = {"header": {"frame_id": parent}, "child_frame_id": child, "transform": STAMPED["transform"]}
+    file, T = tmp_path / "a.yaml", make_pose((0.5, -0.8, 1.9), (0.2, 0.1, -0.7))
+    file.write_text(yaml.dump(document))
+    put_transform(T, file, options)
+    np.testing.assert_allclose(read_transform(file, None, options), T, atol=1e-9)
+    after = yaml.safe_load(file.read_text())
+    assert (after["header"]["frame_id"], after["child_frame_id"]) == (parent, child)
+    if options != FormatOptions():
+        with pytest.raises(InputError, match=r"needed --to-(camera|frame|lidar) "):
+            put_transform(T, file, FormatOptions())
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.yaml", yaml.dump(STAMPED | {"transform": None})),
+        ("a.yaml", yaml.dump(STAMPED | {"transform": {"translation": [1, 2, 3]}})),
+        ("a.yaml", yaml.dump(STAMPED | {"header": "lidar"})),
+        ("a.yaml", f"{RELLIS3D_KEY}: 5"),
+        ("a.json", json.dumps({"cam0": {"T_cam_lidar": 1}}).replace("1}}", '1}, "x": 1e400}')),
+        ("a.yaml", yaml.dump(STAMPED) + "date: 2020-02-30\n"),
+    ],
+)
+def test_files_that_cannot_be_edited_are_left_alone(name: str, text: str, tmp_path: Path) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=rf"{name}: "):
+        put_transform(T_ANY, tmp_path / name)
+    assert (tmp_path / name).read_text() == text
+
+
+def test_convert_replaces_nothing_that_it_reads(street: Path, tmp_path: Path) -> None:
+    drive = tmp_path / "drive"
+    drive.mkdir()
+    shutil.copy(street / "drive.yaml", drive)
+    before = (drive / "drive.yaml").read_bytes()
+    for source in (drive, drive / "drive.yaml"):
+        arguments = ["convert", str(source), "--to", "opencalib", "-o", str(drive / "drive.yaml")]
+        assert isinstance(CliRunner().invoke(semcal, arguments).exception, InputError)
+    assert (drive / "drive.yaml").read_bytes() == before
+    os.mkfifo(tmp_path / "pipe")
+    reader = Thread(target=lambda: seen.append((tmp_path / "pipe").read_text()))
+    seen: list[str] = []
+    reader.start()
+    write_transform(T_ANY, tmp_path / "pipe", "opencalib")
+    reader.join()
+    assert seen[0].startswith("T: ")
+    assert (tmp_path / "pipe").is_fifo()
+
+
+def test_convert_repairs_aloud_and_writes(tmp_path: Path) -> None:
+    scaled = T_ANY.copy()
+    scaled[0, :3] *= 0.9
+    (tmp_path / "T.txt").write_text("\n".join(words(row) for row in scaled))
+    arguments = ["convert", str(tmp_path / "T.txt"), "--direction", "lidar-to-camera", "--repair"]
+    out = tmp_path / "T.npy"
+    found = CliRunner().invoke(
+        semcal, [*arguments, "--to", "npy", "--to-direction", "camera-to-lidar", "-o", str(out)]
+    )
+    assert found.exit_code == 0, found.output
+    assert "semcal: repaired: " in found.stderr
+    assert "found no rotation (determinant 0.9, rows stretched by 0.9 to 1), took the nearest" in found.stderr
+    assert Rotation.from_matrix((np.load(out) @ T_ANY)[:3, :3]).magnitude() < 0.1
+    again = CliRunner().invoke(semcal, [*arguments, "--to", "text", "--to-direction", "lidar-to-camera"])
+    rows = np.loadtxt(io.StringIO(again.stdout))
+    np.testing.assert_allclose(rows, np.linalg.inv(np.load(out)), atol=1e-12)

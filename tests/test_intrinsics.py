@@ -1,0 +1,238 @@
+"""Intrinsics from the files of ROS, Kalibr and OpenCV: their camera, and what is said of a wrong one."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from camera_infos import KALIBR, LENS, OPENCV, OPENCV_XML, ROS, ROS_ECHO, ROS_MESSAGE, K
+from dataset_trees import KITTI_360_FISHEYE, write
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semcal_cli.datasets.intrinsics import read_intrinsics
+from semcal_cli.errors import InputError
+
+MODELS = "plumb_bob, rational_polynomial, thin_prism, fisheye, omnidirectional, equirectangular, fov, double_sphere"
+
+
+@pytest.mark.parametrize(
+    ("text", "camera", "expected"),
+    [
+        (ROS, None, {"model": "plumb_bob", "distortion": [-0.1, 0.2, 0.001, 0.002, 0.3]}),
+        (ROS_MESSAGE, None, {"model": "rational_polynomial", "distortion": [1, 2, 3, 4, 5, 6, 7, 8]}),
+        (KALIBR, "cam0", {"model": "plumb_bob", "distortion": [-0.1, 0.2, 0.001, 0.002]}),
+        (KALIBR, "cam1", {"model": "fisheye", "distortion": [0.1, 0.2, 0.3, 0.4]}),
+        (
+            KALIBR,
+            "cam2",
+            {
+                "model": "omnidirectional",
+                "distortion": [-0.1, 0.2, 0.001, 0.002],
+                "parameters": {"xi": 1.5},
+            },
+        ),
+        (OPENCV, None, {"model": "plumb_bob", "distortion": [-0.1, 0.2, 0.001, 0.002, 0.3]}),
+        (OPENCV_XML, None, {"model": "plumb_bob", "distortion": [-0.1, 0.2, 0.001, 0.002, 0.3]}),
+        (ROS_ECHO, None, {"model": "plumb_bob", "distortion": [-0.1, 0.2, 0.001, 0.002, 0.3]}),
+        (
+            "---" + ROS_ECHO + ROS_ECHO.replace("50.0", "99.0"),
+            None,
+            {"model": "plumb_bob", "distortion": [-0.1, 0.2, 0.001, 0.002, 0.3]},
+        ),
+    ],
+)
+def test_intrinsics(tmp_path: Path, text: str, camera: str | None, expected: dict[str, Any]) -> None:
+    write(tmp_path / "camera.yaml", text)
+    assert read_intrinsics(tmp_path / "camera.yaml", camera) == LENS | expected
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (
+            "a: 1\n",
+            "found top-level keys 'a', needed a ROS camera_info (distortion_model), a Kalibr camchain "
+            "(cam0) or an OpenCV FileStorage (camera_matrix)",
+        ),
+        (
+            ROS.replace("plumb_bob", "brown"),
+            "distortion_model: found 'brown', needed one of: plumb_bob, radtan, "
+            "rational_polynomial, equidistant, fisheye, kannala_brandt",
+        ),
+        (
+            ROS.replace("15.5, 0, 0, 1]", "15.5]"),
+            "camera_matrix: found a list of 6, needed 9 numbers by rows",
+        ),
+        (ROS.replace("image_width: 64", ""), "image_width: found nothing, needed a value"),
+        (KALIBR, "camera: none given, needed one of: cam0, cam1, cam2"),
+        (KALIBR.split("cam1")[0].replace("51, ", ""), "intrinsics: found a list of 3, needed 4 numbers"),
+        (
+            OPENCV.replace("camera_matrix", "M"),
+            "found keys calibration_time, image_width, image_height, M, "
+            "distortion_coefficients, needed one of: camera_matrix, cameraMatrix, CameraMatrix, K",
+        ),
+        (ROS_ECHO.replace("roi:", "roi: 5\nr:"), "roi: found 5, needed a mapping"),
+        (
+            '<!DOCTYPE a [<!ENTITY b "c">]>' + OPENCV_XML,
+            "found <!DOCTYPE, needed XML without declarations",
+        ),
+        (OPENCV_XML.replace("</flags>", ""), "line 23: found no well-formed XML, needed it"),
+        (
+            OPENCV_XML.replace("opencv_storage", "storage"),
+            "found XML of 'storage', needed 'opencv_storage' with keys in it",
+        ),
+        (OPENCV_XML.replace("flags>", "image_width>"), "key 'image_width' is given twice"),
+        (
+            OPENCV_XML.replace("3.15000000e+01", "nan"),
+            "camera_matrix: found '50. 0. nan 0. 51.\\n    1.55e+01 0. 0. 1.', needed numbers",
+        ),
+        (
+            OPENCV.replace("0.002, 0.3 ]", "0.002, 0.3, 0.4 ]"),
+            "distortion_coefficients: found 6 numbers, needed one of: 4, 5, 8, 12, 14",
+        ),
+        (
+            OPENCV.replace("image_width: 64", "image_width: wide"),
+            "image_width: found 'wide', needed numbers",
+        ),
+    ],
+)
+def test_wrong_intrinsics(tmp_path: Path, text: str, expected: str) -> None:
+    path = tmp_path / "camera.yaml"
+    write(path, text)
+    with pytest.raises(InputError) as error:
+        read_intrinsics(path, None)
+    assert str(error.value) == f"{path}: {expected}"
+
+
+@pytest.mark.parametrize(
+    ("found", "instead", "expected"),
+    [
+        ("binning_y: 1", "binning_y: 2", "binning_y: found 2, needed 0 or 1"),
+        ("x_offset: 0", "x_offset: 8", "roi.x_offset: found 8, needed 0"),
+        ("  height: 32", "  height: 16", "roi.height: found 16, needed 0 or 32"),
+    ],
+)
+def test_intrinsics_of_a_part_of_the_picture(tmp_path: Path, found: str, instead: str, expected: str) -> None:
+    path = tmp_path / "camera.yaml"
+    write(path, ROS_ECHO.replace(found, instead))
+    with pytest.raises(InputError) as error:
+        read_intrinsics(path, None)
+    assert str(error.value) == f"{path}: {expected}: K is for the full picture"
+
+
+def test_four_coefficients_of_opencv_may_be_two_models(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    write(path, OPENCV.replace("0.002, 0.3 ]", "0.002 ]"))
+    assert read_intrinsics(path, None, "fisheye")["model"] == "fisheye"
+    with pytest.raises(InputError) as error:
+        read_intrinsics(path)
+    assert str(error.value) == (
+        f"{path}: found 4 coefficients and no fisheye_model, needed --model, as plumb_bob or fisheye"
+    )
+    write(path, OPENCV.replace("0.002, 0.3 ]", "0.002 ]\nfisheye_model: 1"))
+    assert read_intrinsics(path)["model"] == "fisheye"
+
+
+@pytest.mark.parametrize(
+    ("count", "model"),
+    [
+        (4, "plumb_bob"),
+        (5, "plumb_bob"),
+        (8, "rational_polynomial"),
+        (12, "thin_prism"),
+        (14, "thin_prism"),
+    ],
+)
+def test_the_count_of_coefficients_tells_the_model(tmp_path: Path, count: int, model: str) -> None:
+    """Of an OpenCV file that says it is no fisheye; and of ROS's rational_polynomial, which has 8 or more."""
+    path, numbers = tmp_path / "camera.yaml", ", ".join(["0.01"] * count)
+    write(path, OPENCV.replace("-0.1, 0.2, 0.001, 0.002, 0.3", numbers) + "fisheye_model: 0\n")
+    assert read_intrinsics(path)["model"] == model
+    if count >= 8:
+        write(path, ROS_MESSAGE.replace("1, 2, 3, 4, 5, 6, 7, 8", numbers))
+        assert read_intrinsics(path)["model"] == model
+
+
+@pytest.mark.parametrize(
+    ("text", "camera"),
+    [
+        (ROS.replace(", 0.3]}", "]}"), None),
+        (KALIBR, "cam0"),
+        (OPENCV.replace("0.002, 0.3 ]", "0.002 ]\nfisheye_model: 0"), None),
+    ],
+)
+def test_a_model_that_is_asked_for_goes_before_the_file(
+    tmp_path: Path, text: str, camera: str | None
+) -> None:
+    write(tmp_path / "camera.yaml", text)
+    block = read_intrinsics(tmp_path / "camera.yaml", camera, "fisheye")
+    assert block == LENS | {"model": "fisheye", "distortion": [-0.1, 0.2, 0.001, 0.002]}
+
+
+@pytest.mark.parametrize(
+    ("text", "camera", "model", "expected"),
+    [
+        (ROS, None, "fisheye", ": found 5 coefficients, needed 0 or 4 for --model fisheye"),
+        (
+            KALIBR,
+            "cam2",
+            "fisheye",
+            ": found model 'omnidirectional', which cannot be taken as --model fisheye",
+        ),
+        (KALIBR, "cam1", "fov", ": found 4 coefficients, needed 1 for --model fov"),
+        (
+            KITTI_360_FISHEYE,
+            None,
+            "plumb_bob",
+            ": found model 'omnidirectional', which cannot be taken as --model plumb_bob",
+        ),
+        (OPENCV, None, "pinhole", f"--model: found 'pinhole', needed one of: {MODELS}"),
+        (ROS, "left", None, ": found one camera without a name, needed no --camera ('left')"),
+        (OPENCV, "left", None, ": found one camera without a name, needed no --camera ('left')"),
+        (KITTI_360_FISHEYE, "left", None, ": found one camera without a name, needed no --camera ('left')"),
+    ],
+)
+def test_options_that_do_not_fit_the_intrinsics(
+    tmp_path: Path, text: str, camera: str | None, model: str | None, expected: str
+) -> None:
+    path = tmp_path / "camera.yaml"
+    write(path, text)
+    with pytest.raises(InputError) as error:
+        read_intrinsics(path, camera, model)
+    assert str(error.value) == (f"{path}{expected}" if expected.startswith(":") else expected)
+
+
+def test_xml_that_opencv_wrote(tmp_path: Path) -> None:
+    path = tmp_path / "camera.xml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("calibration_time", "Mon & Tue")
+    for key, value in (("image_width", 64), ("image_height", 32), ("fisheye_model", 1)):
+        storage.write(key, value)
+    storage.write("camera_matrix", np.array(K))
+    storage.write("distortion_coefficients", np.array([[0.1, 1e-9, 0.0, -3e-5]]).T)
+    storage.release()
+    assert read_intrinsics(path) == LENS | {"model": "fisheye", "distortion": [0.1, 1e-9, 0.0, -3e-5]}
+
+
+def test_older_opencv_puts_no_space_after_a_colon(tmp_path: Path) -> None:
+    write(tmp_path / "camera.yaml", OPENCV.replace(": ", ":"))
+    assert read_intrinsics(tmp_path / "camera.yaml", None)["K"] == K
+
+
+@given(data=st.data())
+def test_a_damaged_opencv_file_is_one_line_of_input_error(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+) -> None:
+    """OpenCV's own parser aborts on some of these."""
+    text = data.draw(st.sampled_from([OPENCV, OPENCV_XML, ROS_ECHO, KITTI_360_FISHEYE]))
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(text)))
+        text = text[:at] + data.draw(st.text(max_size=5)) + text[at + data.draw(st.integers(0, 20)) :]
+    path = tmp_path_factory.getbasetemp() / "damaged.yaml"
+    path.write_text(text, encoding="utf-8")
+    try:
+        read_intrinsics(path, None)
+    except InputError as error:
+        assert len(str(error).splitlines()) == 1  # noqa: PT017
