@@ -7,7 +7,6 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
-from xml.etree import ElementTree
 
 import click
 
@@ -46,6 +45,8 @@ class Case:
 def junit_xml(command: str, cases: Sequence[Case]) -> str:
     """Make JUnit XML with a test case for each check: a failed check fails, an inconclusive one is skipped."""
     verdicts = [case.verdict for case in cases]
+    from xml.etree import ElementTree
+
     suite = ElementTree.Element(
         "testsuite",
         name=f"semcal {command}",
