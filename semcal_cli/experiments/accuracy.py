@@ -184,7 +184,7 @@ class Experiment:
             calibration = make_calibration(data, stages, CalibrationConfig(refinement=config))
         except SemcalError as failure:
             return _failed(case, estimator, failure)
-        error = compare_poses(calibration.pose, truth)
+        error = compare_poses(stages.T_camera_lidar, truth)
         started = compare_poses(initial.T_camera_lidar, truth)
         return Result(
             row=case.row,

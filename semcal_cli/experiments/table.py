@@ -104,8 +104,8 @@ def compare(
         start = perf_counter()
         try:
             if method == "semcal":
-                verdict = _calibrate(data, initial)
-                poses[method], status, reasons = verdict.pose, verdict.status, verdict.reasons
+                poses[method], verdict = _calibrate(data, initial)
+                status, reasons = verdict.status, verdict.reasons
             else:
                 poses[method] = METHODS[method](scene, T_init)
         except SemcalError as failure:
@@ -122,10 +122,10 @@ def _read_intensity(data: LoadedDrive) -> tuple[Observations, dict[str, str]]:
         return data.observations, {method: str(failure) for method in BY_INTENSITY}
 
 
-def _calibrate(data: LoadedDrive, initial: StageResult) -> Calibration:
+def _calibrate(data: LoadedDrive, initial: StageResult) -> tuple[Pose, Calibration]:
     config = CalibrationConfig()
     stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)
-    return make_calibration(data, stages, config)
+    return stages.T_camera_lidar, make_calibration(data, stages, config)
 
 
 def _check_frame(drive: Drive, frame: int) -> None:

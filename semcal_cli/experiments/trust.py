@@ -231,7 +231,7 @@ def _calibrate(outcome: Outcome, data: LoadedDrive, truth: Pose) -> Outcome:
     initial = initialize(data, config.initialization)
     stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)
     calibration = make_calibration(data, stages, config)
-    error = compare_poses(calibration.pose, truth)
+    error = compare_poses(stages.T_camera_lidar, truth)
     outcome = replace(
         outcome,
         status=calibration.status,
