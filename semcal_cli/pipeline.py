@@ -323,6 +323,7 @@ def make_calibration(
         num_frames=len(data.drive.frames),
         input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
         is_assessed=stages.assessment is not None,
+        notes=stages.notes,
         hypotheses=searched.hypotheses if searched else (),
         runner_up_margin=searched.runner_up_margin if searched else None,
         held_out=stages.polished.held_out if stages.polished else None,

@@ -44,6 +44,11 @@ class Stages:
         return (*findings, *self.of_comparison)
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences of the assessment that a person should know and that do not speak against the pose."""
+        return () if self.assessment is None else self.assessment.notes
+
+    @property
     def poses(self) -> dict[str, StageResult]:
         """Results of the stages that give a pose, by name, in order."""
         stages = {

@@ -38,6 +38,8 @@ class Verification:
     """Checks of the transform minus the estimate: the camera's position and its rotation, by axis and in all."""
     reasons: tuple[str, ...]
     """Findings that make the verdict inconclusive, or mistakes that the transform looks like."""
+    notes: tuple[str, ...]
+    """Sentences that a person should know and that do not change the verdict."""
     T_camera_lidar: Pose
     """(4, 4) estimate of the pose, metres."""
 
@@ -78,10 +80,10 @@ def verify(
     checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits or Limits())
     if stages.findings or uncertainty is None:
         reasons = tuple(finding.sentence for finding in stages.findings)
-        return Verification("inconclusive", checks, reasons, estimate)
+        return Verification("inconclusive", checks, reasons, stages.notes, estimate)
     verdict = together(check.verdict for check in checks)
     looks = recognise(T_stated, estimate) if verdict == "fail" else []
-    return Verification(verdict, checks, tuple(looks), estimate)
+    return Verification(verdict, checks, tuple(looks), stages.notes, estimate)
 
 
 def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: Listener) -> Stages | None:

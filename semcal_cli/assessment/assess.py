@@ -22,6 +22,8 @@ class Assessment:
     """Uncertainty of the pose; None if the data do not determine it."""
     findings: tuple[Finding, ...]
     """Findings of the assessment against the pose."""
+    notes: tuple[str, ...] = ()
+    """Sentences that a person should know and that do not speak against the pose."""
 
 
 def assess(

@@ -32,6 +32,7 @@ def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
         **_uncertainty_rows(calibration.uncertainty),
         **_repeatability_rows(calibration.repeatability),
         "status": [calibration.status, *calibration.reasons],
+        "note": list(calibration.notes),
         "written to": [written_to],
     }
     return [

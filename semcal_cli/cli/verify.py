@@ -100,6 +100,6 @@ def _print(found: Verification, as_json: bool) -> None:
         return
     for check in found.checks:
         click.echo(check_line(check))
-    for reason in found.reasons:
-        click.echo(reason)
+    for sentence in (*found.reasons, *found.notes):
+        click.echo(sentence)
     click.echo(found.verdict)

@@ -84,7 +84,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         report=report,
         record=record,
         verdict=verdict(report),
-        notices=report.notices,
+        notices=(*report.notices, *(report.record.notes if report.record else ())),
         agreement=agreement,
         num_visible=agreement.num_inside - agreement.num_hidden,
         camera_center=camera_center(T).tolist(),

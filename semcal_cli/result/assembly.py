@@ -22,6 +22,7 @@ def assemble(
     num_frames: int,
     input: Input,
     is_assessed: bool,
+    notes: tuple[str, ...] = (),
     hypotheses: tuple[Hypothesis, ...] = (),
     runner_up_margin: float | None = None,
     held_out: HeldOut | None = None,
@@ -38,6 +39,7 @@ def assemble(
         num_frames: Number of frames used.
         input: Files that were read.
         is_assessed: Whether the last stage, the assessment, was run.
+        notes: Sentences that a person should know and that do not speak against the answer.
         hypotheses: Hypotheses of the initial calibration, best first.
         runner_up_margin: Standard errors by which the runner-up is behind.
         held_out: Test of the polish on held-out data.
@@ -52,6 +54,7 @@ def assemble(
         last.T_camera_lidar,
         status="not_trusted" if findings else "trusted" if is_assessed else "not_assessed",
         reasons=tuple(finding.sentence for finding in findings),
+        notes=notes,
         quality=_quality(last.agreement, num_frames, runner_up_margin),
         stages={name: _stage(result) for name, result in stages.items()},
         uncertainty=uncertainty,

@@ -148,6 +148,8 @@ class Calibration(StrictModel):
     `not_assessed` if the pose was not assessed."""
     reasons: Annotated[tuple[str, ...], length(0)]
     """Findings against the pose, as sentences with figures."""
+    notes: Annotated[tuple[str, ...], length(0)] = ()
+    """Sentences that a person should know and that do not speak against the pose."""
     T_camera_lidar: Transform
     """Transform from the LiDAR to the camera, p_camera = T_camera_lidar * p_lidar, in metres."""
     T_lidar_camera: Transform
