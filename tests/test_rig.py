@@ -304,3 +304,63 @@ def test_a_drive_that_speaks_of_a_rig_is_a_drive(rig: Path) -> None:
         assert find_rig(drive.parent) is None
     finally:
         drive.write_text(text)
+
+
+def copy_of(rig: Path, out: Path, names: dict[str, str]) -> Path:
+    """Write a rig whose cameras, by name, are copies of cameras of another rig."""
+    for name, source in names.items():
+        shutil.copytree(rig.parent / source, out / name)
+    cameras = {name: name for name in names}
+    (out / "rig.yaml").write_text(yaml.safe_dump({"semcal_rig": 1, "cameras": cameras}))
+    return out / "rig.yaml"
+
+
+def test_cameras_that_share_no_clouds_are_no_rig(rig: Path, tmp_path: Path) -> None:
+    """Two cameras share clouds; two others share others."""
+    for name, seed in (("rig", 5), ("other", 6)):
+        synthesize_rig(dataclasses.replace(SMALL, num_frames=1, seed=seed), 2, tmp_path / name)
+    names = ("front", "rear", "left", "right")
+    drives = [f"{folder}/{camera}" for folder in ("rig", "other") for camera in NAMES]
+    path = tmp_path / "rig.yaml"
+    path.write_text(yaml.safe_dump({"semcal_rig": 1, "cameras": dict(zip(names, drives, strict=True))}))
+    found = run(path, "-o", tmp_path / "out")
+    assert isinstance(found.exception, InputError)
+    assert str(found.exception) == (
+        f"{path}: cameras: found no cloud of 'left' and 'right' among those of 'front' and 'rear', "
+        "needed drives that name the same clouds, since the cameras of a rig belong to one LiDAR"
+    )
+    assert not (tmp_path / "out").exists()
+
+
+def test_copies_of_a_cloud_are_one_cloud(rig: Path, tmp_path: Path) -> None:
+    """One cloud of three is enough, and it may have another name."""
+    path = copy_of(rig, tmp_path, {"front": "camera_0", "rear": "camera_0"})
+    cloud = tmp_path / "rear/points/000001.bin"
+    for other in (0, 2):
+        altered = np.fromfile(cloud.with_name(f"00000{other}.bin"), np.float32)[:-4] + 0.01
+        altered.tofile(cloud.with_name(f"00000{other}.bin"))
+    cloud.rename(cloud.with_name("renamed.bin"))
+    drive = tmp_path / "rear/drive.yaml"
+    drive.write_text(drive.read_text().replace("points/000001.bin", "points/renamed.bin"))
+    assert list(read_rig(path).read_drives()) == ["front", "rear"]
+    (tmp_path / "rear/points/renamed.bin").write_bytes(b"another cloud")
+    with pytest.raises(InputError, match="found no cloud of 'rear' among those of 'front'"):
+        read_rig(path).read_drives()
+
+
+def test_a_camera_may_be_connected_through_another(rig: Path, tmp_path: Path) -> None:
+    names = dict.fromkeys(("a", "b", "c"), "camera_0")
+    path = copy_of(rig, tmp_path, names)
+    for name, frames in (("a", (0, 1)), ("b", (2,)), ("c", (1, 2))):
+        drive = tmp_path / name / "drive.yaml"
+        document = yaml.safe_load(drive.read_text())
+        drive.write_text(
+            yaml.safe_dump(document | {"frames": [document["frames"][index] for index in frames]})
+        )
+    assert list(read_rig(path).read_drives()) == list(names)
+
+
+def test_clouds_that_are_missing_are_left_to_their_own_camera(rig: Path, tmp_path: Path) -> None:
+    path = copy_of(rig, tmp_path, {"front": "camera_0", "rear": "camera_0"})
+    shutil.rmtree(tmp_path / "rear/points")
+    assert list(read_rig(path).read_drives()) == ["front", "rear"]

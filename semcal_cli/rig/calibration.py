@@ -58,8 +58,6 @@ class RigCalibration:
                 notes.append(
                     f"T_{pair.a}_{pair.b} is {off} from {pair.reference.source}, more than chance explains"
                 )
-        if self.num_sweeps == sum(each.quality.num_frames for each in self.cameras.values()) > 0:
-            notes.append("cameras share no cloud: nothing shows that they belong to one LiDAR")
         return tuple(notes)
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from itertools import pairwise
+from collections.abc import Mapping
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from semcal_cli.files.messages import describe, mismatch, one_of
 from semcal_cli.files.reading import is_folder, read_bytes
 from semcal_cli.files.validation import FileName, StrictModel, Transform, Version, validate
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
+from semcal_cli.rig.clouds import connected_cameras
 
 RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[\r{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)
 """Pattern of a rig's version key. A file without it need not be parsed, which takes seconds for a long drive."""
@@ -80,7 +82,8 @@ class Rig(StrictModel):
         """Read and check the drive of each camera.
 
         Raises:
-            InputError: a drive is wrong, two cameras have the same drive, or two drives describe different LiDARs.
+            InputError: a drive is wrong, two cameras have the same drive, two drives describe different LiDARs, or
+                cameras share no clouds.
         """
         drives = {name: read_drive(self._path.parent / drive) for name, drive in self.cameras.items()}
         owners: dict[Path, str] = {}
@@ -97,7 +100,18 @@ class Rig(StrictModel):
                     f"{self._path}: cameras: found another lidar in the drive of {name!r} than in that of {first!r}, "
                     "needed one LiDAR"
                 )
+        self._check_clouds(drives)
         return drives
+
+    def _check_clouds(self, drives: Mapping[str, Drive]) -> None:
+        """Check that all cameras are connected by clouds."""
+        first, *others = connected_cameras(drives) or [[]]
+        if others:
+            apart, rest = (" and ".join(map(repr, names)) for names in (chain.from_iterable(others), first))
+            raise InputError(
+                f"{self._path}: cameras: found no cloud of {apart} among those of {rest}, "
+                "needed drives that name the same clouds, since the cameras of a rig belong to one LiDAR"
+            )
 
     def reference(self, to: str, other: str) -> Pose | None:
         """Return the reference T_to_other (4, 4) of two cameras, whichever way the file states it; None without one."""
