@@ -16,7 +16,10 @@ from semcal_cli.cli import semcal
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments import accuracy, pool, speed, trust, trust_rates
 from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
+from semcal_cli.experiments.outcome import Case as TrustCase
+from semcal_cli.experiments.outcome import Outcome
 from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.rate import Rate
 from semcal_cli.experiments.runner import run_cases
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.jobs.resume import locked
@@ -150,11 +153,11 @@ def test_a_folder_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
     assert "cannot be made" in str(found.exception)
 
 
-def outcome(kind: str, status: str, error: float, seed: int = 0) -> trust.Outcome:
+def outcome(kind: str, status: str, error: float, seed: int = 0) -> Outcome:
     """All axes alike: a standard error of 1 cm and 0.1 degrees, and twice that for half the interval."""
     scale = (1.0, 1.0, 1.0, 0.1, 0.1, 0.1)
     errors, sigmas, halves = (tuple(x * each for each in scale) for x in (error, 1.0, 2.0))
-    return trust.Outcome(kind, seed, "default", 10, 0.1, status, "", errors, sigmas, halves)
+    return Outcome(kind, seed, "default", 10, 0.1, status, "", errors, sigmas, halves)
 
 
 def test_rates_of_trust() -> None:
@@ -164,7 +167,7 @@ def test_rates_of_trust() -> None:
         outcome("labels shuffled", "not_trusted", 100.0),
         outcome("labels shuffled", "trusted", 6.0),
         outcome("labels shuffled", "trusted", 3.9),
-        trust.Outcome("as it is", 0, "default", 20, 0.0, "fail", ""),
+        Outcome("as it is", 0, "default", 20, 0.0, "fail", ""),
     ]
     rates = {rate.name: (rate.count, rate.n) for rate in trust_rates.rates(outcomes)}
     assert rates["trusted: axes in the 95 % interval"] == (18, 24)
@@ -179,7 +182,7 @@ def test_rates_of_trust() -> None:
     assert trust_rates.sharpness(outcomes) == pytest.approx(
         1.0 / np.sqrt((0.0 + 1.0 + 1.9**2 + 2.1**2) / 4.0)
     )
-    low, high = trust_rates.Rate("", 3, 10).interval  # Wilson's, as in Brown, Cai and DasGupta (2001)
+    low, high = Rate("", 3, 10).interval  # Wilson's, as in Brown, Cai and DasGupta (2001)
     assert (low, high) == pytest.approx((0.1078, 0.6032), abs=1e-4)
 
 
@@ -187,9 +190,10 @@ def test_trust_of_a_drive_that_cannot_be_calibrated_and_of_a_good_one(tmp_path: 
     rigs = list(accuracy.RIGS)
     seed = 6 * 7 + rigs.index("default")
     make_small(tmp_path / "pool" / f"default_{seed:06d}", seed)
-    experiment = trust.Experiment(Pool(tmp_path / "pool"))
+    pool_of_it = Pool(tmp_path / "pool")
+    experiment = trust.Experiment(pool_of_it, pool_of_it)
     kinds = ("good", "labels shuffled", "one class everywhere", "sweeps behind the camera only", "verify")
-    found = {kind: experiment(trust.Case(kind, seed, 2, 0.0)) for kind in kinds}
+    found = {kind: experiment(TrustCase(kind, seed, 2, 0.0)) for kind in kinds}
     verified = {each.kind: each.status for each in found["verify"]}
     assert list(verified) == [trust.AS_IT_IS, trust.TURNED, trust.MOVED[seed % 3]]
     assert verified.pop(trust.AS_IT_IS) in ("pass", "inconclusive")

@@ -20,6 +20,7 @@ from semcal_cli.cli.options import (
 )
 
 ESTIMATORS = ("exact", "mine")
+TRUST_PARTS = ("good", "bad", "spoiled", "verify")
 
 
 @click.group()
@@ -133,20 +134,30 @@ def accuracy(
     "Drives: six calibrations of each as it is, five made impossible, 15 verifications.",
     first_seed=20_000,
 )
+@click.option(
+    "--only",
+    "parts",
+    type=click.Choice(TRUST_PARTS),
+    multiple=True,
+    default=TRUST_PARTS,
+    help="Only this part; may be given again. Alone, `spoiled` spoils every drive, and otherwise every fifth.",
+)
 @out_option
-def trust(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
+def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: Path) -> None:
     """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
 
-    Takes about two minutes for each drive. Writes the same files as `accuracy`; a stopped run resumes.
+    Drives are also spoiled in the ways of real recordings: none should be trusted and wrong. Takes about two minutes for
+    each drive, and five for one that is spoiled. Writes the same files as `accuracy`; a stopped run resumes.
     """
     from semcal_cli.experiments import runner, trust, trust_rates
+    from semcal_cli.experiments.outcome import Outcome
     from semcal_cli.experiments.pool import Pool
 
     folder = runner.make_folder(out, "trust")
     findings = runner.run_cases(
-        trust.cases(range(first_seed, first_seed + seeds)),
-        trust.Experiment(Pool(out / "pool")),
-        trust.Outcome,
+        trust.cases(range(first_seed, first_seed + seeds), parts),
+        trust.Experiment(Pool(out / "pool"), Pool(out / "pool_with_pictures", has_pictures=True)),
+        Outcome,
         folder,
         jobs,
         _progress("runs"),

@@ -19,7 +19,6 @@ from semcal_cli.config import (
     InitializationConfig,
     RefinementConfig,
 )
-from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import mend, read_observations
@@ -34,7 +33,6 @@ from semcal_cli.experiments.distribution import (
 )
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
-from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -159,8 +157,7 @@ class Experiment:
     def __call__(self, case: Case) -> list[Result]:
         """Calibrate without a guess, or from a wrong start, with each estimator."""
         row = ROWS[case.row]
-        path = self.pool.drive(row.rig, RIGS[row.rig], case.seed)
-        drive, truth = read_drive(path), read_transform(path)
+        drive, truth = self.pool.read(row.rig, RIGS[row.rig], case.seed)
         if row.num_pairs < len(drive.frames):
             chosen = case.seed % len(drive.frames)
             drive = drive.model_copy(update={"frames": drive.frames[chosen : chosen + row.num_pairs]})

@@ -7,8 +7,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from semcal_cli.config import SynthConfig
-from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.drive.document import DRIVE_FILE, Drive, read_drive
 from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic.synthesis import synthesize
 
 NUM_FRAMES = 20
@@ -20,6 +22,8 @@ class Pool:
     """Synthetic drives, one for each rig and seed, made when they are first needed."""
 
     folder: Path
+    has_pictures: bool = False
+    """Whether the drives keep their pictures, which are most of the bytes and which most experiments do not read."""
 
     def drive(self, rig: str, changes: dict[str, object], seed: int) -> Path:
         """Path of the drive of a rig, a `SynthConfig` with some changes; the drive is made if it is missing.
@@ -33,15 +37,28 @@ class Pool:
             self._make(config, path)
         return path
 
+    def read(self, rig: str, changes: dict[str, object], seed: int) -> tuple[Drive, Pose]:
+        """Read the document and the true T_camera_lidar (4, 4) of a drive.
+
+        Raises:
+            InputError: as `drive`.
+        """
+        path = self.drive(rig, changes, seed)
+        drive, truth = read_drive(path), read_transform(path)
+        if not self.has_pictures:
+            frames = tuple(frame.model_copy(update={"image": None}) for frame in drive.frames)
+            drive = drive.model_copy(update={"frames": frames})
+        return drive, truth
+
     def _make(self, config: SynthConfig, path: Path) -> None:
         """Make a drive. Other processes may make it at the same time: the first one to finish puts it in place."""
         self.folder.mkdir(exist_ok=True)
         with TemporaryDirectory(dir=self.folder) as folder:
             made = Path(folder) / "drive"
             synthesize(config, made)
-            # No experiment computes on the images, which are most of the bytes.
-            for picture in (made / "images").iterdir():
-                picture.unlink()
+            if not self.has_pictures:
+                for picture in (made / "images").iterdir():
+                    picture.unlink()
             try:
                 made.rename(path)
             except OSError:

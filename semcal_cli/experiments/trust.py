@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,14 +11,14 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.errors import SemcalError
+from semcal_cli.experiments import spoiled
 from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.outcome import Case, Outcome, with_statement
 from semcal_cli.experiments.pool import Pool
-from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -31,13 +31,12 @@ NOISES = (0.0, 0.1, 0.2, 0.3)
 VERIFY_DRAWS = 5
 """Number of times that a drive's labels are corrupted for `verify`, with transforms off in other directions."""
 MINE_PAIRS = 10
-MINE_EVERY = 5
-"""Step between the seeds whose drive is also calibrated with MINE; it covers all rigs in turn."""
+MINE_EVERY = SPOILED_EVERY = 5
+"""Step between the seeds whose drive is also calibrated with MINE, or spoiled; it covers all rigs in turn."""
+PARTS = ("good", "bad", "spoiled", "verify")
+"""Parts of the experiment; MINE belongs to the good drives."""
 OTHER_DRIVE = len(RIGS)
 """Step to the seed whose drive replaces the images: the next one of the same rig."""
-CONFIDENT_SIGMAS = 4.0
-CONFIDENT_DEG, CONFIDENT_CM = 0.2, 5.0
-"""Limits of a confidently wrong calibration: its error is beyond all of these."""
 LIMITS = Limits(rotation_deg=0.1, translation_m=0.02)
 TURNED_DEG = 0.2
 MOVED_M = 0.03
@@ -54,56 +53,6 @@ class Scene:
 
 
 Degrade = Callable[[Observations, Scene, np.random.Generator], Observations]
-
-
-@dataclass(frozen=True)
-class Case:
-    """One run on the drive of one seed."""
-
-    kind: str
-    """Kind of the run: `good`, `mine`, a key of `BAD`, or `verify`."""
-    seed: int
-    """Seed of the drive."""
-    num_pairs: int
-    """Number of frames that are used."""
-    noise: float
-    """Share of wrong labels on both sides."""
-    draw: int = 0
-    """Number of the random draw on this drive."""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The statement of a calibration or a verification, and its true errors."""
-
-    kind: str
-    """Kind of the case; for a verification the key of `OFFSETS`."""
-    seed: int
-    """Seed of the drive."""
-    rig: str
-    """Name of the rig."""
-    num_pairs: int
-    """Number of frames that were used."""
-    noise: float
-    """Share of wrong labels on both sides."""
-    status: str
-    """Status of the calibration, `failed`, or the verdict of `verify`."""
-    reasons: str
-    """Sentences that speak against the transform."""
-    errors: tuple[float, ...] = ()
-    """Errors of the camera centre in centimetres and of the rotation in degrees, along the camera's axes."""
-    sigmas: tuple[float, ...] = ()
-    """Stated standard errors of `errors`."""
-    half_widths: tuple[float, ...] = ()
-    """Half widths of the stated intervals of `errors`."""
-
-    @property
-    def is_confidently_wrong(self) -> bool:
-        """Whether a trusted pose is off by more than four standard errors, 0.2 degrees and 5 cm."""
-        if self.status != "trusted":
-            return False
-        pairs = zip(self.errors, self.sigmas, (CONFIDENT_CM,) * 3 + (CONFIDENT_DEG,) * 3, strict=True)
-        return any(abs(error) > max(CONFIDENT_SIGMAS * sigma, least) for error, sigma, least in pairs)
 
 
 def _one_class(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
@@ -169,11 +118,12 @@ OFFSETS = (AS_IT_IS, TURNED, *MOVED)
 """Names of the transforms to verify: turned about a random axis of the camera, or moved along one of its axes."""
 
 
-def cases(seeds: range) -> list[Case]:
-    """List for each seed six calibrations of a good drive, five of bad ones, and five rounds of three verifications.
+def cases(seeds: range, parts: Sequence[str] = PARTS) -> list[Case]:
+    """List the cases of some parts of the experiment, seed by seed.
 
-    Every fifth seed also has a calibration with MINE. A round without wrong labels occurs only once: another one would
-    be the same.
+    Each seed has six calibrations of a good drive, five of bad ones, and five rounds of three verifications. A round
+    without wrong labels occurs only once: another one would be the same. Every fifth seed also has a calibration with
+    MINE, and a drive for each way of spoiling; if only these are asked for, every seed has them.
     """
     found = []
     for seed in seeds:
@@ -184,7 +134,16 @@ def cases(seeds: range) -> list[Case]:
         found += [Case("verify", seed, PAIRS[-1], noise, draw) for draw, noise in enumerate(noises)]
         if seed % MINE_EVERY == 0:
             found.append(Case("mine", seed, MINE_PAIRS, float(rng.choice(NOISES))))
-    return found
+        if seed % SPOILED_EVERY == 0 or set(parts) == {"spoiled"}:
+            found += spoiled.cases(seed)
+    return [case for case in found if _part(case.kind) in parts]
+
+
+def _part(kind: str) -> str:
+    """Name the part of the experiment to which a kind belongs."""
+    if kind in spoiled.KINDS:
+        return "spoiled"
+    return "bad" if kind in BAD else "verify" if kind == "verify" else "good"
 
 
 @dataclass(frozen=True)
@@ -192,13 +151,16 @@ class Experiment:
     """Runs a case; it can be pickled for other processes."""
 
     pool: Pool
+    pool_with_pictures: Pool
+    """Pool of the drives that are spoiled."""
 
     def __call__(self, case: Case) -> list[Outcome]:
         """Calibrate or verify, and compare with the truth."""
+        if case.kind in spoiled.KINDS:
+            return [spoiled.run(case, self.pool_with_pictures)]
         rig = list(RIGS)[case.seed % len(RIGS)]
         rng = np.random.default_rng((case.seed, case.num_pairs, case.draw, *case.kind.encode()))
-        path = self.pool.drive(rig, RIGS[rig], case.seed)
-        drive, truth = read_drive(path), read_transform(path)
+        drive, truth = self.pool.read(rig, RIGS[rig], case.seed)
         observations = read_observations(drive)
         chosen = np.sort(rng.choice(observations.num_frames, case.num_pairs, replace=False)).tolist()
         data = LoadedDrive(drive, observations).of_frames(chosen)
@@ -223,7 +185,7 @@ class Experiment:
         return [attempt(case.kind, lambda outcome: _calibrate(outcome, data, truth))]
 
     def _other(self, seed: int, rig: str) -> Observations:
-        return read_observations(read_drive(self.pool.drive(rig, RIGS[rig], seed + OTHER_DRIVE)))
+        return read_observations(self.pool.read(rig, RIGS[rig], seed + OTHER_DRIVE)[0])
 
 
 def _calibrate(outcome: Outcome, data: LoadedDrive, truth: Pose) -> Outcome:
@@ -232,22 +194,7 @@ def _calibrate(outcome: Outcome, data: LoadedDrive, truth: Pose) -> Outcome:
     stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)
     calibration = make_calibration(data, stages, config)
     error = compare_poses(stages.T_camera_lidar, truth)
-    outcome = replace(
-        outcome,
-        status=calibration.status,
-        reasons="; ".join(calibration.reasons),
-        errors=(*error.camera_center_xyz_cm, *error.rotation_xyz_deg),
-    )
-    if (uncertainty := calibration.uncertainty) is None:
-        return outcome
-    return replace(
-        outcome,
-        sigmas=(*(100.0 * x for x in uncertainty.sigma_camera_center_m), *uncertainty.sigma_rotation_deg),
-        half_widths=(
-            *(100.0 * x for x in uncertainty.half_width_95_camera_center_m),
-            *uncertainty.half_width_95_rotation_deg,
-        ),
-    )
+    return with_statement(outcome, calibration, (*error.camera_center_xyz_cm, *error.rotation_xyz_deg))
 
 
 def _verify(outcome: Outcome, data: LoadedDrive, truth: Pose, rng: np.random.Generator) -> Outcome:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,39 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.outcome import Outcome
+from semcal_cli.experiments.rate import Rate, rate_of
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
-from semcal_cli.experiments.trust import BAD, MOVED, MOVED_M, NOISES, OFFSETS, PAIRS, Outcome
+from semcal_cli.experiments.spoiled import KINDS
+from semcal_cli.experiments.spoiled_rates import spoiled_markdown, spoiled_rates
+from semcal_cli.experiments.trust import BAD, MOVED, MOVED_M, NOISES, OFFSETS, PAIRS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
-class Rate:
-    """Frequency of an event, with the binomial 95 % interval of Wilson (1927).
-
-    Runs on one drive, and axes of one run, are not independent: the interval is then too narrow.
-    """
-
-    name: str
-    count: int
-    n: int
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """95 % interval of the rate."""
-        if self.n == 0:
-            return 0.0, 1.0
-        z2, p = 1.96**2, self.count / self.n
-        middle = (p + z2 / (2 * self.n)) / (1 + z2 / self.n)
-        half = 1.96 * math.sqrt(p * (1 - p) / self.n + z2 / (4 * self.n**2)) / (1 + z2 / self.n)
-        return max(middle - half, 0.0), min(middle + half, 1.0)
-
-
 def rates(findings: Sequence[Outcome]) -> list[Rate]:
     """Rates of all statements that semcal makes."""
     good = [f for f in findings if f.kind == "good"]
-    calibrated = [f for f in findings if f.kind not in OFFSETS]
+    calibrated = [f for f in findings if f.kind not in OFFSETS and f.kind not in KINDS]
     mine = [f for f in findings if f.kind == "mine"]
     many = [f for f in good if f.num_pairs >= 10]
     trusted = [f for f in good if f.status == "trusted"]
@@ -60,19 +41,19 @@ def rates(findings: Sequence[Outcome]) -> list[Rate]:
     found += [_coverage(f"trusted, {rig}", [f for f in trusted if f.rig == rig]) for rig in RIGS]
     found += [
         _coverage("trusted, MINE, 10 pairs", [f for f in mine if f.status == "trusted"]),
-        _rate("confident and wrong, of all", calibrated, lambda f: f.is_confidently_wrong),
-        _rate(
+        rate_of("confident and wrong, of all", calibrated, lambda f: f.is_confidently_wrong),
+        rate_of(
             "confident and wrong, of those trusted",
             [f for f in calibrated if f.status == "trusted"],
             lambda f: f.is_confidently_wrong,
         ),
-        _rate("good drives are trusted, all", good, lambda f: f.status == "trusted"),
-        _rate("good drives are trusted, 10 pairs or more", many, lambda f: f.status == "trusted"),
-        _rate("good drives are trusted, MINE, 10 pairs", mine, lambda f: f.status == "trusted"),
+        rate_of("good drives are trusted, all", good, lambda f: f.status == "trusted"),
+        rate_of("good drives are trusted, 10 pairs or more", many, lambda f: f.status == "trusted"),
+        rate_of("good drives are trusted, MINE, 10 pairs", mine, lambda f: f.status == "trusted"),
     ]
     for kind in BAD:
         found.append(
-            _rate(
+            rate_of(
                 f"not trusted or failed, {kind}",
                 [f for f in findings if f.kind == kind],
                 lambda f: f.status != "trusted",
@@ -80,14 +61,11 @@ def rates(findings: Sequence[Outcome]) -> list[Rate]:
         )
     for name, kinds in (*((kind, (kind,)) for kind in OFFSETS), (f"{100 * MOVED_M:.0f} cm off, all", MOVED)):
         of_kind = [f for f in findings if f.kind in kinds]
-        found.append(_rate(f"verify fails, {name}", of_kind, lambda f: f.status == "fail"))
-        found.append(_rate(f"verify is inconclusive, {name}", of_kind, lambda f: f.status == "inconclusive"))
-    return found
-
-
-def _rate(name: str, findings: Iterable[Outcome], is_so: Callable[[Outcome], bool]) -> Rate:
-    listed = list(findings)
-    return Rate(name, sum(map(is_so, listed)), len(listed))
+        found.append(rate_of(f"verify fails, {name}", of_kind, lambda f: f.status == "fail"))
+        found.append(
+            rate_of(f"verify is inconclusive, {name}", of_kind, lambda f: f.status == "inconclusive")
+        )
+    return found + spoiled_rates(findings)
 
 
 def _coverage(name: str, findings: Iterable[Outcome]) -> Rate:
@@ -109,25 +87,28 @@ def sharpness(findings: Sequence[Outcome]) -> float:
 
 def markdown(findings: Sequence[Outcome]) -> str:
     """Format the table."""
-    rows = []
-    for rate in rates(findings):
-        low, high = rate.interval
-        share = f"{rate.count / rate.n:.1%}" if rate.n else "-"
-        rows.append((rate.name, rate.count, rate.n, share, f"{low:.1%} to {high:.1%}"))
-    table = markdown_table("| | count | of | rate | 95 % interval |", rows)
-    return f"{table}| median stated sigma over true RMSE, worst axis | | | {sharpness(findings):.2f} | |\n"
+    table = markdown_table(
+        "| | count | of | rate | 95 % interval |", (rate.cells for rate in rates(findings) if rate.n > 0)
+    )
+    ratio = sharpness(findings)
+    if not math.isnan(ratio):
+        table += f"| median stated sigma over true RMSE, worst axis | | | {ratio:.2f} | |\n"
+    if any(f.kind in KINDS for f in findings):
+        table += f"\n{spoiled_markdown(findings)}"
+    return table
 
 
 def write_trust(findings: Sequence[Outcome], num_jobs: int, folder: Path) -> str:
-    """Write CSV, JSON, table and plot into a folder, and return the table."""
+    """Write CSV, JSON, table and, if there are good drives, a plot into a folder, and return the table."""
     table = markdown(findings)
+    figure = _plot(findings) if any(f.kind == "good" for f in findings) else None
     document = {
         "experiment": "trust",
         "machine": machine(),
         "jobs": num_jobs,
-        "sharpness": sharpness(findings),
+        "sharpness": None if math.isnan(ratio := sharpness(findings)) else ratio,
     }
-    write_results(document, findings, rates(findings), table, _plot(findings), folder)
+    write_results(document, findings, rates(findings), table, figure, folder)
     return table
 
 

@@ -1,0 +1,196 @@
+"""Calibrations of spoiled drives: which are trusted although they are wrong, and which say what is wrong."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from semcal_cli.errors import SemcalError
+from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.outcome import Case, Outcome, distance_in_limits, with_statement
+from semcal_cli.experiments.pool import NUM_FRAMES, Pool
+from semcal_cli.experiments.told import (
+    Run,
+    Told,
+    attempt,
+    tells_copies,
+    tells_knock,
+    tells_principal_point,
+    tells_scale,
+)
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.synthetic import spoiling
+from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive
+
+PAIRS = (10, 20)
+NOISES = (0.0, 0.1, 0.2, 0.3)
+MOMENT_PAIRS = 6
+"""Number of pairs of which one has a picture of another moment."""
+MOUNTINGS_DEG = 10.0, 11.0
+"""Azimuths of the camera in the two halves of a drive with two mountings; backward ones look the other way."""
+SECOND_SEED = 500_000
+"""Step to the seed of the second half."""
+Spoil = Callable[[RawDrive, np.random.Generator], RawDrive]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A way in which drives are spoiled."""
+
+    spoil: Spoil
+    """Function that spoils a good drive."""
+    group: str
+    """Name of the ways that are counted together."""
+    tell: Callable[[Run], Told] | None = None
+    """Function that decides whether the result says what is wrong; None if nothing is asked of it."""
+    num_pairs: tuple[int, ...] = PAIRS
+    """Numbers of pairs of the spoiled drives."""
+    num_read: int | None = None
+    """Number of frames of the good drive; that of the spoiled drive if None."""
+    has_two_mountings: bool = False
+    """Whether the second half of the frames is of another drive of the rig, whose camera looks elsewhere."""
+
+
+KNOCKED, SCALE, PRINCIPAL_POINT, COPIES = (
+    "camera knocked",
+    "clouds scaled",
+    "principal point wrong",
+    "copies of a frame",
+)
+SHARES = {"half of the frames": 0.5, "a quarter of the frames": 0.25, "some frames": None}
+KINDS: dict[str, Kind] = {
+    **{
+        f"{where} turned by {angle:g} degrees": Kind(
+            partial(spoiling.knocked, angle_deg=angle, share=share), KNOCKED, tells_knock
+        )
+        for where, share in SHARES.items()
+        for angle in (0.5, 1.0, 3.0)
+    },
+    **{
+        f"{where} moved by {100 * distance:.0f} cm": Kind(
+            partial(spoiling.knocked, distance_m=distance, share=share), KNOCKED, tells_knock
+        )
+        for where, share in SHARES.items()
+        for distance in (0.1, 0.2)
+    },
+    "two mountings, 1 degree apart": Kind(spoiling.as_it_is, KNOCKED, tells_knock, has_two_mountings=True),
+    "each cloud turned by its own 0.7 to 1 degrees": Kind(spoiling.clouds_turned, "clouds turned"),
+    **{
+        f"point labels shifted by {entries}": Kind(
+            partial(spoiling.point_labels_shifted, entries=entries), "labels shifted"
+        )
+        for entries in (1, 3, 5)
+    },
+    "picture labels shifted by 3 to 4 px": Kind(spoiling.image_labels_shifted, "labels shifted"),
+    "the same in every other frame": Kind(partial(spoiling.image_labels_shifted, step=2), "labels shifted"),
+    "cx wrong by 4 px": Kind(
+        partial(spoiling.principal_point_wrong, cx_px=4.0),
+        PRINCIPAL_POINT,
+        partial(tells_principal_point, "cx", 4.0),
+    ),
+    "cy wrong by 15 px": Kind(
+        partial(spoiling.principal_point_wrong, cy_px=15.0),
+        PRINCIPAL_POINT,
+        partial(tells_principal_point, "cy", 15.0),
+    ),
+    "fx alone wrong by 3 %": Kind(partial(spoiling.focal_length_wrong, share=0.03), "focal length wrong"),
+    **{
+        f"clouds {name}": Kind(partial(spoiling.clouds_scaled, scale=scale), SCALE, tells_scale)
+        for name, scale in (("scaled by 0.95", 0.95), ("scaled by 1.2", 1.2), ("in feet", 1.0 / 0.3048))
+    },
+    **{
+        f"one frame {times} times{words}": Kind(
+            partial(spoiling.one_frame_again, times=times, noise_m=noise_m, is_renamed=times > 20),
+            COPIES,
+            tells_copies,
+            (times,),
+            1,
+        )
+        for times in (20, 70)
+        for words, noise_m in (("", None), (", with 5 mm of noise", 0.005))
+    },
+    "classes merged to two at random": Kind(spoiling.classes_merged, "classes merged"),
+    "classes merged to 3, 9, 11 and the rest": Kind(
+        partial(spoiling.classes_merged, first=(3, 9, 11)), "classes merged"
+    ),
+    "half of the pictures mirrored": Kind(spoiling.pictures_mirrored, "pictures exchanged"),
+    "one picture of another moment": Kind(
+        spoiling.picture_of_another_moment, "pictures exchanged", num_pairs=(MOMENT_PAIRS,)
+    ),
+}
+"""Ways to spoil a drive, by name."""
+
+
+def cases(seed: int) -> list[Case]:
+    """List the cases of one seed: each kind once, with a random number of pairs and share of wrong labels."""
+    rng = np.random.default_rng((seed, len(RIGS)))
+    return [
+        Case(name, seed, int(rng.choice(kind.num_pairs)), float(rng.choice(NOISES)))
+        for name, kind in KINDS.items()
+    ]
+
+
+def run(case: Case, pool: Pool) -> Outcome:
+    """Spoil a drive, calibrate it, and compare with the nearest of its true poses."""
+    kind = KINDS[case.kind]
+    rig = list(RIGS)[case.seed % len(RIGS)]
+    rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
+    raw = kind.spoil(_good_drive(pool, rig, case, rng), rng)
+    found = attempt(raw)
+    outcome = Outcome(case.kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
+    if isinstance(found, SemcalError):
+        outcome = replace(outcome, reasons=str(found))
+    else:
+        outcome = with_statement(outcome, found, _nearest_errors(found, raw))
+    if kind.tell is None:
+        return outcome
+    told = kind.tell(Run(raw, found, outcome))
+    return replace(
+        outcome,
+        is_told=told.is_told,
+        detail=told.detail,
+        has_frame=told.has_frame,
+        num_axes_inside=told.num_axes_inside,
+    )
+
+
+def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> RawDrive:
+    """Read some frames of a drive in a random choice, one more that is not used, and give them wrong labels."""
+    kind = KINDS[case.kind]
+    num_frames = kind.num_read or case.num_pairs
+    if kind.has_two_mountings:
+        return spoiling.wrong_labels(_two_mountings(pool, rig, case.seed, num_frames), rng, case.noise)
+    drive, truth = pool.read(rig, RIGS[rig], case.seed)
+    chosen = rng.choice(len(drive.frames), min(num_frames + 1, len(drive.frames)), replace=False)
+    order = [*np.sort(chosen[:num_frames]).tolist(), *chosen[num_frames:].tolist()]
+    some = drive.model_copy(update={"frames": tuple(drive.frames[place] for place in order)})
+    raw = spoiling.wrong_labels(read_raw_drive(some, truth), rng, case.noise)
+    return replace(raw, frames=raw.frames[:num_frames], unused=raw.frames[num_frames:])
+
+
+def _two_mountings(pool: Pool, rig: str, seed: int, num_frames: int) -> RawDrive:
+    """Read frames of two drives of one rig; the camera was mounted anew in between."""
+    backward = RIGS[rig].get("camera_azimuth_deg") is not None
+    halves = []
+    for half, azimuth_deg in enumerate(MOUNTINGS_DEG):
+        changes = RIGS[rig] | {
+            "camera_azimuth_deg": azimuth_deg - 180.0 if backward else azimuth_deg,
+            "rig_seed": seed,
+            "num_frames": min(NUM_FRAMES, max(PAIRS)) // 2,
+        }
+        drive, truth = pool.read(f"{rig}_at_{azimuth_deg:g}", changes, seed + half * SECOND_SEED)
+        some = drive.model_copy(update={"frames": drive.frames[: num_frames // 2]})
+        halves.append(read_raw_drive(some, truth, prefix=f"{half}_"))
+    return halves[0].with_frames([frame for half in halves for frame in half.frames])
+
+
+def _nearest_errors(found: Calibration, raw: RawDrive) -> tuple[float, ...]:
+    """Compute the errors (6,) from the nearest true pose, centimetres and degrees."""
+    errors = [compare_poses(found.pose, truth) for truth in raw.truths]
+    return min(
+        ((*error.camera_center_xyz_cm, *error.rotation_xyz_deg) for error in errors), key=distance_in_limits
+    )

@@ -1,0 +1,233 @@
+"""Drives spoiled the way real recordings are. Each function changes a good drive at random, as its docstring says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from semcal_cli.drive.document import Classes
+from semcal_cli.files.images import read_image
+from semcal_cli.geometry.poses import Pose, Vector
+from semcal_cli.geometry.twists import pose_at
+from semcal_cli.synthetic.label_noise import mislabel
+from semcal_cli.synthetic.raw_drive import Labels, RawDrive, RawFrame, transformed
+
+UNLABELLED = 0
+"""Id of points and pixels without a class."""
+TURN_DEG = (0.7, 1.0)
+"""Smallest and largest angle by which the cloud of a frame is turned."""
+SHIFT_PX = (3.0, 4.0)
+"""Smallest and largest shift of the labels of pictures."""
+
+
+def wrong_labels(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
+    """A network gives a share of the points and pixels another class."""
+    points = _ids([frame.point_labels for frame in raw.frames])
+    pixels = _ids([frame.image_labels for frame in raw.frames])
+    return raw.with_frames(
+        replace(
+            frame,
+            point_labels=mislabel(frame.point_labels, share, points, rng, UNLABELLED),
+            image_labels=mislabel(frame.image_labels, share, pixels, rng, UNLABELLED),
+        )
+        for frame in raw.frames
+    )
+
+
+def knocked(
+    raw: RawDrive,
+    rng: np.random.Generator,
+    angle_deg: float = 0.0,
+    distance_m: float = 0.0,
+    share: float | None = None,
+) -> RawDrive:
+    """Something hits the camera in mid-drive, which turns about its centre or moves, and stays so to the end.
+
+    Args:
+        raw: The drive.
+        rng: Random generator, for the direction.
+        angle_deg: Angle of the turn about a random axis.
+        distance_m: Distance of the move in a random direction.
+        share: Share of the frames after the knock; None lets it happen at random between a quarter and three quarters
+            of the drive.
+    """
+    num_frames = raw.num_frames
+    if share is None:
+        first = int(rng.integers(math.ceil(num_frames / 4), math.floor(3 * num_frames / 4) + 1))
+    else:
+        first = num_frames - max(round(share * num_frames), 1)
+    change = np.concatenate(
+        [distance_m * _direction(rng), math.radians(angle_deg) * _direction(rng)], dtype=np.float64
+    )
+    after = [frame.with_camera_at(pose_at(frame.T_camera_lidar, change)) for frame in raw.frames[first:]]
+    return raw.with_frames([*raw.frames[:first], *after])
+
+
+def as_it_is(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+    """Nothing more happens to the drive."""
+    return raw
+
+
+def clouds_turned(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+    """Odometry or synchronisation is bad: each cloud is turned about the LiDAR by its own angle and axis."""
+
+    def turned(frame: RawFrame) -> RawFrame:
+        turn = np.concatenate([np.zeros(3), math.radians(rng.uniform(*TURN_DEG)) * _direction(rng)])
+        T: Pose = pose_at(np.eye(4), turn)
+        return replace(frame, points=transformed(T, frame.points))
+
+    return raw.with_frames(turned(frame) for frame in raw.frames)
+
+
+def point_labels_shifted(raw: RawDrive, rng: np.random.Generator, entries: int) -> RawDrive:
+    """A converter is off by some entries: each point has the label of a neighbour in the file."""
+    shift = entries * _sign(rng)
+    return raw.with_frames(
+        replace(frame, point_labels=np.roll(frame.point_labels, shift)) for frame in raw.frames
+    )
+
+
+def image_labels_shifted(raw: RawDrive, rng: np.random.Generator, step: int = 1) -> RawDrive:
+    """Another tool resized the label images, or those of every other frame: labels are some pixels off their pixels.
+
+    Args:
+        raw: The drive.
+        rng: Random generator, for the shift.
+        step: 1 to shift the labels of all frames, 2 for those of every other.
+    """
+    shifts = [
+        (down, right)
+        for down in range(-4, 5)
+        for right in range(-4, 5)
+        if SHIFT_PX[0] <= math.hypot(down, right) <= SHIFT_PX[1]
+    ]
+    down, right = shifts[rng.integers(len(shifts))]
+    first = int(rng.integers(step))
+    return raw.with_frames(
+        replace(frame, image_labels=_shifted(frame.image_labels, down, right))
+        if place % step == first
+        else frame
+        for place, frame in enumerate(raw.frames)
+    )
+
+
+def principal_point_wrong(
+    raw: RawDrive, rng: np.random.Generator, cx_px: float = 0.0, cy_px: float = 0.0
+) -> RawDrive:
+    """The principal point in the drive.yaml is wrong, as after a crop that nobody wrote down."""
+    return _with_intrinsics(raw, (1.0, cx_px * _sign(rng), cy_px * _sign(rng)))
+
+
+def focal_length_wrong(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
+    """The focal length along x alone is wrong, as after pictures were stretched."""
+    return _with_intrinsics(raw, (1.0 + share * _sign(rng), 0.0, 0.0))
+
+
+def clouds_scaled(raw: RawDrive, rng: np.random.Generator, scale: float) -> RawDrive:
+    """The clouds are in other units, or a driver multiplies the ranges by a wrong constant."""
+    return raw.with_frames(
+        replace(frame, points=(scale * frame.points).astype(np.float32)) for frame in raw.frames
+    )
+
+
+def one_frame_again(
+    raw: RawDrive,
+    rng: np.random.Generator,
+    times: int,
+    noise_m: float | None = None,
+    *,
+    is_renamed: bool = False,
+) -> RawDrive:
+    """A car stands at a red light: the drive is one frame, listed again and again.
+
+    Args:
+        raw: The drive, of which a random frame is taken.
+        rng: Random generator.
+        times: Number of copies.
+        noise_m: Standard deviation of the noise of each copy's coordinates; None for exact copies.
+        is_renamed: Whether exact copies are files of their own.
+    """
+    frame = raw.frames[rng.integers(raw.num_frames)]
+
+    def copied(number: int) -> RawFrame:
+        if noise_m is None:
+            return replace(frame, name=f"{number:06d}") if is_renamed else frame
+        noise = noise_m * rng.standard_normal(frame.points.shape)
+        return replace(frame, name=f"{number:06d}", points=(frame.points + noise).astype(np.float32))
+
+    return raw.with_frames(copied(number) for number in range(times))
+
+
+def classes_merged(raw: RawDrive, rng: np.random.Generator, first: Sequence[int] | None = None) -> RawDrive:
+    """The user merges all classes to two, on both sides alike.
+
+    Args:
+        raw: The drive, whose points and pixels have the same ids.
+        rng: Random generator.
+        first: Ids of the first class; random if None.
+    """
+    ids = _ids([labels for frame in raw.frames for labels in (frame.point_labels, frame.image_labels)])
+    if first is None:
+        order = rng.permutation(ids)
+        first = order[: rng.integers(1, len(ids))].tolist()
+    names = {"a": sorted(first), "b": [id_ for id_ in ids.tolist() if id_ not in first]}
+    return raw.with_document(classes=Classes.model_validate({"points": names, "image": names}))
+
+
+def pictures_mirrored(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+    """Half of the pictures are mirrored with their labels, as by an augmentation that was left on."""
+    mirrored = set(rng.permutation(raw.num_frames)[: raw.num_frames // 2].tolist())
+    return raw.with_frames(
+        _mirrored(frame) if place in mirrored else frame for place, frame in enumerate(raw.frames)
+    )
+
+
+def picture_of_another_moment(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+    """One cloud is paired with a picture of another moment of the drive."""
+    place = int(rng.integers(raw.num_frames))
+    others = raw.unused or [*raw.frames[:place], *raw.frames[place + 1 :]]
+    frames = list(raw.frames)
+    frames[place] = frames[place].with_picture_of(others[rng.integers(len(others))])
+    return raw.with_frames(frames)
+
+
+def _ids(labels: Sequence[Labels]) -> Labels:
+    """List the ids that occur, sorted, without that of no class."""
+    counts = sum(np.bincount(each.ravel(), minlength=256) for each in labels)
+    found: Labels = np.setdiff1d(np.flatnonzero(counts), [UNLABELLED]).astype(np.uint8)
+    return found
+
+
+def _direction(rng: np.random.Generator) -> Vector:
+    vector = rng.standard_normal(3)
+    return vector / float(np.linalg.norm(vector))
+
+
+def _sign(rng: np.random.Generator) -> int:
+    return 1 if rng.random() < 0.5 else -1
+
+
+def _shifted(labels: Labels, down: int, right: int) -> Labels:
+    """Shift a label image (H, W); its border is repeated."""
+    height, width = labels.shape
+    rows = np.clip(np.arange(height) - down, 0, height - 1)
+    columns = np.clip(np.arange(width) - right, 0, width - 1)
+    return labels[np.ix_(rows, columns)]
+
+
+def _mirrored(frame: RawFrame) -> RawFrame:
+    image = read_image(frame.image) if isinstance(frame.image, Path) else frame.image
+    mirrored = None if image is None else image[:, ::-1].copy()
+    return replace(frame, image_labels=frame.image_labels[:, ::-1].copy(), image=mirrored)
+
+
+def _with_intrinsics(raw: RawDrive, changes: tuple[float, float, float]) -> RawDrive:
+    """Multiply fx, and add to cx and cy."""
+    (fx, _, cx), (_, fy, cy), last_row = raw.drive.camera.K
+    scale, right, down = changes
+    K = ((scale * fx, 0.0, cx + right), (0.0, fy, cy + down), last_row)
+    return raw.with_document(camera=raw.drive.camera.model_copy(update={"K": K}))
