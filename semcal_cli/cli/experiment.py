@@ -146,8 +146,8 @@ def accuracy(
 def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: Path) -> None:
     """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
 
-    Drives are also spoiled in the ways of real recordings: none should be trusted and wrong. Takes about two minutes for
-    each drive, and five for one that is spoiled. Writes the same files as `accuracy`; a stopped run resumes.
+    Drives are also spoiled in the ways of real recordings: none should be trusted and wrong. Takes about two minutes
+    for each drive, and five for one that is spoiled. Writes the same files as `accuracy`; a stopped run resumes.
     """
     from semcal_cli.experiments import runner, trust, trust_rates
     from semcal_cli.experiments.outcome import Outcome
