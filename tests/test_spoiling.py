@@ -214,6 +214,7 @@ def test_rates_of_spoiled_drives() -> None:
     rates = {rate.name: (rate.count, rate.n) for rate in spoiled_rates(outcomes)}
     assert rates["spoiled, trusted and wrong, 10 pairs or more"] == (1, 5)
     assert rates["the same, camera knocked"] == (1, 3)
+    assert rates["knocked cameras, trusted at any pose"] == (2, 3)
     assert rates["knocked cameras named with their frame, within one"] == (2, 3)
     assert rates["the same, and the offset within its intervals"] == (1, 3)
     assert rates["axes of named offsets within their intervals"] == (11, 12)

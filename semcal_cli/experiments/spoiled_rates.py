@@ -38,6 +38,7 @@ def spoiled_rates(findings: Sequence[Outcome]) -> list[Rate]:
         for rig in RIGS
     ]
     found += [
+        rate_of("knocked cameras, trusted at any pose", knocks, lambda f: f.status == "trusted"),
         rate_of("knocked cameras named with their frame, within one", knocks, lambda f: f.has_frame is True),
         rate_of("the same, and the offset within its intervals", knocks, lambda f: f.is_told is True),
         Rate(
