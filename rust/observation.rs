@@ -19,7 +19,7 @@ pub struct Frame {
     /// One class for each pixel.
     pub image_classes: Arc<LabelImage<u8>>,
     /// Shares of classes of each point, where a network gave them; the classes are then the largest. A point of
-    /// [`NO_CLASS`](crate::classes::NO_CLASS) carries no information, whatever its shares are.
+    /// [`NO_CLASS`] carries no information, whatever its shares are.
     pub point_shares: Option<Arc<ClassShares>>,
     /// Shares of classes of each pixel, with the same rules as for points.
     pub image_shares: Option<Arc<ClassShares>>,
@@ -45,9 +45,9 @@ pub struct Observations {
     pub camera: Camera,
     /// The frames.
     pub frames: Vec<Frame>,
-    /// Point classes are `0..num_point_classes`, or [`NO_CLASS`](crate::classes::NO_CLASS).
+    /// Point classes are `0..num_point_classes`, or [`NO_CLASS`].
     pub num_point_classes: usize,
-    /// Image classes are `0..num_image_classes`, or [`NO_CLASS`](crate::classes::NO_CLASS).
+    /// Image classes are `0..num_image_classes`, or [`NO_CLASS`].
     pub num_image_classes: usize,
 }
 
@@ -99,7 +99,7 @@ fn fits(shares: Option<&ClassShares>, count: usize, num_classes: usize) -> bool 
     })
 }
 
-/// Whether all ids but [`NO_CLASS`](crate::classes::NO_CLASS) are below a number. Every subset of a drive is checked: without an early exit that
+/// Whether all ids but [`NO_CLASS`] are below a number. Every subset of a drive is checked: without an early exit that
 /// takes no longer than reading the memory.
 fn in_range(ids: &[u8], num_classes: usize) -> bool {
     // One more than the class, and nothing for NO_CLASS.

@@ -1,5 +1,7 @@
 //! Rows, images and matrices from NumPy and to it.
 
+use std::borrow::Cow;
+
 use nalgebra::Matrix6;
 use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -22,15 +24,27 @@ pub(super) fn matrix_6x6(matrix: &PyReadonlyArray2<f64>) -> PyResult<Matrix6<f64
     Ok(Matrix6::from_fn(|row, column| matrix[[row, column]]))
 }
 
+/// Rows from NumPy, copied.
 pub(super) fn rows<const N: usize, T: Copy + numpy::Element>(
     name: &str,
     array: &PyReadonlyArray2<T>,
 ) -> PyResult<Vec<[T; N]>> {
+    borrowed_rows(name, array).map(Cow::into_owned)
+}
+
+/// Rows from NumPy, copied only if they do not follow one another in memory.
+pub(super) fn borrowed_rows<'a, const N: usize, T: Copy + numpy::Element>(
+    name: &str,
+    array: &'a PyReadonlyArray2<T>,
+) -> PyResult<Cow<'a, [[T; N]]>> {
     let array = array.as_array();
     if array.ncols() != N {
         return Err(value_error(format!("{name} needs shape (N, {N}), found {:?}", array.dim())));
     }
-    Ok(array.rows().into_iter().map(|row| std::array::from_fn(|i| row[i])).collect())
+    Ok(match array.to_slice() {
+        Some(values) => Cow::Borrowed(values.as_chunks().0),
+        None => array.rows().into_iter().map(|row| std::array::from_fn(|i| row[i])).collect(),
+    })
 }
 
 pub(super) fn to_array2<'py, const N: usize, T: Copy + numpy::Element>(

@@ -3,7 +3,7 @@
 use numpy::PyReadonlyArray2;
 use pyo3::prelude::*;
 
-use super::arrays::rows;
+use super::arrays::borrowed_rows;
 use super::observations::PyObservations;
 use super::threads::detached;
 use crate::error::Result;
@@ -47,7 +47,7 @@ pub(super) fn scan_grid(channels: usize, columns: usize, fov_up: f64, fov_down: 
 
 #[pyfunction]
 pub(super) fn estimate_grid(py: Python<'_>, points: Vec<PyReadonlyArray2<f32>>) -> PyResult<PyGrid> {
-    let sweeps = points.iter().map(|sweep| rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
-    let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(Vec::as_slice).collect();
+    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
     Ok(PyGrid::new(detached(py, || spherical::estimate(&sweeps))?))
 }
