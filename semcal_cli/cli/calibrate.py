@@ -134,16 +134,10 @@ def _calibrate_drive(
     initial_pose: InitialPose | None,
 ) -> int:
     """Calibrate one camera, write the result, and return the exit code."""
-    from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.loading import load
-    from semcal_cli.jobs.threads import set_num_threads
+    from semcal_cli.cli.drive import loaded_drive
 
-    spec = read_drive(drive)
-    outputs.check(spec, initial_pose)
-    set_num_threads(common.threads)
-    with Terminal(quiet=common.quiet) as terminal:
-        data = load(spec, config, terminal.on_event)
+    opened = loaded_drive(drive, config, outputs, initial_pose, threads=common.threads, quiet=common.quiet)
+    with opened as (data, terminal):
         calibration = run(data, relative_to=outputs.folder, on_event=terminal.on_event)
     code = outputs.write(calibration, terminal, common.threads)
     outputs.illustrate(data.drive, calibration, terminal)

@@ -25,12 +25,11 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     """
     import numpy as np
 
+    from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import error_lines
-    from semcal_cli.cli.terminal import Terminal, make_console
+    from semcal_cli.cli.terminal import make_console
     from semcal_cli.config import CalibrationConfig, SynthConfig
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.reading import load_observations
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
     from semcal_cli.jobs.threads import set_num_threads
@@ -44,17 +43,14 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     page, picture = out / "report.html", out / "overlay.png"
     console.print(f"making {NUM_FRAMES} frames of a synthetic street in {drive}")
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
-    spec, outputs = read_drive(drive), Outputs(result, page=page)
-    outputs.check(spec)
-    with Terminal(quiet=quiet) as terminal:
-        calibration = calibrate(
-            spec, CalibrationConfig(seed), relative_to=outputs.folder, on_event=terminal.on_event
-        )
+    config, outputs = CalibrationConfig(seed), Outputs(result, page=page)
+    with loaded_drive(drive, config, outputs, threads=threads, quiet=quiet) as (data, terminal):
+        calibration = calibrate(data, config, relative_to=outputs.folder, on_event=terminal.on_event)
     code = outputs.write(calibration, terminal, threads)
     initial = np.array(calibration.stages["initial"].T_camera_lidar)
     poses = {"initial calibration, from nothing": initial, "refined": calibration.pose}
-    Overlays(spec, load_observations(spec), poses).write(0, picture)
-    outputs.illustrate(spec, calibration, terminal)
+    Overlays(data.drive, data.observations, poses).write(0, picture)
+    outputs.illustrate(data.drive, calibration, terminal)
     console.print("\nerror against the truth, which the calibration never saw:")
     for line in error_lines(compare_poses(calibration.pose, read_transform(drive))):
         console.print(line)

@@ -22,12 +22,9 @@ def initialize(drive: Path, **options: Any) -> None:
 
     Lists the hypotheses, best first. Exit code 3 means that an answer was written but is not trusted.
     """
+    from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.tables import hypothesis_lines
-    from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.loading import load
-    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import initialize as search
     from semcal_cli.pipeline import make_calibration
     from semcal_cli.stages import Stages
@@ -35,11 +32,9 @@ def initialize(drive: Path, **options: Any) -> None:
     search_config, initial_pose = make_search(options)
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)
-    spec, outputs = read_drive(drive), Outputs(asked.output, asked.log)
-    outputs.check(spec, initial_pose)
-    set_num_threads(asked.threads)
-    with Terminal(quiet=asked.quiet) as terminal:
-        data = load(spec, config, terminal.on_event)
+    outputs = Outputs(asked.output, asked.log)
+    opened = loaded_drive(drive, config, outputs, initial_pose, threads=asked.threads, quiet=asked.quiet)
+    with opened as (data, terminal):
         found = search(data, config.initialization, config.seed, initial_pose, on_event=terminal.on_event)
         terminal.print(*hypothesis_lines(found.hypotheses))
         calibration = make_calibration(

@@ -35,11 +35,8 @@ from semcal_cli.config import CalibrationConfig
 @result_options
 def refine(drive: Path, init: Path, max_baseline_m: float, **options: Any) -> None:
     """Refine a transform that is known to 20 degrees or so on DRIVE."""
+    from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
-    from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.loading import load
-    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
 
     initial_pose = read_initial_pose(init)
@@ -47,12 +44,10 @@ def refine(drive: Path, init: Path, max_baseline_m: float, **options: Any) -> No
     initial_pose.check_distance(max_baseline_m)
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, refinement=refinement)
-    spec, outputs = read_drive(drive), Outputs(asked.output, asked.log)
-    outputs.check(spec, initial_pose)
-    set_num_threads(asked.threads)
-    with Terminal(quiet=asked.quiet) as terminal:
+    outputs = Outputs(asked.output, asked.log)
+    opened = loaded_drive(drive, config, outputs, initial_pose, threads=asked.threads, quiet=asked.quiet)
+    with opened as (data, terminal):
         on_event = terminal.on_event
-        data = load(spec, config, on_event)
         initial = start_at(data, initial_pose, on_event)
         stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)
         stages = assess(data, stages, refinement, on_event)

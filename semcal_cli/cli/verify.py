@@ -59,12 +59,9 @@ def verify(
     quiet: bool,
 ) -> None:
     """Verify a transform on a drive."""
+    from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
-    from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.drive.document import read_drive
-    from semcal_cli.drive.loading import load
     from semcal_cli.files.writing import write_text
-    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.verification import verify as check
 
     if "features" in cues:
@@ -72,14 +69,11 @@ def verify(
             "--cue features: verify compares by the exact histogram, which vectors have none of"
         )
     initial_pose = read_initial_pose(calibration)
-    spec = read_drive(drive)
-    # The JUnit file must not replace an input; neither must a log.
-    Outputs(log=junit).check(spec, initial_pose)
-    set_num_threads(threads)
     config = CalibrationConfig(seed, cues, max_frames)
-    with Terminal(quiet=quiet) as terminal:
-        data = load(spec, config, terminal.on_event)
-        limits = Limits(max_rotation_deg, max_translation_m)
+    limits = Limits(max_rotation_deg, max_translation_m)
+    # The JUnit file must not replace an input; neither must a log.
+    outputs = Outputs(log=junit)
+    with loaded_drive(drive, config, outputs, initial_pose, threads=threads, quiet=quiet) as (data, terminal):
         found = check(data, initial_pose, limits, seed, terminal.on_event)
     cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:

@@ -1,0 +1,49 @@
+"""The drive that a command works on: read once its outputs are checked, while the terminal shows the progress."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from semcal_cli.cli.outputs import Outputs
+from semcal_cli.cli.terminal import Terminal
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.jobs.threads import set_num_threads
+
+if TYPE_CHECKING:
+    from semcal_cli.config import CalibrationConfig
+    from semcal_cli.initialization.initial_pose import InitialPose
+
+
+@contextmanager
+def loaded_drive(
+    drive: Path,
+    config: CalibrationConfig,
+    outputs: Outputs,
+    initial_pose: InitialPose | None = None,
+    *,
+    threads: int | None,
+    quiet: bool,
+) -> Iterator[tuple[LoadedDrive, Terminal]]:
+    """Load a drive, and show the progress of all that is done with it.
+
+    Args:
+        drive: Folder of the drive, or its drive.yaml.
+        config: Settings, which say what is read.
+        outputs: Output files, which are checked before anything long begins.
+        initial_pose: Pose to start at, whose file no output may replace.
+        threads: Number of threads of the Rust stages; None takes all.
+        quiet: Whether only errors are shown.
+
+    Raises:
+        InputError: the drive, one of its files or an output is wrong.
+        CalibrationError: one side's labels carry no information.
+    """
+    spec = read_drive(drive)
+    outputs.check(spec, initial_pose)
+    set_num_threads(threads)
+    with Terminal(quiet=quiet) as terminal:
+        yield load(spec, config, terminal.on_event), terminal
