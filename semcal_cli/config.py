@@ -22,6 +22,8 @@ Lens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectio
 Ontology: TypeAlias = Literal["shared", "disjoint"]
 
 LABELS: tuple[Cue, ...] = ("labels",)
+MAX_SEED = 2**63 - 1
+"""Largest seed of random choices."""
 MAX_FRAMES = 70
 """Frames of a longer drive that are used. More of them make an answer hardly better: its error is then that of the
 labels' borders."""

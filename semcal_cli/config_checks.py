@@ -6,10 +6,9 @@ import math
 from collections.abc import Collection
 from typing import get_args
 
-from semcal_cli.config import CalibrationConfig, Cue, Device, Estimator, Limits, Zoom
+from semcal_cli.config import MAX_SEED, CalibrationConfig, Cue, Device, Estimator, Limits, Zoom
 from semcal_cli.errors import InputError
-
-MAX_SEED = 2**63 - 1
+from semcal_cli.files.messages import one_of
 
 
 def check_config(config: CalibrationConfig) -> None:
@@ -44,9 +43,10 @@ def check_limits(limits: Limits) -> None:
 
 def _check_choice(name: str, value: object, known: Collection[str]) -> None:
     if value not in known:
-        raise InputError(f"{name}: found {value!r}, needed one of: {', '.join(known)}")
+        raise InputError(f"{name}: found {value!r}, needed {one_of(str(value), known)}")
 
 
 def _check_range(name: str, value: float, least: float, most: float = math.inf) -> None:
     if not (isinstance(value, int | float) and math.isfinite(value) and least <= value <= most):
-        raise InputError(f"{name}: found {value!r}, needed a number from {least:g} on")
+        up_to = "on" if most == math.inf else f"to {most}"
+        raise InputError(f"{name}: found {value!r}, needed a number from {least:g} {up_to}")

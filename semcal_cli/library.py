@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy.typing as npt
 
 from semcal_cli.config import CalibrationConfig, Limits
-from semcal_cli.config_checks import check_config, check_limits
+from semcal_cli.config_checks import check_limits
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.events import Listener, ignore
@@ -41,11 +41,9 @@ def verify(
     """
     config = config or CalibrationConfig()
     initial_pose = _initial_pose(transform)
-    check_config(config)
     limits = limits or Limits()
     check_limits(limits)
-    data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event)
-    data.check_cues(config.cues)
+    data = load(drive, config, on_event)
     return verify_loaded(data, initial_pose, limits, config.seed, on_event)
 
 

@@ -13,8 +13,6 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
 from semcal_cli import _core
 from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.fusion import Fused
@@ -31,7 +29,6 @@ from semcal_cli.config import (
     PyramidConfig,
     RefinementConfig,
 )
-from semcal_cli.config_checks import check_config
 from semcal_cli.drive.cues import describe_cues, files_of
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -83,9 +80,7 @@ def calibrate(
         CalibrationError: the data give no answer.
     """
     config = config or CalibrationConfig()
-    check_config(config)
-    data = drive if isinstance(drive, LoadedDrive) else load(drive, config, on_event)
-    data.check_cues(config.cues)
+    data = load(drive, config, on_event)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)
@@ -359,5 +354,5 @@ def _polish_config(config: RefinementConfig) -> PolishConfig:
 
 
 def _tell(name: str, start: float, found: StageResult, T_before: Pose, note: str, on_event: Listener) -> None:
-    moved = compare_poses(found.T_camera_lidar, np.array(T_before))
+    moved = compare_poses(found.T_camera_lidar, T_before)
     on_event(StageDone(name, perf_counter() - start, note, found.agreement, moved))

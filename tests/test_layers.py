@@ -13,11 +13,11 @@ PACKAGE = Path(semcal_cli.__file__).parent
 MAY_IMPORT = {
     "errors": "",
     "config": "",
-    "config_checks": "",
     "_core": "",
     "geometry": "",
     "events": "geometry",
     "files": "geometry",
+    "config_checks": "files",
     "drive": "files events config_checks",
     "result": "drive",
     "initialization": "result",
@@ -105,6 +105,19 @@ def test_torch_opencv_and_scipy_stay_where_they_are_needed(name: str) -> None:
     assert "torch" not in roots or name in WITH_TORCH
     assert "scipy" not in roots or name in WITH_SCIPY
     assert "cv2" not in roots or name in WITH_OPENCV or name.split("/")[0] in WITH_OPENCV
+
+
+@pytest.mark.parametrize(
+    ("library", "places"), [("torch", WITH_TORCH), ("cv2", WITH_OPENCV), ("scipy", WITH_SCIPY)]
+)
+def test_each_place_of_a_library_imports_it(library: str, places: set[str]) -> None:
+    users = {
+        name
+        for name, path in FILES.items()
+        if library in {module.split(".")[0] for module in imports(path, anywhere=False)}
+    }
+    used = {place for place in places if any(place in (name, name.split("/")[0]) for name in users)}
+    assert used == places
 
 
 RUST = Path(__file__).parents[1] / "rust"

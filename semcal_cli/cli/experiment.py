@@ -11,13 +11,13 @@ import click
 
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
-    MAX_SEED,
     PATH,
     Command,
     drive_argument,
     max_frames_option,
     number_option,
 )
+from semcal_cli.config import MAX_SEED
 
 ESTIMATORS = ("exact", "mine")
 TRUST_PARTS = ("good", "bad", "spoiled", "verify")

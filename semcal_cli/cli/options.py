@@ -11,7 +11,7 @@ from typing import Any, TypeVar, get_args
 
 import click
 
-from semcal_cli.config import LABELS, MAX_BASELINE_M, MAX_FRAMES, CalibrationConfig, Cue, Limits
+from semcal_cli.config import LABELS, MAX_BASELINE_M, MAX_FRAMES, MAX_SEED, CalibrationConfig, Cue, Limits
 
 
 class FiniteRange(click.FloatRange):
@@ -29,7 +29,6 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 PATH = click.Path(path_type=Path)
 
-MAX_SEED = 2**63 - 1
 MAX_THREADS = 1024
 MAX_LIMIT = 1e6
 """Largest limit in metres or degrees: no two transforms are farther apart."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 
 import click
 
-from semcal_cli.cli.options import MAX_SEED, PATH, number_option, quiet_option, seed_option, threads_option
-from semcal_cli.config import SYNTH_MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
+from semcal_cli.cli.options import PATH, number_option, quiet_option, seed_option, threads_option
+from semcal_cli.config import MAX_SEED, SYNTH_MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID

@@ -58,19 +58,23 @@ class LoadedDrive:
 
 
 def load(
-    drive: Drive | Path | str,
+    drive: LoadedDrive | Drive | Path | str,
     config: CalibrationConfig | None = None,
     on_event: Listener = ignore,
     sweeps: Sweeps | None = None,
 ) -> LoadedDrive:
-    """Read a drive, or the frames of it that are used.
+    """Read a drive, or the frames of it that are used; a drive that is loaded already stays as it is.
 
     Raises:
-        InputError: a file is missing or is not what its name or the drive says, or a setting is out of its range.
+        InputError: a file is missing or is not what its name or the drive says, a setting is out of its range, or the
+            drive was loaded by other cues.
         CalibrationError: one side's labels carry no information.
     """
     start, config = perf_counter(), config or CalibrationConfig()
     check_config(config)
+    if isinstance(drive, LoadedDrive):
+        drive.check_cues(config.cues)
+        return drive
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from semcal_cli import _core
-from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import Calibration, HeldOut, Input, Quality, Repeatability, Settings, Stage
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.provenance import versions
@@ -80,13 +79,9 @@ def _quality(agreement: _core.Agreement, num_frames: int, runner_up_margin: floa
 
 def _stage(result: StageResult) -> Stage:
     return Stage(
-        T_camera_lidar=_rows(result.T_camera_lidar),
+        T_camera_lidar=result.T_camera_lidar.tolist(),
         mutual_information_nats=result.agreement.mutual_information,
     )
-
-
-def _rows(T: Pose) -> tuple[tuple[float, ...], ...]:
-    return tuple(tuple(row) for row in T.tolist())
 
 
 def _plain(value: object) -> object:
