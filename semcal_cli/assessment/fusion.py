@@ -87,15 +87,16 @@ def fuse(
         labels = _labels(around, observations.num_frames)
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
     T, fit = _iterate(observations, T_camera_lidar, priors, around, is_alone, edge_band_px)
+    far: list[str] = []
     if fit is not None:
         # Steps are of first order, so exact axes are restored to the last digit.
         T = clamp(T, [prior.exact for prior in priors])
+        far = [line for prior in priors for line in contradictions.get(prior.name) or _distance(prior, T)]
     is_settled = fit is not None and fit.moved_px < SETTLED_PX
-    far = [line for prior in priors for line in contradictions.get(prior.name) or _distance(prior, T)]
     return Fused(
         T_camera_lidar=T,
         agreement=_core.agreement(observations.core, T),
-        findings=(*(() if is_settled else (UNSETTLED,)), *(map(Finding, far) if fit is not None else ())),
+        findings=(*(() if is_settled else (UNSETTLED,)), *map(Finding, far)),
         uncertainty=None if fit is None else fit.uncertainty(T),
         is_alone=is_alone,
         label_gain=np.eye(6) if fit is None else fit.covariance @ fit.labels.information,

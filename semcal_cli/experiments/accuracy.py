@@ -29,6 +29,7 @@ from semcal_cli.experiments.distribution import (
     draw_groups,
     error_cells,
     error_distributions,
+    errors_in_groups,
     grouped,
 )
 from semcal_cli.experiments.pool import Pool
@@ -287,10 +288,7 @@ def _plot(results: Sequence[Result]) -> Figure:
     figure = Figure(figsize=(12.0, 1.5 + 0.45 * len(rows)), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
     for ax, (key, label) in zip(axes, MEASURES, strict=True):
-        errors = [
-            [[getattr(r, key) for r in groups.get((estimator, row), ())] for row in rows]
-            for estimator in estimators
-        ]
+        errors = errors_in_groups(groups, key, estimators, rows)
         draw_groups(ax, errors, estimators, "horizontal")
         ax.set_xscale("log")
         ax.set_xlabel(label)

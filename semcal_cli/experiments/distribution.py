@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
 
 import numpy as np
@@ -74,6 +74,26 @@ def error_cells(summary: ErrorDistribution) -> tuple[str, str]:
     """Format the cells of `ERROR_COLUMNS`."""
     rotation = ", ".join(f"{x:.4f}" for x in summary.rotation_deg)
     return rotation, ", ".join(f"{x:.2f}" for x in summary.camera_center_cm)
+
+
+def errors_in_groups(
+    results: Mapping[tuple[str, str], Sequence[Errors]],
+    measure: str,
+    labels: Sequence[str],
+    groups: Sequence[str],
+) -> list[list[list[float]]]:
+    """List the errors as `draw_groups` takes them: by label, then by group.
+
+    Args:
+        results: Results by label and group.
+        measure: Field of the error, a key of `MEASURES`.
+        labels: Labels in order.
+        groups: Groups in order; those without results of a label have no errors there.
+    """
+    return [
+        [[getattr(result, measure) for result in results.get((label, group), ())] for group in groups]
+        for label in labels
+    ]
 
 
 def draw_groups(

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from semcal_cli import _core
 from semcal_cli.baselines.soic import Soic
 from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig, SoicConfig
 from semcal_cli.drive.document import Drive
@@ -13,7 +12,7 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import initialize, refine_and_polish
+from semcal_cli.pipeline import initialize, refine_and_polish, start_at
 from semcal_cli.result.stage import StageResult
 
 
@@ -30,10 +29,13 @@ class Scene:
     def ascend(self, observations: Observations, T_init: Pose, estimator: Estimator) -> Pose:
         """Ascend mutual information as `calibrate` does, or as `calibrate --init` does if the start is any pose."""
         data = LoadedDrive(self.drive, observations)
-        start = StageResult(T_camera_lidar=T_init, agreement=_core.agreement(observations.core, T_init))
-        if not self.is_initialized:
-            start = initialize(data, InitializationConfig(), initial_pose=InitialPose(T_init, "start"))
-        return refine_and_polish(data, start, RefinementConfig(estimator)).T_camera_lidar
+        given = InitialPose(T_init, "start")
+        initial: StageResult = (
+            start_at(data, given)
+            if self.is_initialized
+            else initialize(data, InitializationConfig(), initial_pose=given)
+        )
+        return refine_and_polish(data, initial, RefinementConfig(estimator)).T_camera_lidar
 
 
 Method = Callable[[Scene, Pose], Pose]

@@ -27,6 +27,7 @@ from semcal_cli.experiments.distribution import (
     draw_groups,
     error_cells,
     error_distributions,
+    errors_in_groups,
     grouped,
 )
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, WITH_MINE, Scene
@@ -216,10 +217,7 @@ def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
     groups = grouped(findings, lambda f: (f.method, f.setting))
     figure = Figure(figsize=(11.0, 4.2), layout="constrained")
     for axes, (key, label) in zip(figure.subplots(1, 2), MEASURES, strict=True):
-        errors = [
-            [[getattr(f, key) for f in groups.get((method, setting), ())] for setting in settings]
-            for method in methods
-        ]
+        errors = errors_in_groups(groups, key, methods, settings)
         places = draw_groups(axes, errors, methods, "vertical")
         _count_failures(axes, places, errors)
         axes.set_yscale("log")

@@ -18,7 +18,14 @@ from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import parse_any
 from semcal_cli.files.reading import read_bytes
 from semcal_cli.formats.values import rigid
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.geometry.poses import (
+    OPTICAL_AXES,
+    Pose,
+    inverse,
+    nearest_rigid,
+    pose_from_quaternion,
+    quaternion_xyzw,
+)
 
 Direction: TypeAlias = Literal["lidar-to-camera", "camera-to-lidar"]
 """Direction of a matrix: p_camera = T p_lidar, or p_lidar = T p_camera."""
@@ -185,9 +192,8 @@ def checked(where: str, T: Pose, options: FormatOptions) -> Pose:
         except InputError as error:
             repair = "; --repair takes the nearest rotation" if "needed a rotation" in str(error) else ""
             raise InputError(f"{error}{repair}") from None
-    U, scales, Vt = np.linalg.svd(T[:3, :3])
-    nearest = T.copy()
-    nearest[:3, :3] = U @ Vt
+    _, scales, _ = np.linalg.svd(T[:3, :3])
+    nearest = nearest_rigid(T)
     is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
     if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
         options.on_repair(
