@@ -25,6 +25,8 @@ const LEAST_WEIGHT: f64 = 0.1;
 pub struct Agreement {
     /// Bilinear weights of the pairs that visible points form with the four pixels around them, over all frames.
     pub joint: JointHistogram,
+    /// Share of each frame in `joint`.
+    pub frame_joints: Vec<JointHistogram>,
     /// Number of labelled points inside the image.
     pub num_inside: usize,
     /// Number of these points that a nearer return hides from the camera.
@@ -51,7 +53,9 @@ pub fn measure(observations: &Observations, t_camera_lidar: &Isometry3<f64>) -> 
     let frames = per_frame(observations, t_camera_lidar);
     let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();
     let joint = merged(observations, &clusters);
+    let of_frame = |frame: &FrameAgreement| merged(observations, &frame.clusters.iter().collect::<Vec<_>>());
     Agreement {
+        frame_joints: frames.iter().map(of_frame).collect(),
         num_inside: frames.iter().map(|f| f.num_inside).sum(),
         num_hidden: frames.iter().map(|f| f.num_hidden).sum(),
         overlap: frames.iter().map(|f| f.overlap).sum::<f64>() / frames.len() as f64,

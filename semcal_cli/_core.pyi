@@ -312,6 +312,9 @@ class Agreement:
     @property
     def joint(self) -> _Float64:
         """(num_point_classes, num_image_classes) weights of the visible pairs."""
+    @property
+    def frame_joints(self) -> _Float64:
+        """(frames, num_point_classes, num_image_classes) share of each frame in `joint`."""
 
 @final
 class HeldOutGain:
@@ -375,6 +378,12 @@ class Sensitivity:
     @property
     def motions(self) -> _Float64:
         """(n, n) mean products of the pixels by which the parameters move the points."""
+    @property
+    def parts(self) -> npt.NDArray[np.uint32]:
+        """(parts, 3) frame, row and column of the square of each part."""
+    @property
+    def frame_curvatures(self) -> _Float64:
+        """(frames, n, n) share of each frame in `curvature`, nats."""
 
 @final
 class Projected:

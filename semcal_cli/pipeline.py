@@ -261,6 +261,8 @@ def assess(
         _polish_config(config),
         stages.fused,
         data.first_cue,
+        agreement=list(stages.poses.values())[-1].agreement,
+        frame_names=[frame.points for frame in data.drive.frames],
         with_label_bleed=with_label_bleed and data.cues == LABELS,
     )
     count = len(found.findings)
@@ -319,6 +321,7 @@ def make_calibration(
         input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
         is_assessed=stages.assessment is not None,
         notes=stages.notes,
+        parts=stages.parts,
         hypotheses=searched.hypotheses if searched else (),
         runner_up_margin=searched.runner_up_margin if searched else None,
         held_out=stages.polished.held_out if stages.polished else None,

@@ -9,6 +9,7 @@ from semcal_cli.assessment.fusion import Fused
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.result.calibration import Repeatability
+from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -47,6 +48,11 @@ class Stages:
     def notes(self) -> tuple[str, ...]:
         """Sentences of the assessment that a person should know and that do not speak against the pose."""
         return () if self.assessment is None else self.assessment.notes
+
+    @property
+    def parts(self) -> tuple[DrivePart, ...]:
+        """Parts of the drive, if its frames fit several poses."""
+        return () if self.assessment is None else self.assessment.parts
 
     @property
     def poses(self) -> dict[str, StageResult]:

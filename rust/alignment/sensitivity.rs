@@ -35,6 +35,10 @@ pub struct Sensitivity {
     pub motions: DMatrix<f64>,
     /// Share of each part in the gradient, nats; one row for each part.
     pub scores: DMatrix<f64>,
+    /// Frame of each part, and the row and column of its square in the image.
+    pub parts: Vec<[u32; 3]>,
+    /// Share of each frame in the curvature, nats.
+    pub frame_curvatures: Vec<DMatrix<f64>>,
 }
 
 /// Settings of [`sensitivity`].
@@ -76,31 +80,26 @@ pub fn sensitivity(
     let total = joint.total();
     let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
     let side = (observations.camera.width as f64 / config.regions_across as f64).max(1.0);
-    let mut parts: BTreeMap<(u32, u32, u32), DVector<f64>> = BTreeMap::new();
+    let mut parts: BTreeMap<[u32; 3], DVector<f64>> = BTreeMap::new();
     for projected in chunks.iter().flatten() {
         let cell = |x: f64| if config.regions_across > 1 { (x.max(0.0) / side) as u32 } else { 0 };
-        let part = (projected.frame, cell(projected.pixel.y), cell(projected.pixel.x));
+        let part = [projected.frame, cell(projected.pixel.y), cell(projected.pixel.x)];
         let score = parts.entry(part).or_insert_with(|| DVector::zeros(steps.nrows()));
         problem.add_score(projected, &joint, &pointwise, score);
     }
-    let gradients: Vec<DVector<f64>> = (0..steps.ncols())
-        .map(|axis| {
-            let [before, after] =
-                [-HALF_WIDTH, HALF_WIDTH].map(|by| problem.gradient(&(steps.column(axis) * by)));
-            (before - after) / (2.0 * HALF_WIDTH)
-        })
-        .collect();
-    // Differences along the steps; back to the parameters by the steps' inverse from the right.
-    let along = DMatrix::from_columns(&gradients);
-    let curvature = along * steps.try_inverse()?;
+    let frame_curvatures = problem.frame_curvatures(&steps)?;
+    let n = steps.nrows();
+    let curvature = frame_curvatures.iter().fold(DMatrix::zeros(n, n), |sum, frame| sum + frame);
     if !curvature.iter().all(|x| x.is_finite()) || curvature.amax() <= 0.0 {
         return None;
     }
     let rows: Vec<_> = parts.values().map(|score| (score / total).transpose()).collect();
     Some(Sensitivity {
-        curvature: 0.5 * (&curvature + curvature.transpose()),
-        scores: DMatrix::from_rows(&rows),
+        curvature,
         motions,
+        scores: DMatrix::from_rows(&rows),
+        parts: parts.into_keys().collect(),
+        frame_curvatures,
     })
 }
 
@@ -143,20 +142,49 @@ impl Problem<'_> {
         (joint, projected)
     }
 
-    /// The gradient at some parameters, with the points and weights chosen at the pose.
-    fn gradient(&self, parameters: &DVector<f64>) -> DVector<f64> {
+    /// Shares of the frames in minus the second derivative: differences of gradients along the steps, and back to the
+    /// parameters by the steps' inverse from the right.
+    fn frame_curvatures(&self, steps: &DMatrix<f64>) -> Option<Vec<DMatrix<f64>>> {
+        let differences: Vec<DMatrix<f64>> = (0..steps.ncols())
+            .map(|axis| {
+                let [before, after] =
+                    [-HALF_WIDTH, HALF_WIDTH].map(|by| self.gradients(&(steps.column(axis) * by)));
+                (before - after) / (2.0 * HALF_WIDTH)
+            })
+            .collect();
+        let inverse = steps.clone().try_inverse()?;
+        let of_frame = |frame: usize| {
+            let along: Vec<_> = differences.iter().map(|each| each.column(frame)).collect();
+            let curvature = DMatrix::from_columns(&along) * &inverse;
+            0.5 * (&curvature + curvature.transpose())
+        };
+        Some((0..self.level.maps.len()).map(of_frame).collect())
+    }
+
+    /// Shares of the frames in the gradient at some parameters, a column for each frame, with the points and weights
+    /// chosen at the pose.
+    fn gradients(&self, parameters: &DVector<f64>) -> DMatrix<f64> {
         let (joint, chunks) = self.projected(parameters);
         let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
         let of_chunk = |chunk: &Vec<ProjectedSample>| {
-            let mut sum = DVector::zeros(self.num_parameters());
+            let mut sums: Vec<(usize, DVector<f64>)> = Vec::new();
             for projected in chunk {
-                self.add_score(projected, &joint, &pointwise, &mut sum);
+                let frame = projected.frame as usize;
+                if sums.last().is_none_or(|(last, _)| *last != frame) {
+                    sums.push((frame, DVector::zeros(self.num_parameters())));
+                }
+                let (_, sum) = sums.last_mut().expect("one was just added");
+                self.add_score(projected, &joint, &pointwise, sum);
             }
-            sum
+            sums
         };
-        let sums: Vec<DVector<f64>> = chunks.par_iter().map(of_chunk).collect();
-        let zero = DVector::zeros(self.num_parameters());
-        sums.iter().fold(zero, |sum, chunk| sum + chunk) / joint.total().max(1.0)
+        let sums: Vec<_> = chunks.par_iter().flat_map_iter(of_chunk).collect();
+        let mut gradients = DMatrix::zeros(self.num_parameters(), self.level.maps.len());
+        for (frame, sum) in sums {
+            let mut column = gradients.column_mut(frame);
+            column += sum;
+        }
+        gradients / joint.total().max(1.0)
     }
 
     /// Adds the contribution of a point to the gradient, times the total weight.

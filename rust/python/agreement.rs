@@ -1,6 +1,6 @@
 //! Agreement of points and label images at a pose.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::errors::value_error;
@@ -20,6 +20,7 @@ pub(super) struct PyAgreement {
     num_inside: usize,
     num_hidden: usize,
     joint: Py<PyArray2<f64>>,
+    frame_joints: Py<PyArray3<f64>>,
 }
 
 #[pyclass(name = "HeldOutGain", frozen, get_all)]
@@ -38,6 +39,10 @@ pub(super) fn agreement(
     let found = detached(py, || measure_agreement(&observations.0, &pose));
     let shape = [observations.0.num_point_classes, observations.0.num_image_classes];
     let joint = PyArray1::from_slice(py, &found.joint.weights).reshape(shape)?;
+    let of_frames: Vec<f64> =
+        found.frame_joints.iter().flat_map(|frame| frame.weights.iter().copied()).collect();
+    let frame_joints =
+        PyArray1::from_vec(py, of_frames).reshape([found.frame_joints.len(), shape[0], shape[1]])?;
     Ok(PyAgreement {
         mutual_information: found.joint.mutual_information(),
         bias: found.joint.bias(),
@@ -47,6 +52,7 @@ pub(super) fn agreement(
         num_inside: found.num_inside,
         num_hidden: found.num_hidden,
         joint: joint.unbind(),
+        frame_joints: frame_joints.unbind(),
     })
 }
 

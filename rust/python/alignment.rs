@@ -1,7 +1,7 @@
 //! Mutual information over SE(3): ascent, polish and sensitivity.
 
 use nalgebra::{DMatrix, Matrix6};
-use numpy::{IntoPyArray, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::arrays::matrix_6x6;
@@ -60,23 +60,36 @@ pub(super) struct PySensitivity {
     curvature: Py<PyArray2<f64>>,
     scores: Py<PyArray2<f64>>,
     motions: Py<PyArray2<f64>>,
+    parts: Option<Py<PyArray2<u32>>>,
+    frame_curvatures: Option<Py<PyArray3<f64>>>,
 }
 
 #[pymethods]
 impl PySensitivity {
     #[new]
     fn new(curvature: Py<PyArray2<f64>>, scores: Py<PyArray2<f64>>, motions: Py<PyArray2<f64>>) -> Self {
-        Self { curvature, scores, motions }
+        Self { curvature, scores, motions, parts: None, frame_curvatures: None }
     }
 }
 
 impl PySensitivity {
     fn of(py: Python<'_>, found: &Sensitivity) -> PyResult<Self> {
+        let rows = |matrix: &DMatrix<f64>| matrix.transpose().iter().copied().collect::<Vec<f64>>();
         let array = |matrix: &DMatrix<f64>| {
-            let rows: Vec<f64> = matrix.transpose().iter().copied().collect();
-            rows.into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()]).map(Bound::unbind)
+            rows(matrix).into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()]).map(Bound::unbind)
         };
-        Ok(Self::new(array(&found.curvature)?, array(&found.scores)?, array(&found.motions)?))
+        let n = found.curvature.nrows();
+        let of_frames: Vec<f64> = found.frame_curvatures.iter().flat_map(rows).collect();
+        let parts = found.parts.as_flattened().to_vec().into_pyarray(py);
+        Ok(Self {
+            curvature: array(&found.curvature)?,
+            scores: array(&found.scores)?,
+            motions: array(&found.motions)?,
+            parts: Some(parts.reshape([found.parts.len(), 3])?.unbind()),
+            frame_curvatures: Some(
+                of_frames.into_pyarray(py).reshape([found.frame_curvatures.len(), n, n])?.unbind(),
+            ),
+        })
     }
 }
 

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
+from semcal_cli.assessment.disagreement import check_frames
 from semcal_cli.assessment.fusion import Fused
+from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -24,6 +29,8 @@ class Assessment:
     """Findings of the assessment against the pose."""
     notes: tuple[str, ...] = ()
     """Sentences that a person should know and that do not speak against the pose."""
+    parts: tuple[DrivePart, ...] = ()
+    """Parts of the drive, if its frames fit several poses."""
 
 
 def assess(
@@ -33,6 +40,8 @@ def assess(
     fused: Fused | None = None,
     first_cue: Observations | None = None,
     *,
+    agreement: _core.Agreement,
+    frame_names: Sequence[str],
     with_label_bleed: bool = True,
 ) -> Assessment:
     """Estimate the uncertainty of a polished pose, and look for findings against it.
@@ -44,6 +53,8 @@ def assess(
         fused: Result of the fusion with priors, if there are any.
         first_cue: Observations of the first of several cues, on which consistency is checked, because pixels of one cue
             share no information with points of another; all observations if not given.
+        agreement: Agreement of the observations at this pose.
+        frame_names: Name of each frame: its point cloud.
         with_label_bleed: Whether to compute the effect of bleeding labels.
     """
     uncertainty = (
@@ -51,14 +62,22 @@ def assess(
         if fused is None
         else fused.uncertainty
     )
-    findings = check_consistency(first_cue or observations, T_camera_lidar)
+    compared = first_cue or observations
+    frames = check_frames(compared, T_camera_lidar, frame_names)
+    findings = (
+        *frames.findings,
+        *check_pairs(compared, T_camera_lidar, agreement, frame_names),
+        *check_consistency(compared, T_camera_lidar),
+    )
     if uncertainty is None:
         nothing = "labels do not determine the pose: information does not fall in every direction"
         together = "labels and what is known do not determine the pose together"
-        return Assessment(None, (Finding(nothing if fused is None else together), *findings))
+        return Assessment(
+            None, (Finding(nothing if fused is None else together), *findings), parts=frames.parts
+        )
     findings += undetermined(uncertainty)
     if with_label_bleed:
         label_gain = None if fused is None else fused.label_gain
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain)
         uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
-    return Assessment(uncertainty, findings)
+    return Assessment(uncertainty, findings, parts=frames.parts)

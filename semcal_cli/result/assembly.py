@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from semcal_cli import _core
 from semcal_cli.result.calibration import Calibration, HeldOut, Input, Quality, Repeatability, Settings, Stage
 from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.provenance import versions
 from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.result.uncertainty import Uncertainty
@@ -22,6 +23,7 @@ def assemble(
     input: Input,
     is_assessed: bool,
     notes: tuple[str, ...] = (),
+    parts: tuple[DrivePart, ...] = (),
     hypotheses: tuple[Hypothesis, ...] = (),
     runner_up_margin: float | None = None,
     held_out: HeldOut | None = None,
@@ -39,6 +41,7 @@ def assemble(
         input: Files that were read.
         is_assessed: Whether the last stage, the assessment, was run.
         notes: Sentences that a person should know and that do not speak against the answer.
+        parts: Parts of the drive, if its frames fit several poses.
         hypotheses: Hypotheses of the initial calibration, best first.
         runner_up_margin: Standard errors by which the runner-up is behind.
         held_out: Test of the polish on held-out data.
@@ -54,6 +57,7 @@ def assemble(
         status="not_trusted" if findings else "trusted" if is_assessed else "not_assessed",
         reasons=tuple(finding.sentence for finding in findings),
         notes=notes,
+        parts=parts,
         quality=_quality(last.agreement, num_frames, runner_up_margin),
         stages={name: _stage(result) for name, result in stages.items()},
         uncertainty=uncertainty,

@@ -29,6 +29,7 @@ from semcal_cli.files.validation import (
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, quaternion_xyzw
 from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.uncertainty import Uncertainty
 
 AGREEMENT_TOLERANCE = 1e-6
@@ -170,6 +171,8 @@ class Calibration(StrictModel):
     """Test of the polish on held-out data; null if the pose was not polished."""
     hypotheses: Annotated[tuple[Hypothesis, ...], length(0)] = ()
     """Hypotheses of the initial calibration, best first. The first is the result of the stage `initial`."""
+    parts: Annotated[tuple[DrivePart, ...], length(0)] = ()
+    """Parts of the drive whose frames fit different poses; empty if all frames fit the transform."""
     input: Input
     """Files that were read, with their hashes."""
     settings: Settings

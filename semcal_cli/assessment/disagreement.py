@@ -1,0 +1,279 @@
+"""Frames that disagree about the camera: one that was moved in mid-drive, or frames that each fit their own pose.
+
+Scores of the frames tell whether there is one pose at all. Where they do not, a change point is looked for along the
+drive (binary segmentation: Scott and Knott, *A cluster analysis method for grouping means in the analysis of variance*,
+1974): both parts are refined and polished on their own, and have to lie farther apart than their intervals explain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.assessment.frame_names import frame_name, frame_names
+from semcal_cli.assessment.frame_scores import score_frames
+from semcal_cli.assessment.limits import joint_quantile
+from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
+from semcal_cli.assessment.uncertainty import estimate_uncertainty
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import SemcalError
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import local_coordinates
+from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.polish import newton
+from semcal_cli.refinement.pyramid import refine
+from semcal_cli.result.parts import DrivePart, Movement
+from semcal_cli.result.stage import Finding
+from semcal_cli.result.uncertainty import Uncertainty
+
+BLOCKS_DEG = (0.3, 1.0)
+"""Blocks on which frames are compared. Fine ones feel small offsets, coarse ones those of several degrees."""
+ALPHA = 1e-3
+"""Probability that frames of one pose are said to disagree, by each of the tests."""
+PARTS_ALPHA = 0.01
+"""Probability that two parts of a drive, whose scores disagree by chance, are said to fit two poses."""
+SCORE_DOF = 60.0
+"""Degrees of freedom of the scatter of scores: squares of two frames."""
+MAX_SCATTER = 1.35
+"""Largest allowed Cochran's Q, as a multiple of what chance exceeds with probability `ALPHA`. Frames of good drives
+scatter somewhat more than their squares say."""
+MAX_PARTS = 4
+"""Largest number of parts of a drive."""
+FARTHEST_COARSE_DEG = 4.0
+"""Coarsest block of the refinement of a part, which may lie several degrees off."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Consecutive frames, with the pose that they fit."""
+
+    frames: range
+    T_camera_lidar: Pose
+    """(4, 4), metres."""
+    uncertainty: Uncertainty | None
+    """Uncertainty of the pose; None if these frames alone do not determine it."""
+
+
+@dataclass(frozen=True)
+class FrameCheck:
+    """Result of comparing the frames: findings, and the parts of the drive if the camera was moved."""
+
+    findings: tuple[Finding, ...] = ()
+    parts: tuple[DrivePart, ...] = ()
+    """At least two parts; empty if no movement was found."""
+
+
+def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequence[str]) -> FrameCheck:
+    """Check that all frames fit one pose.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4) pose of all frames, metres.
+        names: Name of each frame: its point cloud.
+    """
+    whole = range(observations.num_frames)
+    if len(whole) < 2:
+        return FrameCheck()
+    suspicion = _suspect(observations, T_camera_lidar)
+    if suspicion is None:
+        return FrameCheck()
+    parts = _split(observations, whole, T_camera_lidar, suspicion, MAX_PARTS) if suspicion.place else []
+    if len(parts) > 1 and all(_is_one(observations, part) for part in parts):
+        described = tuple(_describe(parts, names))
+        return FrameCheck((Finding(_moved_sentence(parts, described, names)),), described)
+    return FrameCheck((Finding(_scatter_sentence(suspicion, names)),))
+
+
+@dataclass(frozen=True)
+class _Suspicion:
+    """What the scores of frames say against one pose."""
+
+    place: int | None
+    """Number of frames before the likeliest change; None if no change explains the scores better than chance."""
+    apart: float
+    """Distance of the scores before and after the likeliest change, in standard errors."""
+    allowed_apart: float
+    """Largest allowed `apart`, and distance of the score of one frame from zero."""
+    scatter: float
+    """Cochran's Q over its degrees of freedom."""
+    allowed: float
+    """Largest allowed `scatter`."""
+    outliers: tuple[int, ...]
+    """Frames whose own score is farther from zero than chance explains."""
+
+
+def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
+    """Test whether the frames fit one pose; None if nothing speaks against it."""
+    found = [score_frames(observations, T_camera_lidar, block_deg) for block_deg in BLOCKS_DEG]
+    scored = [scores for scores in found if scores is not None]
+    if not scored:
+        return None
+    count = observations.num_frames
+    limit = joint_quantile(ALPHA / (len(BLOCKS_DEG) * count), SCORE_DOF)
+    splits = max((scores.splits() for scores in scored), key=np.max)
+    place = int(np.argmax(splits)) + 1 if splits.max() > limit else None
+    squares = np.max([scores.squares for scores in scored], axis=0)
+    outliers = tuple(np.flatnonzero(squares > limit).tolist())
+    scatter = max(scores.heterogeneity for scores in scored) / (6.0 * (count - 1))
+    allowed = _largest_scatter(count)
+    if place is None and not outliers and scatter <= allowed:
+        return None
+    return _Suspicion(place, math.sqrt(splits.max()), math.sqrt(limit), scatter, allowed, outliers)
+
+
+def _largest_scatter(num_frames: int) -> float:
+    from scipy.stats import chi2
+
+    dof = 6.0 * (num_frames - 1)
+    return MAX_SCATTER * float(chi2.isf(ALPHA, dof)) / dof
+
+
+def _is_one(observations: Observations, part: Part) -> bool:
+    """Whether the frames of a part fit its pose."""
+    if len(part.frames) == 1:
+        return True
+    found = _suspect(observations.of_frames(part.frames), part.T_camera_lidar)
+    return found is None or found.scatter <= found.allowed
+
+
+def _split(
+    observations: Observations, frames: range, T_start: Pose, suspicion: _Suspicion, num_parts: int
+) -> list[Part]:
+    """Split frames where they fit two poses, and each part again; one part where they do not."""
+    pair = _two_parts(observations, frames, T_start, suspicion.place or 0)
+    if pair is None:
+        return [_fit(observations, frames, T_start)]
+    found: list[Part] = []
+    for part in pair:
+        left = num_parts - 1 - len(found)
+        again = None
+        if len(part.frames) > 1 and left > 1:
+            again = _suspect(observations.of_frames(part.frames), part.T_camera_lidar)
+        if again is None or again.place is None:
+            found.append(part)
+        else:
+            found += _split(observations, part.frames, part.T_camera_lidar, again, left)
+    return found
+
+
+def _two_parts(
+    observations: Observations, frames: range, T_start: Pose, place: int
+) -> tuple[Part, Part] | None:
+    """Fit both sides of a change; None if their poses are no farther apart than chance explains."""
+    before, after = (_fit(observations, part, T_start) for part in _halves(frames, place))
+    again = _best_place(observations.of_frames(frames), before.T_camera_lidar, after.T_camera_lidar)
+    if again != place:
+        before, after = (
+            _fit(observations, part, near.T_camera_lidar)
+            for part, near in zip(_halves(frames, again), (before, after), strict=True)
+        )
+    return (before, after) if _is_apart(before, after) else None
+
+
+def _halves(frames: range, place: int) -> tuple[range, range]:
+    return frames[:place], frames[place:]
+
+
+def _fit(observations: Observations, frames: range, T_start: Pose) -> Part:
+    """Refine and polish the pose of some frames."""
+    few, T = observations.of_frames(frames), T_start
+    try:
+        estimator = ExactEstimator(few, ExactConfig(), seed=0)
+        T = refine(few, T, estimator, PyramidConfig(coarsest_block_deg=FARTHEST_COARSE_DEG)).T_camera_lidar
+        T = newton(few, T, PolishConfig()).T_camera_lidar
+    except SemcalError:
+        return Part(frames, T_start, None)
+    return Part(frames, T, estimate_uncertainty(few, T))
+
+
+def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> int:
+    """Find after how many frames the pose of the second part explains the labels better than that of the first."""
+    before, after = (_core.agreement(observations.core, T).frame_joints for T in (T_before, T_after))
+    table = pointwise_information((before + after).sum(axis=0))
+    gains = information_by_frame(before, table) - information_by_frame(after, table)
+    # The sum of the gains before the place, less the sum after it, is largest at the change.
+    return int(np.argmax(np.cumsum(gains)[:-1])) + 1
+
+
+def _is_apart(before: Part, after: Part) -> bool:
+    if before.uncertainty is None or after.uncertainty is None:
+        return False
+    offset, covariance, dof = _offset(before, after)
+    return float(offset @ np.linalg.solve(covariance, offset)) > joint_quantile(PARTS_ALPHA, dof)
+
+
+def _offset(before: Part, after: Part) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
+    """Local coordinates (6,) of a part about the one before, their covariance (6, 6), and degrees of freedom."""
+    assert before.uncertainty is not None and after.uncertainty is not None
+    (offset,) = local_coordinates([after.T_camera_lidar], before.T_camera_lidar)
+    covariance = np.array(before.uncertainty.covariance) + np.array(after.uncertainty.covariance)
+    dof = np.add(before.uncertainty.degrees_of_freedom, after.uncertainty.degrees_of_freedom)
+    return offset, covariance, float(dof.mean())
+
+
+def _describe(parts: Sequence[Part], names: Sequence[str]) -> list[DrivePart]:
+    described = []
+    for before, part in zip((None, *parts), parts, strict=False):
+        described.append(
+            DrivePart(
+                first_frame=names[part.frames[0]],
+                last_frame=names[part.frames[-1]],
+                num_frames=len(part.frames),
+                T_camera_lidar=part.T_camera_lidar.tolist(),
+                moved=None if before is None else _movement(before, part),
+            )
+        )
+    return described
+
+
+def _movement(before: Part, after: Part) -> Movement:
+    offset, covariance, dof = _offset(before, after)
+    half_widths = math.sqrt(joint_quantile(0.05, dof)) * np.sqrt(np.diag(covariance))
+    # A twist's translation moves the camera's centre the other way.
+    return Movement(
+        camera_center_m=(-offset[:3]).tolist(),
+        rotation_deg=np.degrees(offset[3:]).tolist(),
+        half_width_95_camera_center_m=half_widths[:3].tolist(),
+        half_width_95_rotation_deg=np.degrees(half_widths[3:]).tolist(),
+    )
+
+
+def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names: Sequence[str]) -> str:
+    """Say which frames fit which camera, and ask what happened."""
+    sentences = []
+    for part, words in zip(parts[1:], described[1:], strict=True):
+        assert words.moved is not None
+        first = frame_name(names, part.frames[0])
+        stretch = _stretch(part.frames, names)
+        sentences.append(f"{stretch} fit a camera {words.moved.words}: was it knocked at {first}?")
+    return "; ".join(sentences) + " Calibrate the parts with --split"
+
+
+def _stretch(frames: range, names: Sequence[str]) -> str:
+    first, last = frame_name(names, frames[0]), frame_name(names, frames[-1])
+    return f"frame {first} alone would" if len(frames) == 1 else f"frames {first} to {last}"
+
+
+def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:
+    """Say how far frames disagree that fit no few poses."""
+    found = []
+    if suspicion.scatter > suspicion.allowed:
+        ratio, allowed = math.sqrt(suspicion.scatter), math.sqrt(suspicion.allowed)
+        found.append(
+            f"they scatter {ratio:.2f} times as widely as their labels explain, needed at most {allowed:.2f}"
+        )
+    if suspicion.place is not None:
+        found.append(
+            f"those from {frame_name(names, suspicion.place)} on are {suspicion.apart:.1f} standard errors from those "
+            f"before, needed at most {suspicion.allowed_apart:.1f}"
+        )
+    if suspicion.outliers:
+        found.append(f"farthest off: {frame_names(names, suspicion.outliers)}")
+    what = "the times of sweeps and pictures, the motion or the labels of some frames may be wrong"
+    return f"frames disagree about the camera: {'; '.join(found)}; {what}"

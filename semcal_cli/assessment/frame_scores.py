@@ -1,0 +1,125 @@
+"""Scores of single frames at the pose of all: what each frame's labels say against it.
+
+At the pose that all frames fit best their scores add up to zero; a frame whose camera was elsewhere pulls towards its own
+optimum. A score is measured against the scatter of the squares of its image, as in `semcal_cli.assessment.uncertainty`,
+on blocks of pixels: a block feels borders of labels that are about its own size away.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.config import SensitivityConfig
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+
+Vectors = npt.NDArray[np.float64]
+Matrices = npt.NDArray[np.float64]
+
+MAX_POINTS = 300_000
+"""Largest number of points of all frames that are looked at."""
+MIN_BLOCK_PX = 2
+"""Smallest block, in pixels."""
+SHRINKAGE = 0.5
+"""Share of the mean covariance of all frames in that of a frame, because few squares estimate it roughly."""
+
+
+@dataclass(frozen=True)
+class FrameScores:
+    """Score of each frame at one pose, relative to the optimum of all frames on these blocks."""
+
+    scores: Vectors
+    """(F, 6) share of each frame in the gradient, less what the optimum of all frames explains, nats."""
+    covariances: Matrices
+    """(F, 6, 6) covariance of each score."""
+    curvatures: Matrices
+    """(F, 6, 6) share of each frame in the curvature, nats."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.scores)
+
+    @property
+    def squares(self) -> Vectors:
+        """Squared length (F,) of each score in its standard errors; about 6 if nothing but chance moves it."""
+        return _squared(self.scores, self.covariances)
+
+    @property
+    def heterogeneity(self) -> float:
+        """Cochran's Q (*The combination of estimates from different experiments*, 1954), of 6 (F - 1) degrees of freedom."""
+        return float(self.squares.sum())
+
+    def splits(self) -> Vectors:
+        """Compute the squared length (F - 1,) of the sum of the first scores, in its standard errors, for each number."""
+        sums, known = np.cumsum(self.scores, axis=0), np.cumsum(self.covariances, axis=0)
+        before = known[:-1]
+        # The scores of all frames add up to zero, so the sum of the first is that of a bridge.
+        return _squared(sums[:-1], before - before @ np.linalg.solve(known[-1], before))
+
+    def offsets(self) -> tuple[Vectors, Matrices]:
+        """Estimate by one Newton step how far each frame's own optimum lies from that of all.
+
+        Returns:
+            Twists (F, 6) on the left of the pose, metres and radians, and their covariances (F, 6, 6).
+        """
+        # One frame's curvature may vanish in some direction; half of it is that of all frames.
+        blended = SHRINKAGE * self.curvatures.mean(axis=0) + (1.0 - SHRINKAGE) * self.curvatures
+        inverse = np.linalg.inv(blended)
+        twists = np.einsum("fij,fj->fi", inverse, self.scores)
+        return twists, inverse @ self.covariances @ inverse.transpose(0, 2, 1)
+
+
+def score_frames(observations: Observations, T_camera_lidar: Pose, block_deg: float) -> FrameScores | None:
+    """Compute the scores of all frames.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4) pose of all frames, metres.
+        block_deg: Side of a block of the label images, in degrees about the optical axis.
+
+    Returns:
+        The scores; None if labels do not determine a pose on these blocks.
+    """
+    factor = max(round(math.radians(block_deg) * observations.camera.K[0][0]), MIN_BLOCK_PX)
+    factor = min(factor, observations.camera.width, observations.camera.height)
+    config = SensitivityConfig(factor=factor, edge_band_px=0, max_points=MAX_POINTS)
+    around = _core.sensitivity(observations.core, T_camera_lidar, config)
+    if around is None or np.linalg.eigvalsh(around.curvature)[0] <= 0.0:
+        return None
+    scores, covariances = _by_frame(around, observations.num_frames)
+    if np.linalg.eigvalsh(covariances.mean(axis=0))[0] <= 0.0:
+        return None
+    explained = around.frame_curvatures @ np.linalg.solve(around.curvature, scores.sum(axis=0))
+    return FrameScores(scores - explained, covariances, around.frame_curvatures)
+
+
+def _by_frame(around: _core.Sensitivity, num_frames: int) -> tuple[Vectors, Matrices]:
+    """Sum the scores of each frame's squares, (F, 6), and estimate the covariances (F, 6, 6) of the sums."""
+    scores, covariances, counts = (
+        np.zeros((num_frames, 6)),
+        np.zeros((num_frames, 6, 6)),
+        np.zeros(num_frames),
+    )
+    for frame in range(num_frames):
+        squares = around.scores[around.parts[:, 0] == frame]
+        counts[frame] = len(squares)
+        if len(squares) > 1:
+            centred = squares - squares.mean(axis=0)
+            scores[frame] = squares.sum(axis=0)
+            covariances[frame] = centred.T @ centred * len(squares) / (len(squares) - 1)
+    typical = covariances.mean(axis=0) * (counts / counts.mean())[:, None, None]
+    # A frame without points has neither a score nor a scatter, and must not divide by zero.
+    typical[counts == 0] = covariances.mean(axis=0)
+    return scores, SHRINKAGE * typical + (1.0 - SHRINKAGE) * covariances
+
+
+def _squared(vectors: Vectors, covariances: Matrices) -> Vectors:
+    """Squared lengths (N,) of vectors (N, 6) in their standard errors."""
+    solved = np.linalg.solve(covariances, vectors[..., None])[..., 0]
+    return np.asarray(np.einsum("fi,fi->f", vectors, solved))

@@ -1,0 +1,88 @@
+"""Frames whose points and pixels do not belong together: another moment, a mirrored picture, another camera."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.assessment.frame_names import frame_names
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.stage import Finding
+
+MIN_INFORMATION = 0.35
+"""Least information of a frame, as a share of that of the best quarter of frames, that needs no second look. On good
+drives it was at least 0.6; with a picture of another moment or a mirrored one at most 0.35 in 26 of 32 frames."""
+MAX_EXCHANGED = 0.5
+"""Largest allowed information with the picture of another frame, as a share of that with the frame's own."""
+NUM_EXCHANGES = 3
+"""Number of other frames whose pictures are tried."""
+
+Information = npt.NDArray[np.float64]
+
+
+def check_pairs(
+    observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement, names: Sequence[str]
+) -> tuple[Finding, ...]:
+    """Check for each frame that its points agree with its own pixels, by the classes that go together in all frames.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4) pose of all frames, metres.
+        agreement: Agreement of all frames at this pose.
+        names: Name of each frame: its point cloud.
+    """
+    joints = agreement.frame_joints[: observations.num_frames]
+    table = pointwise_information(joints.sum(axis=0))
+    own = information_by_frame(joints, table)
+    doubtful = np.flatnonzero(own < MIN_INFORMATION * np.quantile(own, 0.75))
+    if len(doubtful) == 0 or observations.num_frames < 2:
+        return ()
+    exchanged = _exchanged(observations, T_camera_lidar, table)
+    is_wrong = (own <= 0.0) | (exchanged > MAX_EXCHANGED * own)
+    wrong = doubtful[is_wrong[doubtful]].tolist()
+    if not wrong:
+        return ()
+    worst = min(wrong, key=lambda frame: float(own[frame]))
+    sentence = (
+        f"points and pixels of {frame_names(names, wrong)} may not belong together: at the pose of all frames "
+        f"{frame_names(names, [worst])} shares {own[worst]:.2f} nats, others {np.quantile(own, 0.75):.2f}, needed at "
+        f"least {MIN_INFORMATION:.0%} of that or more than with pictures of other frames"
+    )
+    return (Finding(sentence),)
+
+
+def information_by_frame(joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]) -> Information:
+    """Mean pointwise information (F,) of the pairs of each frame, by a table for all of them, nats.
+
+    Args:
+        joints: (F, X, Y) weights of the pairs of each frame.
+        table: (X, Y) pointwise mutual information.
+    """
+    weights = np.maximum(joints.sum(axis=(1, 2)), 1.0)
+    return np.asarray((joints * table).sum(axis=(1, 2)) / weights)
+
+
+def pointwise_information(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Compute the pointwise mutual information of a histogram (X, Y), nats; zero for pairs that were never seen."""
+    expected = joint.sum(axis=1, keepdims=True) * joint.sum(axis=0) / max(joint.sum(), 1.0)
+    seen = joint > 0.0
+    ratio = np.divide(joint, expected, out=np.ones_like(joint), where=seen)
+    return np.asarray(np.log(ratio))
+
+
+def _exchanged(
+    observations: Observations, T_camera_lidar: Pose, table: npt.NDArray[np.float64]
+) -> Information:
+    """Largest information of each frame's points with the pixels of some other frames, (F,)."""
+    images, count = observations.images, observations.num_frames
+    shifts = np.unique(np.linspace(1, count - 1, NUM_EXCHANGES).round().astype(int))
+    found = []
+    for shift in shifts.tolist():
+        others = observations.with_images(images[shift:] + images[:shift])
+        joints = _core.agreement(others.core, T_camera_lidar).frame_joints
+        found.append(information_by_frame(joints, table))
+    return np.asarray(np.max(found, axis=0))
