@@ -368,7 +368,6 @@ class Sensitivity:
     The first six are a twist on the left of the pose (metres, radians); fx, fy, cx, cy (pixels) and k1 may follow.
     """
 
-    def __new__(cls, curvature: _Float64, scores: _Float64, motions: _Float64) -> Sensitivity: ...
     @property
     def curvature(self) -> _Float64:
         """(n, n) minus the second derivative, nats."""
@@ -379,7 +378,7 @@ class Sensitivity:
     def motions(self) -> _Float64:
         """(n, n) mean products of the pixels by which the parameters move the points."""
     @property
-    def parts(self) -> npt.NDArray[np.uint32]:
+    def parts(self) -> NDArray[np.uint32]:
         """(parts, 3) frame, row and column of the square of each part."""
     @property
     def frame_curvatures(self) -> _Float64:

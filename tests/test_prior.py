@@ -8,8 +8,9 @@ from scipy.linalg import expm
 
 from semcal_cli.assessment.fusion import _Known, _Labels, _solve, fuse
 from semcal_cli.assessment.priors import Prior, clamp
-from semcal_cli.assessment.uncertainty import estimate_uncertainty, influences_of, sensitivity
-from semcal_cli.config import PolishConfig
+from semcal_cli.assessment.sensitivity import sensitivity
+from semcal_cli.assessment.uncertainty import estimate_uncertainty
+from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import LabelledImage, Observations
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
@@ -99,10 +100,10 @@ def test_what_is_hardly_known_leaves_newtons_step_and_its_covariance(
 ) -> None:
     vague = Prior("vague", nudged(polished, (0.5, 0.5, 0.5)), (100.0,) * 3 + (10.0,) * 3)
     fused = fuse(street_observations, polished, [vague])
-    around = sensitivity(street_observations, polished)
+    around = sensitivity(street_observations, polished, SensitivityConfig())
     assert around is not None
     assert fused.uncertainty is not None
-    expected = twisted(polished, influences_of(around).sum(axis=0))
+    expected = twisted(polished, around.influences.sum(axis=0))
     np.testing.assert_allclose(fused.T_camera_lidar, expected, atol=1e-6)
     np.testing.assert_allclose(fused.uncertainty.covariance, alone.covariance, rtol=1e-3, atol=1e-12)
     np.testing.assert_allclose(fused.uncertainty.degrees_of_freedom, alone.degrees_of_freedom, rtol=1e-3)
@@ -172,7 +173,7 @@ def test_a_rough_pose_is_allowed_as_far_as_both_may_be_off(off_m: float, is_allo
 def test_what_is_known_decides_where_labels_do_not_bend() -> None:
     rng = np.random.default_rng(0)
     reads = np.eye(6)[:5]  # nothing about the last axis
-    labels = _Labels(reads, rng.standard_normal((50, 5)), np.full(5, 0.1), np.diag([0.01] * 5))
+    labels = _Labels(reads, rng.standard_normal((50, 5)), np.ones(50), np.full(5, 0.1), np.diag([0.01] * 5))
     nothing = _Known(np.zeros((0, 6)), np.zeros(0), np.zeros(0))
     step, _, is_determined = _solve(labels, nothing, np.eye(6))
     assert not is_determined

@@ -3,15 +3,8 @@ import pytest
 from scipy.stats import chi2, t
 
 from semcal_cli import _core
-from semcal_cli.assessment.uncertainty import (
-    SHARED_FRAMES,
-    bled,
-    estimate_uncertainty,
-    is_determined,
-    label_bleed,
-    sandwich,
-    undetermined,
-)
+from semcal_cli.assessment.sensitivity import SHARED_FRAMES, Matrix, Sensitivity
+from semcal_cli.assessment.uncertainty import bled, estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
@@ -84,20 +77,36 @@ def test_the_translation_moves_with_a_rotation(uncertainty: Uncertainty, polishe
     np.testing.assert_allclose(translations.std(axis=0), uncertainty.sigma_translation_m, rtol=0.03)
 
 
+def around(curvature: Matrix, scores: Matrix, num_alike: int = 1, num_scenes: int = 1) -> Sensitivity:
+    """A sensitivity of parts that `num_alike` frames show."""
+    return Sensitivity(
+        curvature, scores, np.eye(len(curvature)), np.full(len(scores), float(num_alike)), num_scenes
+    )
+
+
 def test_sandwich_of_independent_scores() -> None:
     rng = np.random.default_rng(1)
     curvature = np.diag([4.0, 1.0])
     scores = rng.standard_normal((5000, 2)) * [2.0, 0.5]
-    covariance, dof = sandwich(_core.Sensitivity(curvature, scores, np.eye(2)), num_frames=6)
+    covariance, dof = around(curvature, scores, num_scenes=6).sandwich()
     expected = np.diag([(2.0 / 4.0) ** 2, (0.5 / 1.0) ** 2]) * 5000 * (1.0 + 6 / SHARED_FRAMES)
     np.testing.assert_allclose(np.diag(covariance), np.diag(expected), rtol=0.06)
     np.testing.assert_allclose(dof, 5000 / 3, rtol=0.1)  # of normal scores: E[x^2]^2 / E[x^4] is a third
 
 
+def test_copies_of_a_frame_are_that_frame() -> None:
+    """Twenty copies pull twenty times as strongly against a curvature twenty times as large."""
+    scores = np.random.default_rng(2).standard_normal((50, 2))
+    of_one, dof_of_one = around(np.eye(2), scores).sandwich()
+    of_copies, dof = around(20.0 * np.eye(2), np.tile(scores, (20, 1)), num_alike=20).sandwich()
+    np.testing.assert_allclose(of_copies, of_one, rtol=0.03)  # the 50 / 49 of one is nearly one of 1000
+    np.testing.assert_allclose(dof, dof_of_one, rtol=1e-9)
+
+
 def test_a_saddle_is_not_determined() -> None:
     scores = np.ones((9, 2))
-    assert is_determined(_core.Sensitivity(np.diag([1.0, 1e-3]), scores, np.eye(2)))
-    assert not is_determined(_core.Sensitivity(np.diag([1.0, -1e-3]), scores, np.eye(2)))
+    assert around(np.diag([1.0, 1e-3]), scores).is_determined
+    assert not around(np.diag([1.0, -1e-3]), scores).is_determined
 
 
 def test_directions_that_are_hardly_determined_are_named(uncertainty: Uncertainty, polished: Pose) -> None:

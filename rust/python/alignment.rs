@@ -60,20 +60,12 @@ pub(super) struct PySensitivity {
     curvature: Py<PyArray2<f64>>,
     scores: Py<PyArray2<f64>>,
     motions: Py<PyArray2<f64>>,
-    parts: Option<Py<PyArray2<u32>>>,
-    frame_curvatures: Option<Py<PyArray3<f64>>>,
-}
-
-#[pymethods]
-impl PySensitivity {
-    #[new]
-    fn new(curvature: Py<PyArray2<f64>>, scores: Py<PyArray2<f64>>, motions: Py<PyArray2<f64>>) -> Self {
-        Self { curvature, scores, motions, parts: None, frame_curvatures: None }
-    }
+    parts: Py<PyArray2<u32>>,
+    frame_curvatures: Py<PyArray3<f64>>,
 }
 
 impl PySensitivity {
-    fn of(py: Python<'_>, found: &Sensitivity) -> PyResult<Self> {
+    fn new(py: Python<'_>, found: &Sensitivity) -> PyResult<Self> {
         let rows = |matrix: &DMatrix<f64>| matrix.transpose().iter().copied().collect::<Vec<f64>>();
         let array = |matrix: &DMatrix<f64>| {
             rows(matrix).into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()]).map(Bound::unbind)
@@ -85,10 +77,11 @@ impl PySensitivity {
             curvature: array(&found.curvature)?,
             scores: array(&found.scores)?,
             motions: array(&found.motions)?,
-            parts: Some(parts.reshape([found.parts.len(), 3])?.unbind()),
-            frame_curvatures: Some(
-                of_frames.into_pyarray(py).reshape([found.frame_curvatures.len(), n, n])?.unbind(),
-            ),
+            parts: parts.reshape([found.parts.len(), 3])?.unbind(),
+            frame_curvatures: of_frames
+                .into_pyarray(py)
+                .reshape([found.frame_curvatures.len(), n, n])?
+                .unbind(),
         })
     }
 }
@@ -143,7 +136,7 @@ pub(super) fn sensitivity(
 ) -> PyResult<Option<PySensitivity>> {
     let pose = isometry(&t_camera_lidar)?;
     let found = detached(py, || alignment::sensitivity(&observations.0, &pose, &config));
-    found.map(|found| PySensitivity::of(py, &found)).transpose()
+    found.map(|found| PySensitivity::new(py, &found)).transpose()
 }
 
 pub(super) fn check_factor(factor: usize, camera: &Camera) -> PyResult<()> {

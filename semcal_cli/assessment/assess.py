@@ -63,6 +63,7 @@ def assess(
         else fused.uncertainty
     )
     compared = first_cue or observations
+    notes = _notes(compared)
     frames = check_frames(compared, T_camera_lidar, frame_names)
     findings = (
         *frames.findings,
@@ -80,4 +81,17 @@ def assess(
         label_gain = None if fused is None else fused.label_gain
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain)
         uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
-    return Assessment(uncertainty, findings, parts=frames.parts)
+    return Assessment(uncertainty, findings, notes, frames.parts)
+
+
+def _notes(observations: Observations) -> tuple[str, ...]:
+    """Say how many frames are no new evidence."""
+    num_frames, num_scenes = observations.num_frames, len(set(observations.scenes))
+    if num_scenes == num_frames:
+        return ()
+    count = f"{num_scenes} frame" if num_scenes == 1 else f"{num_scenes} frames"
+    same = "all show the same scene" if num_scenes == 1 else "others show the same scenes"
+    sentence = f"the {num_frames} frames count as {count}, because {same}"
+    if num_scenes == 1:
+        sentence += "; whether sweeps and pictures belong together cannot be told"
+    return (f"{sentence}: add frames from a moving car",)

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.uncertainty import influences_of, is_determined, sandwich
+from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.config import ExactConfig, PyramidConfig, SensitivityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -256,17 +256,17 @@ def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay
 
 def _wrong_intrinsics(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Check that a Newton step with fx, fy, cx, cy and k1 free changes these by no more than chance."""
-    around = _core.sensitivity(observations.core, T_camera_lidar, AROUND_INTRINSICS)
+    around = sensitivity(observations, T_camera_lidar, AROUND_INTRINSICS)
     if around is None:
         return []
-    pose = _core.Sensitivity(around.curvature[:6, :6], around.scores[:, :6], around.motions[:6, :6])
-    if not is_determined(pose):
+    pose = around.of_pose
+    if not pose.is_determined:
         return []
-    step = influences_of(around).sum(axis=0)
-    covariance, _ = sandwich(around, observations.num_frames)
+    step = around.influences.sum(axis=0)
+    covariance, _ = around.sandwich()
     chi2 = float(step[6:] @ np.linalg.solve(covariance[6:, 6:], step[6:]))
     moved = step.copy()
-    moved[:6] -= influences_of(pose).sum(axis=0)
+    moved[:6] -= pose.influences.sum(axis=0)
     moved_px = float(np.sqrt(moved @ around.motions @ moved))
     if chi2 <= MAX_INTRINSICS_CHI2 or moved_px <= MAX_INTRINSICS_PX:
         return []

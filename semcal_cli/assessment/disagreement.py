@@ -56,8 +56,8 @@ class Part:
     frames: range
     T_camera_lidar: Pose
     """(4, 4), metres."""
-    uncertainty: Uncertainty | None
-    """Uncertainty of the pose; None if these frames alone do not determine it."""
+    uncertainty: Uncertainty
+    """Uncertainty of the pose."""
 
 
 @dataclass(frozen=True)
@@ -145,51 +145,51 @@ def _is_one(observations: Observations, part: Part) -> bool:
 def _split(
     observations: Observations, frames: range, T_start: Pose, suspicion: _Suspicion, num_parts: int
 ) -> list[Part]:
-    """Split frames where they fit two poses, and each part again; one part where they do not."""
-    pair = _two_parts(observations, frames, T_start, suspicion.place or 0)
-    if pair is None:
-        return [_fit(observations, frames, T_start)]
+    """Split frames where they fit two poses, and each part again; no parts where they do not."""
     found: list[Part] = []
-    for part in pair:
-        left = num_parts - 1 - len(found)
-        again = None
+    for part in _two_parts(observations, frames, T_start, suspicion.place or 0):
+        left, again = num_parts - 1 - len(found), None
         if len(part.frames) > 1 and left > 1:
             again = _suspect(observations.of_frames(part.frames), part.T_camera_lidar)
-        if again is None or again.place is None:
-            found.append(part)
-        else:
-            found += _split(observations, part.frames, part.T_camera_lidar, again, left)
+        smaller = []
+        if again is not None and again.place is not None:
+            smaller = _split(observations, part.frames, part.T_camera_lidar, again, left)
+        found += smaller or [part]
     return found
 
 
-def _two_parts(
-    observations: Observations, frames: range, T_start: Pose, place: int
-) -> tuple[Part, Part] | None:
-    """Fit both sides of a change; None if their poses are no farther apart than chance explains."""
-    before, after = (_fit(observations, part, T_start) for part in _halves(frames, place))
-    again = _best_place(observations.of_frames(frames), before.T_camera_lidar, after.T_camera_lidar)
+def _two_parts(observations: Observations, frames: range, T_start: Pose, place: int) -> tuple[Part, ...]:
+    """Fit both sides of a change; no parts if their poses are no farther apart than chance explains."""
+    pair = _fit_both(observations, frames, place, (T_start, T_start))
+    if pair is None:
+        return ()
+    poses = pair[0].T_camera_lidar, pair[1].T_camera_lidar
+    again = _best_place(observations.of_frames(frames), *poses)
     if again != place:
-        before, after = (
-            _fit(observations, part, near.T_camera_lidar)
-            for part, near in zip(_halves(frames, again), (before, after), strict=True)
-        )
-    return (before, after) if _is_apart(before, after) else None
+        pair = _fit_both(observations, frames, again, poses)
+    return pair if pair is not None and _is_apart(*pair) else ()
 
 
-def _halves(frames: range, place: int) -> tuple[range, range]:
-    return frames[:place], frames[place:]
+def _fit_both(
+    observations: Observations, frames: range, place: int, starts: tuple[Pose, Pose]
+) -> tuple[Part, Part] | None:
+    before = _fit(observations, frames[:place], starts[0])
+    after = _fit(observations, frames[place:], starts[1])
+    return None if before is None or after is None else (before, after)
 
 
-def _fit(observations: Observations, frames: range, T_start: Pose) -> Part:
-    """Refine and polish the pose of some frames."""
-    few, T = observations.of_frames(frames), T_start
+def _fit(observations: Observations, frames: range, T_start: Pose) -> Part | None:
+    """Refine and polish the pose of some frames; None if they do not determine one."""
+    few = observations.of_frames(frames)
     try:
         estimator = ExactEstimator(few, ExactConfig(), seed=0)
-        T = refine(few, T, estimator, PyramidConfig(coarsest_block_deg=FARTHEST_COARSE_DEG)).T_camera_lidar
-        T = newton(few, T, PolishConfig()).T_camera_lidar
+        pyramid = PyramidConfig(coarsest_block_deg=FARTHEST_COARSE_DEG)
+        T = refine(few, T_start, estimator, pyramid).T_camera_lidar
     except SemcalError:
-        return Part(frames, T_start, None)
-    return Part(frames, T, estimate_uncertainty(few, T))
+        return None
+    T = newton(few, T, PolishConfig()).T_camera_lidar
+    uncertainty = estimate_uncertainty(few, T)
+    return None if uncertainty is None else Part(frames, T, uncertainty)
 
 
 def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> int:
@@ -202,15 +202,12 @@ def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> in
 
 
 def _is_apart(before: Part, after: Part) -> bool:
-    if before.uncertainty is None or after.uncertainty is None:
-        return False
     offset, covariance, dof = _offset(before, after)
     return float(offset @ np.linalg.solve(covariance, offset)) > joint_quantile(PARTS_ALPHA, dof)
 
 
 def _offset(before: Part, after: Part) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
     """Local coordinates (6,) of a part about the one before, their covariance (6, 6), and degrees of freedom."""
-    assert before.uncertainty is not None and after.uncertainty is not None
     (offset,) = local_coordinates([after.T_camera_lidar], before.T_camera_lidar)
     covariance = np.array(before.uncertainty.covariance) + np.array(after.uncertainty.covariance)
     dof = np.add(before.uncertainty.degrees_of_freedom, after.uncertainty.degrees_of_freedom)
@@ -247,11 +244,11 @@ def _movement(before: Part, after: Part) -> Movement:
 def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names: Sequence[str]) -> str:
     """Say which frames fit which camera, and ask what happened."""
     sentences = []
-    for part, words in zip(parts[1:], described[1:], strict=True):
-        assert words.moved is not None
+    moved = [part.moved.words for part in described if part.moved is not None]
+    for part, words in zip(parts[1:], moved, strict=True):
         first = frame_name(names, part.frames[0])
         stretch = _stretch(part.frames, names)
-        sentences.append(f"{stretch} fit a camera {words.moved.words}: was it knocked at {first}?")
+        sentences.append(f"{stretch} fit a camera {words}: was it knocked at {first}?")
     return "; ".join(sentences) + " Calibrate the parts with --split"
 
 

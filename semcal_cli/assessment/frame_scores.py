@@ -1,8 +1,8 @@
 """Scores of single frames at the pose of all: what each frame's labels say against it.
 
-At the pose that all frames fit best their scores add up to zero; a frame whose camera was elsewhere pulls towards its own
-optimum. A score is measured against the scatter of the squares of its image, as in `semcal_cli.assessment.uncertainty`,
-on blocks of pixels: a block feels borders of labels that are about its own size away.
+At the pose that all frames fit best their scores add up to zero; a frame whose camera was elsewhere pulls towards its
+own optimum. A score is measured against the scatter of the squares of its image, as in the stated uncertainty, on
+blocks of pixels: a block feels borders of labels that are about its own size away.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ class FrameScores:
 
     @property
     def heterogeneity(self) -> float:
-        """Cochran's Q (*The combination of estimates from different experiments*, 1954), of 6 (F - 1) degrees of freedom."""
+        """Cochran's Q, with 6 (F - 1) degrees of freedom (*The combination of estimates*, 1954)."""
         return float(self.squares.sum())
 
     def splits(self) -> Vectors:
-        """Compute the squared length (F - 1,) of the sum of the first scores, in its standard errors, for each number."""
+        """Compute the squared length (F - 1,) of the sum of the first 1, 2, ... scores, in its standard errors."""
         sums, known = np.cumsum(self.scores, axis=0), np.cumsum(self.covariances, axis=0)
         before = known[:-1]
         # The scores of all frames add up to zero, so the sum of the first is that of a bridge.

@@ -17,13 +17,8 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
-from semcal_cli.assessment.uncertainty import (
-    Matrix,
-    is_determined,
-    scatter,
-    sensitivity,
-)
-from semcal_cli.config import EDGE_BAND_PX
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
+from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
@@ -80,11 +75,11 @@ def fuse(
         priors: The priors, which leave at least one direction free.
         edge_band_px: Width of the edge band in the settings of the polish.
     """
-    around = sensitivity(observations, T_camera_lidar, edge_band_px=edge_band_px)
-    is_alone = around is not None and is_determined(around)
+    around = sensitivity(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
+    is_alone = around is not None and around.is_determined
     contradictions: dict[str, list[str]] = {}
     if around is not None and is_alone:
-        labels = _labels(around, observations.num_frames)
+        labels = _labels(around)
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
     T, fit = _iterate(observations, T_camera_lidar, priors, around, is_alone, edge_band_px)
     far: list[str] = []
@@ -128,7 +123,7 @@ def _iterate(
     observations: Observations,
     T_start: Pose,
     priors: Sequence[Prior],
-    around: _core.Sensitivity | None,
+    around: Sensitivity | None,
     is_alone: bool,
     edge_band_px: int,
 ) -> tuple[Pose, _Fit | None]:
@@ -140,11 +135,11 @@ def _iterate(
     labels, fit = _SILENT, None
     for index in range(MAX_ROUNDS):
         if index > 0 and not is_alone:
-            around = sensitivity(observations, T, edge_band_px=edge_band_px)
+            around = sensitivity(observations, T, SensitivityConfig(edge_band_px=edge_band_px))
         if around is None:
             return T, None
         if index == 0 or not is_alone:
-            labels = _labels(around, observations.num_frames)
+            labels = _labels(around)
         step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
@@ -163,7 +158,9 @@ class _Labels(NamedTuple):
     reads: Matrix
     """(k, 6) directions in which the mutual information curves."""
     influences: Matrix
-    """(parts, k) influence of each part of the images, centred."""
+    """(parts, k) influence of each part of the images, centred and weighted."""
+    num_alike: npt.NDArray[np.float64]
+    """(parts,) number of frames that show the scene of the part."""
     mean: npt.NDArray[np.float64]
     """(k,) mean."""
     covariance: Matrix
@@ -175,7 +172,7 @@ class _Labels(NamedTuple):
         return np.asarray(self.reads.T @ np.linalg.solve(self.covariance, self.reads))
 
 
-_SILENT = _Labels(np.zeros((0, 6)), np.zeros((1, 0)), np.zeros(0), np.zeros((0, 0)))
+_SILENT = _Labels(np.zeros((0, 6)), np.zeros((1, 0)), np.ones(1), np.zeros(0), np.zeros((0, 0)))
 """Measurement by labels without information."""
 
 
@@ -187,15 +184,16 @@ class _Known(NamedTuple):
     sigmas: npt.NDArray[np.float64]
 
 
-def _labels(around: _core.Sensitivity, num_frames: int) -> _Labels:
+def _labels(around: Sensitivity) -> _Labels:
     scale = 1.0 / np.sqrt(np.diag(around.motions))
     bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
     bend = bends > LEAST_BEND * max(bends[-1], 0.0)
     if len(around.scores) <= len(bends) + 1:
         return _SILENT  # So few parts do not determine a covariance.
     influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
-    covariance, centred = scatter(influences, num_frames)
-    return _Labels((directions[:, bend] / scale[:, None]).T, centred, influences.sum(axis=0), covariance)
+    covariance, weighted = around.scatter(influences)
+    reads = (directions[:, bend] / scale[:, None]).T
+    return _Labels(reads, weighted, around.num_alike, influences.sum(axis=0), covariance)
 
 
 def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
@@ -235,7 +233,9 @@ def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
     of_labels = covariance @ labels.information @ covariance
     share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
     squares = influences**2
-    estimated = squares.sum(axis=0) ** 2 / np.maximum((squares**2).sum(axis=0), np.finfo(float).tiny)
+    estimated = squares.sum(axis=0) ** 2 / np.maximum(
+        (labels.num_alike[:, None] * squares**2).sum(axis=0), np.finfo(float).tiny
+    )
     return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
 
 

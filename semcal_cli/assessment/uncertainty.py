@@ -7,7 +7,7 @@ Zeger, *Longitudinal data analysis using generalized linear models*, 1986). The 
 see different edges. If few parts determine an axis, Student's t with Satterthwaite's degrees of freedom widens its
 interval.
 
-More frames do not reduce errors that all frames share: see `SHARED_FRAMES` and `label_bleed`.
+More frames do not reduce errors that all frames share: see `sensitivity.SHARED_FRAMES` and `label_bleed`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli import _core
+from semcal_cli.assessment.sensitivity import Matrix, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -29,12 +29,6 @@ from semcal_cli.refinement.polish import newton
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions
 
-Matrix = npt.NDArray[np.float64]
-
-SHARED_FRAMES = 24.0
-"""Number of independent frames that infinitely many frames of one drive are worth, because they share errors. On 21
-development drives of five rigs, with clean to network-like labels and 20 frames, 95 % intervals contained the truth in
-83 to 87 % of the axes without this limit and in 93 to 95 % with it; with one frame, in 91 to 96 %."""
 BLEED_FRAMES = 2
 """Number of frames from which the effect of bleeding labels is computed; all frames show the same effect."""
 MAX_HALF_WIDTH_M = 0.25
@@ -57,18 +51,6 @@ def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     return (Finding(f"the pose is determined only {', '.join(found)} (95 %), {needed}"),)
 
 
-def sensitivity(
-    observations: Observations, T_camera_lidar: Pose, *, edge_band_px: int = EDGE_BAND_PX
-) -> _core.Sensitivity | None:
-    """Compute the curvature and scores of the mutual information at a pose, in full resolution.
-
-    Returns:
-        The sensitivity; None if no parameter changes the mutual information.
-    """
-    config = SensitivityConfig(edge_band_px=edge_band_px)
-    return _core.sensitivity(observations.core, T_camera_lidar, config)
-
-
 def estimate_uncertainty(
     observations: Observations, T_camera_lidar: Pose, *, edge_band_px: int = EDGE_BAND_PX
 ) -> Uncertainty | None:
@@ -82,37 +64,11 @@ def estimate_uncertainty(
     Returns:
         The uncertainty; None if the labels do not determine the pose.
     """
-    around = sensitivity(observations, T_camera_lidar, edge_band_px=edge_band_px)
-    if around is None or not is_determined(around):
+    around = sensitivity(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
+    if around is None or not around.is_determined:
         return None
-    covariance, degrees_of_freedom = sandwich(around, observations.num_frames)
+    covariance, degrees_of_freedom = around.sandwich()
     return Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom)
-
-
-def is_determined(around: _core.Sensitivity) -> bool:
-    """Whether the mutual information falls in every direction from the pose."""
-    scale = 1.0 / np.sqrt(np.diag(around.motions))
-    bends = np.linalg.eigvalsh(around.curvature * np.outer(scale, scale))
-    return bool(bends[0] > 0.0 and len(around.scores) > len(bends))
-
-
-def influences_of(around: _core.Sensitivity) -> Matrix:
-    """Compute by how much each part of the images moves the optimum, (parts, n)."""
-    return np.asarray(np.linalg.solve(around.curvature, around.scores.T).T)
-
-
-def sandwich(around: _core.Sensitivity, num_frames: int) -> tuple[Matrix, npt.NDArray[np.float64]]:
-    """Compute the covariance (n, n) of all parameters and Satterthwaite's degrees of freedom (n,)."""
-    covariance, influences = scatter(influences_of(around), num_frames)
-    squares = influences**2
-    return covariance, squares.sum(axis=0) ** 2 / (squares**2).sum(axis=0)
-
-
-def scatter(influences: Matrix, num_frames: int) -> tuple[Matrix, Matrix]:
-    """Compute the covariance (n, n) of the sum of influences (parts, n), and the influences minus their mean."""
-    parts = len(influences)
-    centred = influences - influences.mean(axis=0)
-    return centred.T @ centred * (parts / (parts - 1) * (1.0 + num_frames / SHARED_FRAMES)), centred
 
 
 def label_bleed(

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.drive.alike import alike_frames
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera, Lidar
 
@@ -133,6 +134,11 @@ class Observations:
         """Copy with another label image in each frame."""
         pairs = zip(self.frames, images, strict=True)
         return replace(self, frames=tuple(replace(frame, image=image) for frame, image in pairs))
+
+    @cached_property
+    def scenes(self) -> Sequence[int]:
+        """For each frame the index of the first one that shows the same scene."""
+        return alike_frames([cloud.points for cloud in self.clouds])
 
     @cached_property
     def core(self) -> _core.Observations:
