@@ -40,7 +40,7 @@ PARTS_ALPHA = 0.01
 """Probability that two parts of a drive, whose scores disagree by chance, are said to fit two poses."""
 SCORE_DOF = 60.0
 """Degrees of freedom of the scatter of scores: squares of two frames."""
-MAX_SCATTER = 1.35
+MAX_SCATTER = 1.15
 """Largest allowed Cochran's Q, as a multiple of what chance exceeds with probability `ALPHA`. Frames of good drives
 scatter somewhat more than their squares say."""
 MAX_PARTS = 4

@@ -60,15 +60,18 @@ def attempt(raw: RawDrive) -> Calibration | SemcalError:
 
 
 def stated_knock(calibration: Calibration) -> Knock | None:
-    """Read the knock that a result states; None without one."""
-    change: Any = getattr(calibration, "change", None)
-    if change is None:
-        return None
-    return Knock(
-        change.index,
-        (*(100.0 * x for x in change.camera_center_m), *change.rotation_deg),
-        (*(100.0 * x for x in change.half_width_95_camera_center_m), *change.half_width_95_rotation_deg),
-    )
+    """Read the largest movement that a result states; None without one."""
+    starts = np.cumsum([0, *(part.num_frames for part in calibration.parts)]).tolist()
+    knocks = [
+        Knock(
+            start,
+            (*(100.0 * x for x in moved.camera_center_m), *moved.rotation_deg),
+            (*(100.0 * x for x in moved.half_width_95_camera_center_m), *moved.half_width_95_rotation_deg),
+        )
+        for start, part in zip(starts, calibration.parts, strict=False)
+        if (moved := part.moved) is not None
+    ]
+    return max(knocks, key=lambda knock: float(np.linalg.norm(knock.offset)), default=None)
 
 
 def stated_cost_of_one_pixel(calibration: Calibration, axis: str) -> tuple[float, ...]:
