@@ -6,6 +6,14 @@ from dataclasses import dataclass
 
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.fusion import Fused
+from semcal_cli.assessment.intrinsics import (
+    around_intrinsics,
+    covariance_of_intrinsics,
+    intrinsics_cost,
+    notes_on_intrinsics,
+    shift_by_intrinsics,
+    wrong_intrinsics,
+)
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import Observations
@@ -46,19 +54,33 @@ def assess(
             share no information with points of another; all observations if not given.
         with_label_bleed: Whether to compute the effect of bleeding labels.
     """
+    camera, checked = observations.camera, first_cue or observations
+    around = around_intrinsics(observations, T_camera_lidar)
+    shift = shift_by_intrinsics(around)
     uncertainty = (
-        estimate_uncertainty(observations, T_camera_lidar, edge_band_px=config.edge_band_px)
+        estimate_uncertainty(
+            observations,
+            T_camera_lidar,
+            edge_band_px=config.edge_band_px,
+            of_intrinsics=covariance_of_intrinsics(shift, camera),
+        )
         if fused is None
         else fused.uncertainty
     )
-    findings = check_consistency(first_cue or observations, T_camera_lidar)
+    if checked is not observations:
+        around = around_intrinsics(checked, T_camera_lidar)
+    findings = check_consistency(checked, T_camera_lidar)
+    findings += wrong_intrinsics(around, checked.num_frames)
+    label_gain = None if fused is None else fused.label_gain
+    cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
+    notes = notes_on_intrinsics(camera, cost)
     if uncertainty is None:
         nothing = "labels do not determine the pose: information does not fall in every direction"
         together = "labels and what is known do not determine the pose together"
-        return Assessment(None, (Finding(nothing if fused is None else together), *findings))
+        return Assessment(None, (Finding(nothing if fused is None else together), *findings), notes)
     findings += undetermined(uncertainty)
     if with_label_bleed:
-        label_gain = None if fused is None else fused.label_gain
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain)
         uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
-    return Assessment(uncertainty, findings)
+    uncertainty = uncertainty.model_copy(update={"intrinsics_cost": cost})
+    return Assessment(uncertainty, findings, notes)
