@@ -5,6 +5,7 @@ import pytest
 
 from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
+from semcal_cli.assessment.intrinsics import around_intrinsics, wrong_intrinsics
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
@@ -56,10 +57,12 @@ def test_wrong_intrinsics_are_named(
     refined = refine(
         seen, street_truth, ExactEstimator(seen, ExactConfig(), 0), PyramidConfig(coarsest_block_deg=3.0)
     )
-    focal, intrinsics = sentences(seen, refined.T_camera_lidar)
+    (focal,) = sentences(seen, refined.T_camera_lidar)
+    around = around_intrinsics(seen, refined.T_camera_lidar)
+    (intrinsics,) = wrong_intrinsics(around, seen.num_frames)
     right = "shorter" if scale > 1.0 else "longer"
     assert focal.startswith(f"the focal length looks wrong: labels agree better with fx and fy 7% {right}, ")
-    assert intrinsics.startswith("the intrinsics look wrong (fx by ")
+    assert intrinsics.sentence.startswith("the intrinsics look wrong")
 
 
 def with_twists(observations: Observations, twists_per_s: list[list[float]]) -> Observations:

@@ -104,6 +104,14 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
             "camera.model: found 'mei', needed 'plumb_bob', 'rational_polynomial', 'thin_prism', 'fisheye', "
             "'omnidirectional', 'equirectangular', 'fov' or 'double_sphere'",
         ),
+        (
+            edit("camera", "intrinsics_sigma", "f", to=0.5),
+            "camera.intrinsics_sigma: unknown key 'f'; the nearest known key is 'fy'",
+        ),
+        (
+            edit("camera", "intrinsics_sigma", "cy", to=-0.5),
+            "camera.intrinsics_sigma.cy: found -0.5, needed at least 0.0",
+        ),
         (lens("omnidirectional"), "camera.parameters: found none, needed 'xi' for omnidirectional"),
         (
             lens("double_sphere", xi=0.1, beta=0.5),

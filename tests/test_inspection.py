@@ -122,7 +122,7 @@ def test_what_looks_wrong_is_said(street: Path, tmp_path: Path) -> None:
     drive = changed(street, tmp_path, frames=frames, camera=camera)
     found = CliRunner().invoke(semcal, ["inspect", str(drive)])
     assert found.exit_code == 0, found.output
-    assert "cx of K is 959.5 in a picture of 640: K may belong to pictures of another size" in found.output
+    assert "cx of K is 959.5 in a picture of 640, 100% of the longer side from the middle" in found.output
     assert "sweep and picture are 0.200 s apart" in found.output
     report = json.loads(CliRunner().invoke(semcal, ["inspect", str(drive), "--json"]).output)
     assert report["frames"][0]["gap_s"] == pytest.approx(0.2)

@@ -283,6 +283,7 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
             "half_width_95_rotation_deg": tuple(np.degrees([0.002, 0.004, 0.006]).tolist()),
             "weak_directions": ("in roll: +- 0.30 degrees; add frames",),
             "label_bleed": None,
+            "intrinsics_cost": None,
         }
     )
     camera = report.observations.camera

@@ -9,6 +9,14 @@ from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.disagreement import check_frames
 from semcal_cli.assessment.fusion import Fused
+from semcal_cli.assessment.intrinsics import (
+    around_intrinsics,
+    covariance_of_intrinsics,
+    intrinsics_cost,
+    notes_on_intrinsics,
+    shift_by_intrinsics,
+    wrong_intrinsics,
+)
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
@@ -57,34 +65,45 @@ def assess(
         frame_names: Name of each frame: its point cloud.
         with_label_bleed: Whether to compute the effect of bleeding labels.
     """
+    camera, checked = observations.camera, first_cue or observations
+    around = around_intrinsics(observations, T_camera_lidar)
+    shift = shift_by_intrinsics(around)
     uncertainty = (
-        estimate_uncertainty(observations, T_camera_lidar, edge_band_px=config.edge_band_px)
+        estimate_uncertainty(
+            observations,
+            T_camera_lidar,
+            edge_band_px=config.edge_band_px,
+            of_intrinsics=covariance_of_intrinsics(shift, camera),
+        )
         if fused is None
         else fused.uncertainty
     )
-    compared = first_cue or observations
-    notes = _notes(compared)
-    frames = check_frames(compared, T_camera_lidar, frame_names)
+    if checked is not observations:
+        around = around_intrinsics(checked, T_camera_lidar)
+    frames = check_frames(checked, T_camera_lidar, frame_names)
     findings = (
         *frames.findings,
-        *check_pairs(compared, T_camera_lidar, agreement, frame_names),
-        *check_consistency(compared, T_camera_lidar),
+        *check_pairs(checked, T_camera_lidar, agreement, frame_names),
+        *check_consistency(checked, T_camera_lidar),
+        *wrong_intrinsics(around),
     )
+    label_gain = None if fused is None else fused.label_gain
+    cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
+    notes = (*notes_on_intrinsics(camera, cost), *_notes_on_scenes(checked))
     if uncertainty is None:
         nothing = "labels do not determine the pose: information does not fall in every direction"
         together = "labels and what is known do not determine the pose together"
-        return Assessment(
-            None, (Finding(nothing if fused is None else together), *findings), parts=frames.parts
-        )
+        finding = Finding(nothing if fused is None else together)
+        return Assessment(None, (finding, *findings), notes, frames.parts)
     findings += undetermined(uncertainty)
     if with_label_bleed:
-        label_gain = None if fused is None else fused.label_gain
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain)
         uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
+    uncertainty = uncertainty.model_copy(update={"intrinsics_cost": cost})
     return Assessment(uncertainty, findings, notes, frames.parts)
 
 
-def _notes(observations: Observations) -> tuple[str, ...]:
+def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:
     """Say how many frames are no new evidence."""
     num_frames, num_scenes = observations.num_frames, len(set(observations.scenes))
     if num_scenes == num_frames:

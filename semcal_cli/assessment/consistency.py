@@ -1,4 +1,4 @@
-"""Consistency checks of a pose with its labels, its surroundings, the intrinsics and the clocks.
+"""Consistency checks of a pose with its labels, its surroundings, the focal length and the clocks.
 
 Each check gives findings, which are sentences with figures. The absence of findings does not prove a pose right.
 """
@@ -14,8 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.sensitivity import sensitivity
-from semcal_cli.config import ExactConfig, PyramidConfig, SensitivityConfig
+from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -54,19 +53,10 @@ CLOCK_DELAYS_S = (-0.05, -0.015, 0.015, 0.05)
 MIN_CLOCK_GAIN = 0.2
 """Gain of mutual information by a delay, in its standard errors, above which the clocks look wrong. On a small drive at
 constant speed the gain was at most 0.04."""
-INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
-AROUND_INTRINSICS = SensitivityConfig(factor=4, edge_band_px=0, max_points=150_000, with_intrinsics=True)
-"""Settings with which wrong intrinsics are looked for, in blocks of pixels because their errors exceed one pixel."""
-MAX_INTRINSICS_CHI2 = 12.83
-"""Largest allowed chi-square of the intrinsics, with five degrees of freedom, which one right camera in 40 exceeds. On
-45 calibrations of six development drives it was at most 8 where `MAX_INTRINSICS_PX` was exceeded, and with K wrong by
-10 % at least 16."""
-MAX_INTRINSICS_PX = 5.0
-"""Largest movement of the points by freed intrinsics without a finding, in pixels; every camera has small errors."""
 
 
 def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple[Finding, ...]:
-    """Check a pose against its labels, its surroundings, the camera's intrinsics and the clocks.
+    """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
 
     Args:
         observations: Labelled points and label images.
@@ -78,7 +68,6 @@ def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple
         *_wrong_pairing(few, T_camera_lidar),
         *_wrong_azimuth(few, T_camera_lidar),
         *_wrong_model(few, T_camera_lidar),
-        *_wrong_intrinsics(observations, T_camera_lidar),
     ]
     return tuple(map(Finding, sentences))
 
@@ -252,30 +241,3 @@ def _delayed(observations: Observations, delay_s: float) -> Observations:
 def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay_s: float) -> LabelledCloud:
     along = _core.Trajectory.constant(twist_per_s, 0.0)
     return cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))
-
-
-def _wrong_intrinsics(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    """Check that a Newton step with fx, fy, cx, cy and k1 free changes these by no more than chance."""
-    around = sensitivity(observations, T_camera_lidar, AROUND_INTRINSICS)
-    if around is None:
-        return []
-    pose = around.of_pose
-    if not pose.is_determined:
-        return []
-    step = around.influences.sum(axis=0)
-    covariance, _ = around.sandwich()
-    chi2 = float(step[6:] @ np.linalg.solve(covariance[6:, 6:], step[6:]))
-    moved = step.copy()
-    moved[:6] -= pose.influences.sum(axis=0)
-    moved_px = float(np.sqrt(moved @ around.motions @ moved))
-    if chi2 <= MAX_INTRINSICS_CHI2 or moved_px <= MAX_INTRINSICS_PX:
-        return []
-    z = step[6:] / np.sqrt(np.diag(covariance)[6:])
-    changes = [
-        f"{name} by {abs(each):.1f}" for name, each in zip(INTRINSICS, z, strict=True) if abs(each) > 2.0
-    ]
-    which = f" ({', '.join(changes)} standard errors)" if changes else ""
-    return [
-        f"the intrinsics look wrong{which}: freed, they would move the points by {moved_px:.0f} pixels, chi-square "
-        f"{chi2:.0f} of 5, needed at most {MAX_INTRINSICS_CHI2:.0f}"
-    ]

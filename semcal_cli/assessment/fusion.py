@@ -3,7 +3,8 @@
 The labels give a measurement of the pose, whose covariance is the sandwich of `semcal_cli.assessment.uncertainty`. The
 priors give others, and all are weighted by their information (Gauss-Newton). Axes that are known exactly are
 constraints. If the labels alone do not determine the pose, they are evaluated again after each round. Directions in
-which the mutual information does not curve carry no information of the labels, so the priors alone decide there.
+which the mutual information does not curve carry no information of the labels, so the priors alone decide there. Stated
+errors of the intrinsics add to the covariance of the labels' measurement.
 """
 
 from __future__ import annotations
@@ -16,6 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.intrinsics import (
+    around_intrinsics,
+    covariance_of_intrinsics,
+    shift_by_intrinsics,
+)
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
@@ -78,11 +84,13 @@ def fuse(
     around = sensitivity(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     is_alone = around is not None and around.is_determined
     contradictions: dict[str, list[str]] = {}
+    of_intrinsics = _of_intrinsics(
+        observations, T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
+    )
     if around is not None and is_alone:
-        labels = _labels(around)
+        labels = _labels(around, of_intrinsics)
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
-    T, fit = _iterate(observations, T_camera_lidar, priors, around, is_alone, edge_band_px)
-    far: list[str] = []
+    T, fit = _iterate(observations, T_camera_lidar, priors, around, of_intrinsics, is_alone, edge_band_px)
     if fit is not None:
         # Steps are of first order, so exact axes are restored to the last digit.
         T = clamp(T, [prior.exact for prior in priors])
@@ -124,6 +132,7 @@ def _iterate(
     T_start: Pose,
     priors: Sequence[Prior],
     around: Sensitivity | None,
+    of_intrinsics: Matrix | None,
     is_alone: bool,
     edge_band_px: int,
 ) -> tuple[Pose, _Fit | None]:
@@ -139,7 +148,7 @@ def _iterate(
         if around is None:
             return T, None
         if index == 0 or not is_alone:
-            labels = _labels(around)
+            labels = _labels(around, of_intrinsics)
         step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
@@ -165,6 +174,8 @@ class _Labels(NamedTuple):
     """(k,) mean."""
     covariance: Matrix
     """(k, k) covariance."""
+    of_intrinsics: Matrix | None = None
+    """(k, k) part of the covariance that stated errors of the intrinsics add; None without them."""
 
     @property
     def information(self) -> Matrix:
@@ -184,7 +195,17 @@ class _Known(NamedTuple):
     sigmas: npt.NDArray[np.float64]
 
 
-def _labels(around: Sensitivity) -> _Labels:
+def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
+    """Compute the covariance (6, 6) of the labels' optimum by errors of the intrinsics; None if none are stated."""
+    camera = observations.camera
+    if camera.intrinsics_sigma is None:
+        return None
+    return covariance_of_intrinsics(
+        shift_by_intrinsics(around_intrinsics(observations, T_camera_lidar)), camera
+    )
+
+
+def _labels(around: Sensitivity, of_intrinsics: Matrix | None) -> _Labels:
     scale = 1.0 / np.sqrt(np.diag(around.motions))
     bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
     bend = bends > LEAST_BEND * max(bends[-1], 0.0)
@@ -193,7 +214,11 @@ def _labels(around: Sensitivity) -> _Labels:
     influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
     covariance, weighted = around.scatter(influences)
     reads = (directions[:, bend] / scale[:, None]).T
-    return _Labels(reads, weighted, around.num_alike, influences.sum(axis=0), covariance)
+    labels = _Labels(reads, weighted, around.num_alike, influences.sum(axis=0), covariance)
+    if of_intrinsics is None:
+        return labels
+    along = labels.reads @ of_intrinsics @ labels.reads.T
+    return labels._replace(covariance=covariance + along, of_intrinsics=along)
 
 
 def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
@@ -228,9 +253,12 @@ def _solve(labels: _Labels, known: _Known, motions: Matrix) -> tuple[Vector6, Ma
 
 
 def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
-    """Compute Satterthwaite's degrees of freedom (6,); only the labels' part of the variance is estimated."""
-    influences = labels.influences @ np.linalg.solve(labels.covariance, labels.reads) @ covariance
+    """Compute Satterthwaite's degrees of freedom (6,); only the scatter of the labels is estimated."""
+    gain = np.linalg.solve(labels.covariance, labels.reads) @ covariance
+    influences = labels.influences @ gain
     of_labels = covariance @ labels.information @ covariance
+    if labels.of_intrinsics is not None:
+        of_labels = of_labels - gain.T @ labels.of_intrinsics @ gain
     share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
     squares = influences**2
     estimated = squares.sum(axis=0) ** 2 / np.maximum(

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.intrinsics import implausible_intrinsics
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame
@@ -26,8 +27,6 @@ MAX_GAP_S = 0.05
 """Largest time between sweep and image of a frame without a finding; at 10 m/s it is half a metre."""
 MANY_CLASSES = 64
 """Largest number of classes of a segmentation; more classes are instances or colours."""
-MAX_OFF_CENTER = 0.12
-"""Largest distance of the principal point from the middle of the image without a finding, as a share of the side."""
 MIN_VIEW_DEG = 1.0
 """Smallest field of view of a lens without a finding."""
 MAX_RANGE_M = 1000.0
@@ -233,16 +232,7 @@ def _field_of_view(drive: Drive) -> tuple[float, float]:
 
 
 def _check_camera(drive: Drive) -> list[str]:
-    camera = drive.camera
-    found = []
-    for name, center, size in (
-        ("cx", camera.K[0][2], camera.width),
-        ("cy", camera.K[1][2], camera.height),
-    ):
-        if abs(center - 0.5 * size) > MAX_OFF_CENTER * size:
-            found.append(
-                f"{name} of K is {center:g} in a picture of {size}: K may belong to pictures of another size"
-            )
+    found = [each.sentence for each in implausible_intrinsics(drive.camera)]
     if min(_field_of_view(drive)) < MIN_VIEW_DEG:
         found.append("the lens sees next to nothing: K, distortion or parameters are wrong")
     return found

@@ -7,7 +7,9 @@ Zeger, *Longitudinal data analysis using generalized linear models*, 1986). The 
 see different edges. If few parts determine an axis, Student's t with Satterthwaite's degrees of freedom widens its
 interval.
 
-More frames do not reduce errors that all frames share: see `sensitivity.SHARED_FRAMES` and `label_bleed`.
+More frames do not reduce errors that all frames share: see `sensitivity.SHARED_FRAMES`, `label_bleed` and
+`intrinsics`. Stated errors of the intrinsics add a covariance that is known, with infinite degrees of freedom (Welch
+and Satterthwaite).
 """
 
 from __future__ import annotations
@@ -52,7 +54,11 @@ def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
 
 
 def estimate_uncertainty(
-    observations: Observations, T_camera_lidar: Pose, *, edge_band_px: int = EDGE_BAND_PX
+    observations: Observations,
+    T_camera_lidar: Pose,
+    *,
+    edge_band_px: int = EDGE_BAND_PX,
+    of_intrinsics: Matrix | None = None,
 ) -> Uncertainty | None:
     """Estimate the uncertainty of a polished pose.
 
@@ -60,6 +66,7 @@ def estimate_uncertainty(
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4), metres.
         edge_band_px: Width of the edge band in the settings of the polish.
+        of_intrinsics: (6, 6) covariance of the pose by errors of the intrinsics, if they are stated.
 
     Returns:
         The uncertainty; None if the labels do not determine the pose.
@@ -68,6 +75,9 @@ def estimate_uncertainty(
     if around is None or not around.is_determined:
         return None
     covariance, degrees_of_freedom = around.sandwich()
+    if of_intrinsics is not None:
+        degrees_of_freedom = degrees_of_freedom * (1.0 + np.diag(of_intrinsics) / np.diag(covariance)) ** 2
+        covariance = covariance + of_intrinsics
     return Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom)
 
 

@@ -62,6 +62,12 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> dict[str, list[str]]:
         moved_cm = 100.0 * np.linalg.norm(uncertainty.label_bleed.camera_center_m)
         turned_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
         rows["labels 1 px off"] = [f"would move it by {moved_cm:.2f} cm and {turned_deg:.3f} deg"]
+    if uncertainty.intrinsics_cost is not None:
+        off_m, off_deg = uncertainty.intrinsics_cost.together
+        rows["K a little off"] = [
+            "cx, cy by 1 px and fx, fy by 0.1 % off would move it by "
+            f"{100.0 * off_m:.2f} cm and {off_deg:.3f} deg"
+        ]
     return rows
 
 

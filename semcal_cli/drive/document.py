@@ -96,12 +96,26 @@ ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
 """Time in seconds. The limits refuse nanoseconds since 1970."""
+Sigma = Annotated[float, Field(ge=0.0, le=1e6)]
 Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
 def _orthonormal(T: Transform) -> Transform:
     return tuple(tuple(row) for row in nearest_rigid(np.array(T)).tolist())
+
+
+class IntrinsicsSigma(StrictModel):
+    """Standard deviations of the intrinsics, as of independent errors, from the report of a camera calibration."""
+
+    fx: Sigma = 0.0
+    """Standard deviation of fx, in pixels."""
+    fy: Sigma = 0.0
+    """Standard deviation of fy, in pixels."""
+    cx: Sigma = 0.0
+    """Standard deviation of cx, in pixels."""
+    cy: Sigma = 0.0
+    """Standard deviation of cy, in pixels."""
 
 
 class Camera(StrictModel):
@@ -123,6 +137,9 @@ class Camera(StrictModel):
     """Distortion coefficients in OpenCV's order; absent means none. The coefficient of fov is w, in radians."""
     parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
     """Parameters of a model beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
+    intrinsics_sigma: IntrinsicsSigma | None = None
+    """Standard deviations of the intrinsics. They become part of the intervals of the pose; absent, the intervals hold
+    for the intrinsics as they are."""
 
     def zoomed(self, scale: float) -> "Camera":
         """Make the same camera with its focal lengths multiplied by a factor."""

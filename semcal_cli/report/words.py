@@ -92,6 +92,18 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
             f"If labels of all pictures bled by one pixel, the camera would come out {_figure(moved_cm)} cm and "
             f"{_figure(turned_deg)} degrees elsewhere: more frames do not cure that, better labels do."
         )
+    if found.intrinsics_cost is not None:
+        moved_m, turned_deg = found.intrinsics_cost.together
+        includes = (
+            "the intervals include the stated errors of K"
+            if record.input.camera.intrinsics_sigma
+            else ("the intervals take K as right, unless the drive states intrinsics_sigma")
+        )
+        sentences.append(
+            f"If cx and cy were off by 1 pixel and fx and fy by 0.1 %, the camera would come out "
+            f"{_figure(100.0 * moved_m)} cm and {_figure(turned_deg)} degrees elsewhere. All frames share K, so "
+            f"more frames do not cure that: {includes}."
+        )
     if record.repeatability is not None:
         repeated = record.repeatability
         far_cm, far_deg = 100.0 * repeated.farthest_camera_center_m, repeated.farthest_rotation_deg

@@ -19,13 +19,37 @@ AXES = ("sideways", "up and down", "along the optical axis")
 ROTATIONS = ("in pitch", "in yaw", "in roll")
 
 
-class LabelBleed(StrictModel):
-    """Change of the pose if the labels of all images bled by one pixel. More frames do not reduce it."""
+class PoseChange(StrictModel):
+    """Change of the pose, without its sign."""
 
     camera_center_m: Widths
     """Absolute change of the camera's position along its axes, in metres."""
     rotation_deg: Widths
     """Absolute change of the rotation about the camera's axes, in degrees."""
+
+
+class LabelBleed(PoseChange):
+    """Change of the pose if the labels of all images bled by one pixel. More frames do not reduce it."""
+
+
+class IntrinsicsCost(StrictModel):
+    """Changes of the pose by intrinsics that are a little off. More frames do not reduce them, as all share K."""
+
+    fx: PoseChange
+    """Change of the pose if fx were off by 0.1 %."""
+    fy: PoseChange
+    """Change of the pose if fy were off by 0.1 %."""
+    cx: PoseChange
+    """Change of the pose if cx were off by 1 pixel."""
+    cy: PoseChange
+    """Change of the pose if cy were off by 1 pixel."""
+
+    @property
+    def together(self) -> tuple[float, float]:
+        """Change of the camera's position, in metres, and rotation, in degrees, by all four as independent errors."""
+        each = self.fx, self.fy, self.cx, self.cy
+        center = np.linalg.norm([change.camera_center_m for change in each])
+        return float(center), float(np.linalg.norm([change.rotation_deg for change in each]))
 
 
 class Uncertainty(StrictModel):
@@ -50,6 +74,8 @@ class Uncertainty(StrictModel):
     """Sentences about directions that the data hardly determine."""
     label_bleed: LabelBleed | None = None
     """Change of the pose by bleeding labels; null if it was not or could not be computed."""
+    intrinsics_cost: IntrinsicsCost | None = None
+    """Changes of the pose by intrinsics that are a little off; null if they were not or could not be computed."""
 
     @classmethod
     def from_covariance(

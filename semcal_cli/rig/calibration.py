@@ -141,7 +141,7 @@ def _describe_pair(pair: Pair) -> dict[str, Any]:
 
 def _describe_uncertainty(found: Uncertainty) -> dict[str, Any]:
     """Describe an uncertainty as a calibration does; the camera's position is that of camera a in the frame of b."""
-    return found.model_dump(exclude={"weak_directions", "label_bleed"})
+    return found.model_dump(exclude={"weak_directions", "label_bleed", "intrinsics_cost"})
 
 
 def _describe_reference(pair: Pair) -> dict[str, Any] | None:

@@ -1,0 +1,134 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from semcal_cli.assessment.fusion import fuse
+from semcal_cli.assessment.intrinsics import (
+    around_intrinsics,
+    covariance_of_intrinsics,
+    implausible_intrinsics,
+    intrinsics_cost,
+    notes_on_intrinsics,
+    shift_by_intrinsics,
+    wrong_intrinsics,
+)
+from semcal_cli.assessment.priors import Prior
+from semcal_cli.assessment.uncertainty import Matrix, estimate_uncertainty
+from semcal_cli.config import PolishConfig
+from semcal_cli.drive.document import Camera, IntrinsicsSigma
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.refinement.polish import newton
+
+CONFIG = PolishConfig()
+SIGMA = IntrinsicsSigma(fx=2.0, fy=2.0, cx=2.0, cy=2.0)
+
+
+@pytest.fixture(scope="module")
+def polished(street_observations: Observations, street_truth: Pose) -> Pose:
+    return newton(street_observations, street_truth, CONFIG).T_camera_lidar
+
+
+@pytest.fixture(scope="module")
+def shift(street_observations: Observations, polished: Pose) -> Matrix:
+    found = shift_by_intrinsics(around_intrinsics(street_observations, polished))
+    assert found is not None
+    return found
+
+
+def changed(camera: Camera, by: np.ndarray) -> Camera:
+    """Add (4,) pixels to fx, fy, cx and cy."""
+    (fx, _, cx), (_, fy, cy), last_row = camera.K
+    fx, fy, cx, cy = (np.array([fx, fy, cx, cy]) + by).tolist()
+    return camera.model_copy(update={"K": ((fx, 0.0, cx), (0.0, fy, cy), last_row)})
+
+
+@pytest.mark.parametrize("intrinsic", range(4))
+def test_a_wrong_intrinsic_moves_the_pose_as_is_said(
+    street_observations: Observations, polished: Pose, shift: Matrix, intrinsic: int
+) -> None:
+    by = (3.0 if intrinsic > 1 else 4.0) * np.eye(4)[intrinsic]
+    seen = replace(street_observations, camera=changed(street_observations.camera, by))
+    moved = newton(seen, apply_twist(polished, shift @ by), CONFIG).T_camera_lidar
+    motions = around_intrinsics(street_observations, polished).motions[:6, :6]
+    # First order: the rest of the way that a new calibration goes from the predicted pose.
+    left = moved @ np.linalg.inv(apply_twist(polished, shift @ by))
+    rest = np.array([*left[:3, 3], left[2, 1], left[0, 2], left[1, 0]])
+    whole = shift @ by
+    assert rest @ motions @ rest < 0.35**2 * (whole @ motions @ whole)
+    assert whole @ motions @ whole > 0.5**2
+
+
+def test_stated_errors_of_k_widen_the_interval(
+    street_observations: Observations, polished: Pose, shift: Matrix
+) -> None:
+    camera = street_observations.camera.model_copy(update={"intrinsics_sigma": SIGMA})
+    assert covariance_of_intrinsics(shift, street_observations.camera) is None
+    of_intrinsics = covariance_of_intrinsics(shift, camera)
+    assert of_intrinsics is not None
+    np.testing.assert_allclose(of_intrinsics, 4.0 * shift @ shift.T)
+    alone = estimate_uncertainty(street_observations, polished)
+    wide = estimate_uncertainty(street_observations, polished, of_intrinsics=of_intrinsics)
+    assert alone is not None
+    assert wide is not None
+    np.testing.assert_allclose(wide.covariance, np.array(alone.covariance) + of_intrinsics)
+    # A part of the variance that is known exactly adds degrees of freedom.
+    share = np.diag(alone.covariance) / np.diag(wide.covariance)
+    np.testing.assert_allclose(
+        np.array(wide.degrees_of_freedom) * share**2, alone.degrees_of_freedom, rtol=1e-9
+    )
+
+
+def test_more_frames_do_not_reduce_what_k_costs(
+    street_observations: Observations, polished: Pose, shift: Matrix
+) -> None:
+    one = shift_by_intrinsics(around_intrinsics(street_observations.of_frames([1]), polished))
+    assert one is not None
+    camera = street_observations.camera
+    costs = [intrinsics_cost(each, camera).together for each in (one, shift)]
+    np.testing.assert_allclose(*costs, rtol=0.5)
+
+
+def test_labels_with_stated_errors_of_k_weigh_less_than_a_prior(
+    street_observations: Observations, polished: Pose
+) -> None:
+    prior = Prior("stated", polished, np.array([0.01, 0.01, 0.01, 0.002, 0.002, 0.002]))
+    camera = street_observations.camera.model_copy(update={"intrinsics_sigma": SIGMA})
+    sure = fuse(street_observations, polished, [prior])
+    unsure = fuse(replace(street_observations, camera=camera), polished, [prior])
+    assert sure.uncertainty is not None
+    assert unsure.uncertainty is not None
+    assert (np.array(unsure.uncertainty.half_widths) > np.array(sure.uncertainty.half_widths)).all()
+    assert np.trace(unsure.label_gain) < np.trace(sure.label_gain)
+    assert (np.sqrt(np.diag(unsure.uncertainty.covariance)) < prior.sigmas).all()
+
+
+def test_a_good_camera_is_not_doubted(street_observations: Observations, polished: Pose) -> None:
+    around = around_intrinsics(street_observations, polished)
+    assert wrong_intrinsics(around, street_observations.num_frames) == ()
+    assert notes_on_intrinsics(street_observations.camera, None) == ()
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "K", "named"),
+    [
+        (1242, 375, (721.5, 721.5, 609.6, 172.9), []),  # KITTI, cropped below and above
+        (1600, 900, (1259.5, 1259.5, 807.3, 501.2), []),  # the farthest off of nuScenes' cameras
+        (1920, 1200, (2813.6, 2808.3, 969.3, 624.0), []),  # RELLIS-3D
+        (1920, 1080, (1000.0, 1000.0, 640.0, 360.0), ["cx", "cy"]),  # of 1280 x 720
+        (1280, 720, (1000.0, 900.0, 640.0, 360.0), ["fx"]),  # squeezed
+    ],
+)
+def test_intrinsics_that_no_lens_has(
+    width: int, height: int, K: tuple[float, float, float, float], named: list[str]
+) -> None:
+    fx, fy, cx, cy = K
+    matrix = ((fx, 0.0, cx), (0.0, fy, cy), (0.0, 0.0, 1.0))
+    camera = Camera(model="plumb_bob", width=width, height=height, K=matrix)
+    assert [each.name for each in implausible_intrinsics(camera)] == named
+    cost = intrinsics_cost(np.full((6, 4), 0.001), camera)
+    notes = notes_on_intrinsics(camera, cost)
+    assert len(notes) == len(named)
+    assert all(" is wrong moves the pose by " in note for note in notes)
