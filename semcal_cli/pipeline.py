@@ -268,7 +268,7 @@ def assess(
     count = len(found.findings)
     note = f"{count} findings" if count > 1 else "1 finding" if count else "no findings"
     on_event(StageDone("assessed", perf_counter() - start, note))
-    return replace(stages, assessment=found)
+    return replace(stages, assessment=replace(found, notes=(*data.notes, *found.notes)))
 
 
 def repeat(

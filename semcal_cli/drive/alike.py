@@ -18,6 +18,9 @@ MIN_ALIKE = 0.7
 have 0.88 to 0.97 and frames of moving cars at most 0.24. A car that rolls to a halt goes through all values: on KITTI's
 traffic jam, those within 2 m of another have more."""
 
+MIN_COPIED = 0.999
+"""Least share of equal pixels in copies of a label image. A network labels two pictures of one scene less alike."""
+
 
 def alike_frames(clouds: Sequence[npt.NDArray[np.float32]]) -> list[int]:
     """Group the frames that show one scene.
@@ -36,6 +39,24 @@ def alike_frames(clouds: Sequence[npt.NDArray[np.float32]]) -> list[int]:
                 joined, kept = sorted((first[earlier], first[later]), reverse=True)
                 first = [kept if each == joined else each for each in first]
     return first
+
+
+def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]) -> list[int]:
+    """Find the frames that are copies of an earlier one: the same scene, with the same labels of pixels.
+
+    Args:
+        scenes: Result of `alike_frames`.
+        images: (H, W) classes of the pixels of each frame.
+    """
+    copies: list[int] = []
+    kept: dict[int, list[int]] = {}
+    for frame, scene in enumerate(scenes):
+        earlier = kept.setdefault(scene, [])
+        if any(float(np.mean(images[frame] == images[each])) >= MIN_COPIED for each in earlier):
+            copies.append(frame)
+        else:
+            earlier.append(frame)
+    return copies
 
 
 def _nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -9,6 +9,7 @@ from time import perf_counter
 
 from semcal_cli.config import LABELS, MAX_FRAMES, CalibrationConfig, Cue
 from semcal_cli.config_checks import check_config
+from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.cues import choose_frames, load_cues
 from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.observations import Observations
@@ -28,6 +29,8 @@ class LoadedDrive:
     cues: tuple[Cue, ...] = LABELS
     max_frames: int = MAX_FRAMES
     """Largest number of frames that were asked for."""
+    num_copies: int = 0
+    """Number of frames that were left out because they are copies of others."""
 
     def of_frames(self, indices: Sequence[int]) -> LoadedDrive:
         """Take some of the frames, of both the document and the observations."""
@@ -48,6 +51,14 @@ class LoadedDrive:
             raise InputError(
                 f"{self.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
             )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about the frames that a person should know."""
+        if not self.num_copies:
+            return ()
+        count = len(self.drive.frames) + self.num_copies
+        return (f"{self.num_copies} of {count} frames are copies of others and are left out",)
 
     @property
     def first_cue(self) -> Observations:
@@ -79,9 +90,21 @@ def load(
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    data = LoadedDrive(used, load_cues(used, config.cues, sweeps), config.cues, config.max_frames)
+    data = _without_copies(
+        LoadedDrive(used, load_cues(used, config.cues, sweeps), config.cues, config.max_frames)
+    )
     on_event(StageDone("load", perf_counter() - start, _describe(data, len(whole.frames))))
     return data
+
+
+def _without_copies(data: LoadedDrive) -> LoadedDrive:
+    """Leave out frames that are copies of others: they are no new evidence."""
+    found = data.first_cue
+    copies = set(copied_frames(found.scenes, [image.classes for image in found.images]))
+    if not copies:
+        return data
+    kept = [index for index in range(found.num_frames) if index not in copies]
+    return replace(data.of_frames(kept), num_copies=len(copies))
 
 
 def _describe(data: LoadedDrive, num_frames: int) -> str:
@@ -93,6 +116,8 @@ def _describe(data: LoadedDrive, num_frames: int) -> str:
         f"{num_used}{chosen} frames, {num_points:,} points, {len(observations.point_class_names)} point classes, "
         f"{len(observations.image_class_names)} image classes"
     )
+    if data.num_copies:
+        note += f", {data.num_copies} copies left out"
     if data.cues != LABELS:
         note += f", by {' and '.join(data.cues)}"
     if observations.speckle > 0.0:
