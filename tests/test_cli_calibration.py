@@ -128,13 +128,13 @@ def test_what_the_polish_did_is_told(street: Path, tmp_path: Path, capfd: pytest
 def test_a_polish_that_held_out_data_reject_is_undone(
     drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """Labels of the frames that are worked with are three pixels to the side, those of the held-out frames are not."""
+    """Labels of the frames that are worked with are some pixels to the side, those of the held-out frames are not."""
     document = read_document(drive / DRIVE_FILE)
     frames = [dict(document["frames"][index]) for index in (0, 1, 2, 3, 0, 1)]
     for index in (0, 1, 3, 4):
         image = cv2.imread(str(drive / frames[index]["image_labels"]), cv2.IMREAD_UNCHANGED)
         frames[index]["image_labels"] = f"image_labels/moved_{index}.png"
-        cv2.imwrite(str(drive / frames[index]["image_labels"]), np.roll(image, 3, axis=1))
+        cv2.imwrite(str(drive / frames[index]["image_labels"]), np.roll(image, 3 + index // 4, axis=1))
     write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
     rejected, err = refine(drive, tmp_path / "out.yaml", capfd)
     assert rejected.polish is not None
