@@ -3,8 +3,8 @@
 Each half of a frame votes for or against a displacement, and its vote decides whether the other half counts. So no half
 is chosen by its own fit. The gains of all blocks that count are added up and divided by the root of their summed
 squares. If labels fit nothing, blocks gain as often as they lose, and this ratio exceeds z with a probability of at
-most exp(-z^2 / 2) (Efron, *Student's t-test under symmetry conditions*, 1969). Labels that are where they belong lose in
-nearly all blocks.
+most exp(-z^2 / 2) (Efron, *Student's t-test under symmetry conditions*, 1969). Labels that are where they belong
+lose in nearly all blocks.
 """
 
 from __future__ import annotations
