@@ -10,6 +10,7 @@ pub mod classes;
 pub mod correspondences;
 pub mod error;
 pub mod file;
+pub mod label_borders;
 pub mod label_image;
 pub mod motion;
 pub mod mutual_information;

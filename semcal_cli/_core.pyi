@@ -61,6 +61,8 @@ __all__ = [
     "scan_grid",
     "sensitivity",
     "set_num_threads",
+    "steps_at_label_borders",
+    "steps_at_label_changes",
     "student_quantile",
     "synthetic_classes",
 ]
@@ -509,6 +511,22 @@ def read_class_shares(paths: Sequence[PathLike[str]], shape: tuple[int, ...]) ->
 
 def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[np.uint8], int]]:
     """Give isolated pixels of label images (H, W) the class around them, and count them."""
+
+def steps_at_label_borders(
+    picture: NDArray[np.uint8], image: LabelledImage, *, reach: int, tiles: tuple[int, int]
+) -> _Float32:
+    """Sum the steps of colour at the borders of a label image, displaced by up to `reach` pixels.
+
+    Of a picture (H, W, 3) and rows and columns of tiles; returns (tiles, 2 reach + 1, 2 reach + 1): at [t, reach + y,
+    reach + x] that of the steps which lie x pixels right of the borders in tile t, and y below.
+    """
+
+def steps_at_label_changes(clouds: Sequence[LabelledCloud], *, reach: int, num_blocks: int) -> list[_Float32]:
+    """Sum the steps of range where labels change from one entry of a sweep to the next, displaced by entries.
+
+    Returns for each cloud (num_blocks, 2 reach + 1): at [b, reach + s] that of the steps which lie s entries after the
+    changes in block b of consecutive entries.
+    """
 
 def register(
     observations: Observations,

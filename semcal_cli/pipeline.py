@@ -17,6 +17,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
+from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.pose_checks import check_motion, check_pose
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.repeatability import compare_seeds
@@ -47,7 +48,7 @@ from semcal_cli.refinement.pyramid import refine as refine_pose
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
-from semcal_cli.result.stage import StageResult
+from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.stages import Stages
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
@@ -265,10 +266,21 @@ def assess(
         frame_names=[frame.points for frame in data.drive.frames],
         with_label_bleed=with_label_bleed and data.cues == LABELS,
     )
+    found = replace(found, findings=(*found.findings, *_check_labels(data)))
     count = len(found.findings)
     note = f"{count} findings" if count > 1 else "1 finding" if count else "no findings"
     on_event(StageDone("assessed", perf_counter() - start, note))
     return replace(stages, assessment=replace(found, notes=(*data.notes, *found.notes)))
+
+
+def _check_labels(data: LoadedDrive) -> tuple[Finding, ...]:
+    """Check that labels belong to their points and pixels, if the drive is used by labels."""
+    if "labels" not in data.cues:
+        return ()
+    num_frames = len(data.drive.frames)
+    first = data.cues.index("labels") * num_frames
+    by_labels = data.observations.of_frames(range(first, first + num_frames))
+    return tuple(map(Finding, check_label_alignment(data.drive, by_labels)))
 
 
 def repeat(

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from semcal_cli.assessment.identical_files import find_identical_files
 from semcal_cli.assessment.inspection import inspect
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
@@ -155,3 +156,33 @@ def test_pictures_of_another_size_than_the_labels_are_suspicious(street: Path, t
     write_image(np.zeros((180, 320), np.uint8), tmp_path / "half.png")
     suspicions = inspect(read_drive(drive)).suspicions
     assert "half.png is 320 x 180, the camera's pictures are 640 x 360" in suspicions
+
+
+def test_identical_files_are_named(drive: Path) -> None:
+    document = read_document(drive / DRIVE_FILE)
+    first, second, *others = document["frames"]
+    for kind in ("points", "point_labels", "image_labels", "image"):
+        (drive / second[kind]).write_bytes((drive / first[kind]).read_bytes())
+    (drive / others[1]["image"]).write_bytes((drive / others[0]["image"]).read_bytes())
+    assert find_identical_files(read_drive(drive)) == [
+        "frame 000001 has the same points, labels of points, label images and pictures as frame 000000",
+        "frame 000003 has the same pictures as frame 000002",
+    ]
+    write_text(document_text(document | {"frames": [first] * 70}, "yaml"), drive / DRIVE_FILE)
+    same = "the same points, labels of points, label images and pictures"
+    sentence = f"frame points/000000.bin is listed 70 times, with {same}"
+    assert find_identical_files(read_drive(drive)) == [sentence]
+    assert sentence in inspect(read_drive(drive)).suspicions
+
+
+def test_copies_of_a_frame_are_one_sentence(drive: Path) -> None:
+    document = read_document(drive / DRIVE_FILE)
+    first = document["frames"][0]
+    frames = [first]
+    for index in range(1, 70):
+        name = f"points/copy_{index:03d}.bin"
+        (drive / name).hardlink_to(drive / first["points"])
+        frames.append({"points": name})
+    write_text(document_text(document | {"frames": frames}, "yaml"), drive / DRIVE_FILE)
+    sentence = "frames copy_001 to copy_069 have the same points as frame 000000"
+    assert find_identical_files(read_drive(drive)) == [sentence]

@@ -7,6 +7,7 @@ mod arrays;
 mod camera;
 mod configs;
 mod errors;
+mod label_borders;
 mod labels;
 mod motion;
 mod observations;
@@ -30,6 +31,8 @@ mod _core {
     use super::anchored::PyAnchoredPoints;
     #[pymodule_export]
     use super::camera::{PyCamera, PyProjected, project_points};
+    #[pymodule_export]
+    use super::label_borders::{steps_at_label_borders, steps_at_label_changes};
     #[pymodule_export]
     use super::labels::{
         PyClassShares, despeckle, read_class_shares, read_label_images, read_label_thumbnails,

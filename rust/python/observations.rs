@@ -35,6 +35,13 @@ impl PyLabelledCloud {
     }
 }
 
+impl PyLabelledCloud {
+    /// The points and their classes.
+    pub(super) fn arrays(&self) -> (&[[f32; 3]], &[u8]) {
+        (&self.points, &self.classes)
+    }
+}
+
 #[pyclass(name = "LabelledImage", frozen)]
 pub(super) struct PyLabelledImage {
     classes: Arc<LabelImage<u8>>,
@@ -64,6 +71,13 @@ impl PyObservations {
         let frames = frames.iter().map(|(cloud, image)| frame(cloud, image)).collect();
         let observations = Observations::new(camera.0.clone(), frames, num_point_classes, num_image_classes)?;
         Ok(Self(Arc::new(observations)))
+    }
+}
+
+impl PyLabelledImage {
+    /// The classes of the pixels.
+    pub(super) fn classes(&self) -> &LabelImage<u8> {
+        &self.classes
     }
 }
 

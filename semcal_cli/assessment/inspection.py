@@ -11,8 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.identical_files import find_identical_files
 from semcal_cli.assessment.intrinsics import implausible_intrinsics
-from semcal_cli.config import InitializationConfig
+from semcal_cli.assessment.label_alignment import check_label_alignment
+from semcal_cli.config import MAX_FRAMES, InitializationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -97,6 +99,7 @@ def inspect(drive: Drive) -> DriveReport:
     readable = [index for index, content in enumerate(contents) if content.num_points]
     if not readable:
         raise InputError(contents[0].errors[0])
+    labelled = [index for index in readable if contents[index].has_labels]
     probed = _with_frames(drive, evenly_spaced(readable, NUM_PROBED))
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
@@ -118,6 +121,8 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_classes(of_points, of_pixels),
             *_check_motion(motion_error_px(probed, clouds)),
             *_check_mirroring(probed),
+            *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
+            *find_identical_files(drive),
         ),
     )
 
@@ -133,6 +138,11 @@ class _Content:
     image_classes: Mapping[str, int] | None = None
     num_pixels_ignored: int = 0
     errors: tuple[str, ...] = ()
+
+    @property
+    def has_labels(self) -> bool:
+        """Whether labels of points and of pixels could be read."""
+        return self.point_classes is not None and self.image_classes is not None
 
 
 def _read(drive: Drive, index: int) -> _Content:
@@ -276,6 +286,14 @@ def _check_motion(error_px: float | None) -> list[str]:
     if error_px is None or error_px <= MAX_MOTION_PX:
         return []
     return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
+
+
+def _check_labels(labelled: Drive) -> Sequence[str]:
+    """Check that labels belong to their points and pixels."""
+    try:
+        return check_label_alignment(labelled, load_observations(labelled)) if labelled.frames else ()
+    except (CalibrationError, InputError):
+        return ()
 
 
 def _check_mirroring(probed: Drive) -> list[str]:

@@ -25,7 +25,11 @@ WIDE = 240
 @click.argument("drive", type=PATH)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def inspect(drive: Path, as_json: bool) -> None:
-    """Show what DRIVE holds, frame by frame, and what looks wrong with it."""
+    """Show what DRIVE holds, frame by frame, and what looks wrong with it.
+
+    Among others it looks for mirrored clouds, a K of another picture size, labels that are shifted against their points
+    or pictures, and frames with the same files.
+    """
     from dataclasses import asdict
 
     from semcal_cli.assessment.inspection import inspect as look_through

@@ -1,0 +1,181 @@
+//! Borders between labels, and the steps of range or colour that lie beside them: where labels belong to their points or
+//! pixels, the two coincide.
+
+use crate::classes::NO_CLASS;
+use crate::label_image::LabelImage;
+
+/// Largest difference of the logarithms of two ranges; larger ones count as this, so that no step outweighs many.
+const MAX_LOG_STEP: f32 = 0.3;
+/// Share of the steps between pixels that are not cut to the largest that counts, for the same reason.
+const SHARE_UNCUT: f64 = 0.95;
+/// Pixels of one class on either side of a border; thinner things and isolated wrong labels have none.
+const RUN: usize = 3;
+
+/// Where borders of a label image are looked for and how far from them.
+#[derive(Clone, Copy, Debug)]
+pub struct Tiling {
+    /// Largest displacement, in pixels, rows as well as columns.
+    pub reach: usize,
+    /// Rows and columns of tiles, which together are the image.
+    pub tiles: (usize, usize),
+}
+
+/// Sums, over the borders in each block of consecutive entries of a sweep, of the range step at every displacement.
+///
+/// A border lies between two consecutive points of different classes, a step is the logarithm of the ratio of their
+/// ranges.
+///
+/// Returns `num_blocks` rows of `2 * reach + 1` sums; in column `reach + s` the steps lie `s` entries after the borders.
+/// Points without a class have no borders, nor have the first and last `reach` entries.
+pub fn steps_at_point_borders(
+    points: &[[f32; 3]],
+    classes: &[u8],
+    reach: usize,
+    num_blocks: usize,
+) -> Vec<f32> {
+    let ranges: Vec<f32> = points.iter().map(|[x, y, z]| (x * x + y * y + z * z).sqrt()).collect();
+    let step = |pair: &[f32]| (pair[1] / pair[0]).ln().abs().min(MAX_LOG_STEP);
+    let steps: Vec<f32> = ranges.windows(2).map(step).collect();
+    let width = 2 * reach + 1;
+    let mut sums = vec![0.0; num_blocks * width];
+    for (start, window) in steps.windows(width).enumerate() {
+        let (before, after) = (classes[start + reach], classes[start + reach + 1]);
+        if before != after && before != NO_CLASS && after != NO_CLASS {
+            let block = (start + reach) * num_blocks / steps.len();
+            add(&mut sums[block * width..][..width], window);
+        }
+    }
+    sums
+}
+
+/// Sums, over the borders in each tile of a label image, of the picture's step at every displacement.
+///
+/// A border lies between two neighbouring pixels, each the end of a run of equal labels. A step is the largest difference
+/// of a colour channel, and at most one.
+///
+/// The picture has three channels a pixel, row by row.
+///
+/// Returns a table of `(2 * reach + 1)^2` sums for each tile, row by row; in row `reach + y` and column `reach + x` of a
+/// table the steps lie `x` pixels right of the borders and `y` below.
+pub fn steps_at_pixel_borders(picture: &[[u8; 3]], classes: &LabelImage<u8>, tiling: Tiling) -> Vec<f32> {
+    let side = 2 * tiling.reach + 1;
+    let mut sums = vec![0.0; tiling.tiles.0 * tiling.tiles.1 * side * side];
+    for direction in [1, classes.width] {
+        add_steps_along(picture, classes, tiling, direction, &mut sums);
+    }
+    sums
+}
+
+/// Adds the steps between pixels that are `stride` apart in memory.
+fn add_steps_along(
+    picture: &[[u8; 3]],
+    classes: &LabelImage<u8>,
+    tiling: Tiling,
+    stride: usize,
+    sums: &mut [f32],
+) {
+    let (width, height, reach) = (classes.width, classes.height, tiling.reach);
+    let margin = reach.max(RUN);
+    let side = 2 * reach + 1;
+    let (steps, limit) = cut_steps(picture, stride);
+    let mut counts = vec![0u32; sums.len()];
+    for v in margin..height.saturating_sub(margin) {
+        for u in margin..width.saturating_sub(margin) {
+            if !is_border(&classes.ids, v * width + u, stride) {
+                continue;
+            }
+            let tile = v * tiling.tiles.0 / height * tiling.tiles.1 + u * tiling.tiles.1 / width;
+            let table = &mut counts[tile * side * side..][..side * side];
+            for (row, v) in table.chunks_exact_mut(side).zip(v - reach..) {
+                add(row, &steps[v * width + u - reach..][..side]);
+            }
+        }
+    }
+    for (sum, count) in sums.iter_mut().zip(counts) {
+        *sum += count as f32 / f32::from(limit);
+    }
+}
+
+/// The differences of pixels that are `stride` apart, none larger than the limit that is returned beside them.
+fn cut_steps(picture: &[[u8; 3]], stride: usize) -> (Vec<u8>, u8) {
+    let channels = picture.as_flattened();
+    // Byte against byte: what a compiler makes vectors of.
+    let later = channels.get(3 * stride..).unwrap_or_default();
+    let differences: Vec<u8> = channels.iter().zip(later).map(|(a, b)| a.abs_diff(*b)).collect();
+    let (differences, _) = differences.as_chunks::<3>();
+    let mut steps: Vec<u8> = differences.iter().map(|[a, b, c]| *a.max(b).max(c)).collect();
+    steps.resize(picture.len(), 0);
+    let mut histogram = [0usize; 256];
+    for &step in &steps {
+        histogram[usize::from(step)] += 1;
+    }
+    let mut num_below = 0;
+    let mut is_below = |count: &usize| {
+        num_below += count;
+        (num_below as f64) < SHARE_UNCUT * picture.len() as f64
+    };
+    let limit = histogram.iter().take_while(|count| is_below(count)).count().clamp(1, 255) as u8;
+    for step in &mut steps {
+        *step = (*step).min(limit);
+    }
+    (steps, limit)
+}
+
+/// Whether a border lies between a pixel and the one `stride` after it.
+fn is_border(ids: &[u8], index: usize, stride: usize) -> bool {
+    let (before, after) = (ids[index], ids[index + stride]);
+    before != after
+        && before != NO_CLASS
+        && after != NO_CLASS
+        && (1..RUN).all(|n| ids[index - n * stride] == before && ids[index + (n + 1) * stride] == after)
+}
+
+fn add<S: std::ops::AddAssign + From<T>, T: Copy>(sums: &mut [S], summands: &[T]) {
+    for (sum, &summand) in sums.iter_mut().zip(summands) {
+        *sum += summand.into();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_of_range_lie_where_labels_change_if_they_are_not_shifted() {
+        let is_near = |i: usize| i % 17 < 6;
+        let points: Vec<[f32; 3]> =
+            (0..500).map(|i| [if is_near(i) { 5.0 } else { 20.0 }, 0.0, 0.0]).collect();
+        for shift in 0..4 {
+            let classes: Vec<u8> = (0..500).map(|i| is_near(i + 20 - shift).into()).collect();
+            // 20 more than the 17 entries of a period: the labels are those of three entries later, and of `shift` earlier.
+            let sums = steps_at_point_borders(&points, &classes, 5, 4);
+            let total: Vec<f32> = (0..11).map(|s| sums.iter().skip(s).step_by(11).sum()).collect();
+            let best = (0..11).max_by(|&a, &b| total[a].total_cmp(&total[b])).unwrap_or(0);
+            assert_eq!(best + shift, 5 + 3);
+        }
+    }
+
+    #[test]
+    fn steps_of_colour_lie_where_labels_change_if_they_are_not_shifted() {
+        let (width, height) = (80, 60);
+        let is_thing = |u: usize, v: usize| (20..50).contains(&u) && (15..40).contains(&v);
+        let pixels = || (0..height).flat_map(|v| (0..width).map(move |u| (u, v)));
+        let picture: Vec<[u8; 3]> =
+            pixels().map(|(u, v)| [40 + 90 * u8::from(is_thing(u, v)), 60, 70]).collect();
+        let ids = pixels().map(|(u, v)| is_thing(u + 3, v + 1).into()).collect();
+        let tiling = Tiling { reach: 4, tiles: (2, 2) };
+        let sums = steps_at_pixel_borders(&picture, &LabelImage { width, height, ids }, tiling);
+        assert_eq!(sums.len(), 4 * 81);
+        let total: Vec<f32> = (0..81).map(|s| sums.iter().skip(s).step_by(81).sum()).collect();
+        let best = (0..81).max_by(|&a, &b| total[a].total_cmp(&total[b])).unwrap_or(0);
+        assert_eq!((best / 9, best % 9), (4 + 1, 4 + 3));
+    }
+
+    #[test]
+    fn small_images_and_short_sweeps_have_no_borders() {
+        assert_eq!(steps_at_point_borders(&[], &[], 3, 2), [0.0; 14]);
+        let image = LabelImage { width: 4, height: 2, ids: vec![0, 1, 0, 1, 1, 0, 1, 0] };
+        let tiling = Tiling { reach: 2, tiles: (1, 1) };
+        assert_eq!(steps_at_pixel_borders(&[[0; 3]; 8], &image, tiling), [0.0; 25]);
+    }
+}

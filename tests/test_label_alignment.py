@@ -1,0 +1,192 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from semcal_cli.assessment.frame_lists import frame_list
+from semcal_cli.assessment.inspection import inspect
+from semcal_cli.assessment.label_alignment import check_label_alignment
+from semcal_cli.assessment.picture_alignment import spread
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.loading import load
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_observations
+from semcal_cli.files.images import read_image, write_image
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
+from semcal_cli.synthetic.label_noise import as_by_a_network, with_ragged_things, with_wrong_labels
+from semcal_cli.verification import verify
+
+Labels = npt.NDArray[np.uint8]
+
+
+@pytest.fixture(scope="module")
+def street_drive(street: Path) -> Drive:
+    return read_drive(street)
+
+
+def with_points_changed(
+    observations: Observations, change: Callable[[int], npt.NDArray[np.intp]]
+) -> Observations:
+    """Permute points with their labels, by a permutation of each number of points."""
+    clouds = []
+    for cloud in observations.clouds:
+        order = change(cloud.num_points)
+        clouds.append(cloud.with_points(cloud.points[order]).with_classes(cloud.classes[order]))
+    return observations.with_clouds(clouds)
+
+
+def with_point_labels_moved(observations: Observations, entries: int, step: int = 1) -> Observations:
+    return observations.with_clouds(
+        cloud if index % step else cloud.with_classes(np.roll(cloud.classes, entries))
+        for index, cloud in enumerate(observations.clouds)
+    )
+
+
+def with_pixels_moved(
+    observations: Observations, move: Callable[[Labels], Labels], step: int = 1
+) -> Observations:
+    return observations.with_images(
+        image if index % step else image.with_classes(move(image.classes))
+        for index, image in enumerate(observations.images)
+    )
+
+
+def resized(labels: Labels) -> Labels:
+    """Shrink a label image by 1.5 % about its corner, as a tool does that takes the sizes of two cameras for one."""
+    matrix = np.array([[0.985, 0.0, 0.0], [0.0, 0.985, 0.0]])
+    size = labels.shape[::-1]
+    return cv2.warpAffine(labels, matrix, size, flags=cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+
+
+GOOD: dict[str, Callable[[Observations, np.random.Generator], Observations]] = {
+    "exact": lambda observations, rng: observations,
+    "30 % wrong": lambda observations, rng: with_wrong_labels(observations, 0.3, rng),
+    "a network's": as_by_a_network,
+    "grown": lambda observations, rng: with_ragged_things(observations, 2),
+    "points in no order": lambda observations, rng: with_points_changed(observations, rng.permutation),
+}
+
+
+@pytest.mark.parametrize("kind", GOOD)
+def test_labels_where_they_belong_give_no_finding(
+    street_drive: Drive, street_observations: Observations, kind: str
+) -> None:
+    good = GOOD[kind](street_observations, np.random.default_rng(3))
+    assert check_label_alignment(street_drive, good) == ()
+
+
+@pytest.mark.parametrize("noise", ["exact", "30 % wrong", "a network's"])
+@pytest.mark.parametrize(
+    ("entries", "words"), [(1, "1 entry towards the start"), (-3, "3 entries towards the end")]
+)
+def test_labels_of_other_points_are_found(
+    street_drive: Drive, street_observations: Observations, noise: str, entries: int, words: str
+) -> None:
+    good = GOOD[noise](street_observations, np.random.default_rng(3))
+    (found,) = check_label_alignment(street_drive, with_point_labels_moved(good, entries))
+    assert found.startswith(f"labels of points fit the clouds better shifted by {words} of the file: by ")
+
+
+def test_frames_with_labels_of_other_points_are_named(
+    street_drive: Drive, street_observations: Observations
+) -> None:
+    (found,) = check_label_alignment(street_drive, with_point_labels_moved(street_observations, 5, step=2))
+    assert found.startswith(
+        "labels of points of frames 000000 and 000002 fit the clouds better shifted by 5 "
+    )
+
+
+MOVES: dict[str, tuple[Callable[[Labels], Labels], str]] = {
+    "3 right": (lambda labels: np.roll(labels, 3, axis=1), "shifted by 3 pixels left"),
+    "2 right and 3 up": (
+        lambda labels: np.roll(labels, (-3, 2), axis=(0, 1)),
+        "shifted by 2 pixels left and 3 down",
+    ),
+    "resized": (resized, "scaled by 1.015 about the middle and shifted by 5 pixels right and 3 down"),
+}
+
+
+@pytest.mark.parametrize("move", MOVES)
+def test_labels_of_other_pixels_are_found(
+    street_drive: Drive, street_observations: Observations, move: str
+) -> None:
+    change, words = MOVES[move]
+    (found,) = check_label_alignment(street_drive, with_pixels_moved(street_observations, change))
+    assert found.startswith(f"label images fit their pictures better {words}: by ")
+
+
+def test_frames_with_labels_of_other_pixels_are_named(
+    street_drive: Drive, street_observations: Observations
+) -> None:
+    moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=0), step=2)
+    (found,) = check_label_alignment(street_drive, moved)
+    assert found.startswith(
+        "label images of frames 000000 and 000002 fit their pictures better shifted by 4 pixels up"
+    )
+
+
+def test_borders_of_a_network_that_are_4_pixels_off_are_found(
+    street_drive: Drive, street_observations: Observations
+) -> None:
+    network = as_by_a_network(street_observations, np.random.default_rng(3))
+    moved = with_pixels_moved(network, lambda labels: np.roll(labels, 4, axis=0))
+    assert len(check_label_alignment(street_drive, moved)) == 1
+
+
+def test_pictures_that_cannot_be_read_are_left_out(drive: Path, street_observations: Observations) -> None:
+    moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=1))
+    (drive / "images/000001.png").unlink()
+    assert len(check_label_alignment(read_drive(drive), moved)) == 1
+    for picture in (drive / "images").iterdir():
+        picture.unlink()
+    assert check_label_alignment(read_drive(drive), moved) == ()
+
+
+def test_calibrate_and_verify_doubt_and_inspect_suspects(drive: Path, street_truth: Pose) -> None:
+    for path in (drive / "point_labels").iterdir():
+        np.roll(np.fromfile(path, "<u4"), 3).tofile(path)
+    for path in (drive / "image_labels").iterdir():
+        write_image(np.roll(read_image(path)[..., 0], 3, axis=1), path)
+    of_points = "labels of points fit the clouds better shifted by 3 entries"
+    of_pixels = "label images fit their pictures better shifted by 3 pixels left"
+    data = load(drive, CalibrationConfig())
+    truth = InitialPose(street_truth, "the truth")
+    verification = verify(data, truth)
+    assert verification.verdict == "inconclusive"
+    calibration = calibrate(data, initial_pose=truth)
+    assert calibration.status == "not_trusted"
+    for sentences in (verification.reasons, calibration.reasons, inspect(read_drive(drive)).suspicions):
+        assert any(sentence.startswith(of_points) for sentence in sentences)
+        assert any(sentence.startswith(of_pixels) for sentence in sentences)
+
+
+@pytest.mark.parametrize("num_frames", [5, 7, 10, 13, 20, 70])
+def test_few_pictures_are_of_even_and_odd_frames(num_frames: int) -> None:
+    chosen = spread(num_frames)
+    assert len(set(chosen)) == 4
+    assert 0 <= min(chosen) <= max(chosen) < num_frames
+    assert sum(index % 2 for index in chosen) == 2
+
+
+def test_long_lists_of_frames_are_short() -> None:
+    names = [f"points/{index:06d}.bin" for index in range(80)]
+    assert frame_list(names, [7]) == "frame 000007"
+    assert frame_list(names, [1, 2]) == "frames 000001 and 000002"
+    assert frame_list(names, [1, 2, 3, 9]) == "frames 000001 to 000003 and 000009"
+    assert frame_list(names, range(1, 71)) == "frames 000001 to 000070"
+    every_other = "frames 000000, 000002, 000004, 000006, 000008 and 30 others"
+    assert frame_list(names, range(0, 70, 2)) == every_other
+
+
+def test_labels_of_a_real_frame_belong_to_its_points_and_pixels(rellis3d: Path) -> None:
+    drive = read_drive(rellis3d)
+    observations = load_observations(drive)
+    assert check_label_alignment(drive, observations) == ()
+    (found,) = check_label_alignment(drive, with_point_labels_moved(observations, 1))
+    assert found.startswith("labels of points fit the clouds better shifted by 1 entry towards the start")
