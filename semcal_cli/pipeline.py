@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import accumulate, pairwise
 from pathlib import Path
 from time import perf_counter
 
@@ -90,6 +91,29 @@ def calibrate(
     return make_calibration(
         data, stages, config, initial_pose=initial_pose, priors=priors, relative_to=relative_to, hashes=hashes
     )
+
+
+def split(data: LoadedDrive, calibration: Calibration) -> tuple[LoadedDrive, ...]:
+    """Take the parts of a drive whose frames fit different poses, each as a drive of its own.
+
+    Args:
+        data: The drive, as `load` returns it.
+        calibration: Its calibration, which tells the parts.
+
+    Returns:
+        The parts, to be calibrated; none if no movement of the camera was found.
+
+    Raises:
+        InputError: the calibration is not of these frames.
+    """
+    used, frames = [frame.points for frame in calibration.input.frames], data.drive.frames
+    if used != [frame.points for frame in frames]:
+        raise InputError(
+            f"{data.drive.path}: found a calibration of {len(used)} other frames, needed one of the {len(frames)} "
+            "loaded ones"
+        )
+    ends = [0, *accumulate(part.num_frames for part in calibration.parts)]
+    return tuple(data.of_frames(range(first, last)) for first, last in pairwise(ends))
 
 
 def initialize(

@@ -1,6 +1,7 @@
 import os
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,8 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.synthetic import spoiling
+from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
 from semcal_cli.synthetic.synthesis import synthesize
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
@@ -108,6 +111,26 @@ def street_observations(street: Path) -> Observations:
 @pytest.fixture(scope="session")
 def street_truth(street: Path) -> Pose:
     return read_transform(street)
+
+
+@pytest.fixture(scope="session")
+def long_street(tmp_path_factory: pytest.TempPathFactory) -> RawDrive:
+    """A drive of eight frames, to be spoiled."""
+    folder = tmp_path_factory.mktemp("long_street") / "drive"
+    synthesize(replace(STREET, num_frames=8), folder)
+    return read_raw_drive(read_drive(folder), read_transform(folder))
+
+
+@pytest.fixture(scope="session")
+def knocked(long_street: RawDrive) -> RawDrive:
+    """The same drive, whose camera is turned by one degree from the sixth frame on."""
+    return spoiling.knocked(long_street, np.random.default_rng(3), angle_deg=1.0, share=0.4)
+
+
+@pytest.fixture(scope="session")
+def knocked_drive(knocked: RawDrive, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files of the drive with the knocked camera; tests do not write to them."""
+    return write_raw_drive(knocked, tmp_path_factory.mktemp("knocked")).parent
 
 
 def run(capfd: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:

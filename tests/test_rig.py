@@ -268,6 +268,7 @@ def test_usage(rig: Path, tmp_path: Path) -> None:
         ([], "-o: "),
         (["-o", tmp_path, "--init", drive], "--init: is of one camera"),
         (["-o", tmp_path, "--to", "tum"], "--to: is of one camera"),
+        (["-o", tmp_path, "--split"], "--split: is of one camera"),
         (["-o", tmp_path, "--fix", "tx", "--init", drive], "is of one camera"),
     ):
         found = run(rig, *options)

@@ -173,12 +173,12 @@ def _two_parts(observations: Observations, frames: range, T_start: Pose, place: 
 def _fit_both(
     observations: Observations, frames: range, place: int, starts: tuple[Pose, Pose]
 ) -> tuple[Part, Part] | None:
-    before = _fit(observations, frames[:place], starts[0])
-    after = _fit(observations, frames[place:], starts[1])
+    before = fit_part(observations, frames[:place], starts[0])
+    after = fit_part(observations, frames[place:], starts[1])
     return None if before is None or after is None else (before, after)
 
 
-def _fit(observations: Observations, frames: range, T_start: Pose) -> Part | None:
+def fit_part(observations: Observations, frames: range, T_start: Pose) -> Part | None:
     """Refine and polish the pose of some frames; None if they do not determine one."""
     few = observations.of_frames(frames)
     try:

@@ -54,6 +54,13 @@ WITH_SOIC = (
     help="Calibrate with N seeds, and report their scatter beside the stated uncertainty.",
 )
 @click.option(
+    "--split",
+    is_flag=True,
+    help="Where the camera was moved in mid-drive, also calibrate each part of the drive on its own, and write "
+    "OUT_part_1.yaml, OUT_part_2.yaml and so on beside -o OUT.yaml, and the same for --log. The exit code is then "
+    "that of the worst part; --report and --overlay show the whole drive.",
+)
+@click.option(
     "--to",
     type=FormatName(),
     metavar="FORMAT",
@@ -75,6 +82,7 @@ def calibrate(
     drive: Path,
     method: str,
     repeat: int | None,
+    split: bool,
     to: str | None,
     page: Path | None,
     images: Path | None,
@@ -111,6 +119,10 @@ def calibrate(
 
         sys.exit(calibrate_rig(rig, run, common, config))
     outputs = Outputs(common.output, common.log, None if to is None else (to, format_options), page, images)
+    if split:
+        from semcal_cli.cli.split import calibrate_parts
+
+        sys.exit(calibrate_parts(drive, run, outputs, common, config, initial_pose))
     sys.exit(_calibrate_drive(drive, run, outputs, common, config, initial_pose))
 
 

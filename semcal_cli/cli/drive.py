@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ def loaded_drive(
     config: CalibrationConfig,
     outputs: Outputs,
     initial_pose: InitialPose | None = None,
+    parts: Sequence[Outputs] = (),
     *,
     threads: int | None,
     quiet: bool,
@@ -35,6 +36,7 @@ def loaded_drive(
         config: Settings, which say what is read.
         outputs: Output files, which are checked before anything long begins.
         initial_pose: Pose to start at, whose file no output may replace.
+        parts: Output files of the parts of the drive, which are checked with the others.
         threads: Number of threads of the Rust stages; None takes all.
         quiet: Whether only errors are shown.
 
@@ -43,7 +45,7 @@ def loaded_drive(
         CalibrationError: one side's labels carry no information.
     """
     spec = read_drive(drive)
-    outputs.check(spec, initial_pose)
+    outputs.check(spec, initial_pose, parts)
     set_num_threads(threads)
     with Terminal(quiet=quiet) as terminal:
         yield load(spec, config, terminal.on_event), terminal

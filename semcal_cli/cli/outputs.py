@@ -53,8 +53,19 @@ class Outputs:
         """Folder of the result."""
         return self.output.parent if self.output else Path()
 
-    def check(self, drive: Drive, initial_pose: InitialPose | None = None) -> None:
+    def of_part(self, number: int) -> Outputs:
+        """Name the outputs of a part of the drive: `out_part_1.yaml` beside `out.yaml`, and a log of its own."""
+        return Outputs(_of_part(self.output, number), _of_part(self.log, number))
+
+    def check(
+        self, drive: Drive, initial_pose: InitialPose | None = None, parts: Sequence[Outputs] = ()
+    ) -> None:
         """Check before the work begins that all outputs can be written, and that none replaces an input.
+
+        Args:
+            drive: The drive.
+            initial_pose: Pose to start at, whose file no output may replace.
+            parts: Outputs of the parts of the drive.
 
         Raises:
             InputError: an output cannot be written to its path.
@@ -68,7 +79,9 @@ class Outputs:
             _check_frame_images(drive)
         if self.images is not None:
             check_image_folder(self.images, MAX_IMAGES, read)
-        check_outputs(read, [path for path in (self.output, self.log, self.page) if path is not None])
+        written = [self.output, self.log, self.page]
+        written += [path for part in parts for path in (part.output, part.log)]
+        check_outputs(read, [path for path in written if path is not None])
         if self.to is not None:
             write_transform(np.eye(4), None, *self.to)
         elif self.output is not None:
@@ -107,6 +120,10 @@ class Outputs:
                 progress("drawing points on pictures")
                 for path in report.overlays(MAX_IMAGES).write_all(self.images):
                     terminal.print(labelled("picture", str(path)))
+
+
+def _of_part(path: Path | None, number: int) -> Path | None:
+    return None if path is None else path.with_stem(f"{path.stem}_part_{number}")
 
 
 def _check_frame_images(drive: Drive) -> None:

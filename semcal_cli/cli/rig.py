@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 OF_ONE_CAMERA = (
     *("init", "init_rpy_xyz", "search_deg", "fix", "prior_translation_m", "prior_rotation_deg"),
-    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "images"),
+    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "images", "split"),
 )
 """Parameters of `calibrate` that would have another meaning for each camera."""
 SUFFIXES = (".yaml", ".yml", ".json")

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.assessment.frame_names import frame_name
+from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
@@ -19,9 +21,9 @@ from semcal_cli.report.curves import information_curves
 from semcal_cli.report.frames import frame_images
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.plots import BOX, plots
+from semcal_cli.report.plots import BOX, FRAMES_BOX, FramesPlot, frames_plots, plots
 from semcal_cli.report.template import ENVIRONMENT, source
-from semcal_cli.report.words import runner_up_sentence, uncertainty_sentences, verdict
+from semcal_cli.report.words import frame_sentences, runner_up_sentence, uncertainty_sentences, verdict
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input, versions
 
@@ -51,6 +53,16 @@ class HypothesisRow:
     width: float
 
 
+@dataclass(frozen=True)
+class OfFrames:
+    """What the page shows of the poses of single frames."""
+
+    sentences: list[str]
+    plots: list[FramesPlot]
+    rows: list[list[str]]
+    """For each frame its name and its six offsets with their intervals, as text."""
+
+
 def write_report(
     report: ReportInput, path: Path, progress: Callable[[str], None] = lambda doing: None
 ) -> None:
@@ -77,6 +89,8 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     frames, legend = frame_images(report)
     progress("following the mutual information along six axes")
     curves = information_curves(observations, T, record.uncertainty if record else None)
+    progress("calibrating each frame on its own")
+    of_frames = _of_frames(report)
     progress("writing the page")
     return ENVIRONMENT.get_template("report/page.html").render(
         style=source("page.css"),
@@ -96,6 +110,8 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         classes=class_agreements(observations, agreement, before),
         plots=plots(curves),
         box=BOX,
+        frames_box=FRAMES_BOX,
+        of_frames=of_frames,
         uncertainty=uncertainty_sentences(record, observations.camera) if record else [],
         runner_up=runner_up_sentence(record) if record else None,
         stages=_stage_rows(record) if record else [],
@@ -106,6 +122,40 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         versions=made_by,
         hashes=(record.input if record else describe_input(report.drive, None, Path())).sha256,
     )
+
+
+def _of_frames(report: ReportInput) -> OfFrames | None:
+    """Calibrate each frame on its own; None with features, or of one frame."""
+    observations, record = report.observations, report.record
+    if observations.has_vectors or observations.num_frames < 2:
+        return None
+    parts = () if record is None else record.parts
+    if not report.is_of_record or sum(part.num_frames for part in parts) != observations.num_frames:
+        parts = ()
+    found = frame_offsets(observations, report.T_camera_lidar, parts)
+    names = [frame.points for frame in report.drive.frames]
+    names = [frame_name(names, index) for index in range(len(names))]
+    return OfFrames(
+        sentences=frame_sentences(found, names, len(parts)),
+        plots=frames_plots(found, names),
+        rows=_frame_rows(found, names),
+    )
+
+
+def _frame_rows(found: FrameOffsets, names: Sequence[str]) -> list[list[str]]:
+    """List the name of each frame, and its offsets with their intervals in centimetres and degrees."""
+    rows = []
+    for name, offsets, half_widths in zip(names, found.offsets, found.half_widths_95, strict=True):
+        if not np.isfinite(offsets).all():
+            rows.append([name, *["-"] * 6])
+            continue
+        center = [
+            f"{100 * x:.2f} \u00b1 {100 * half:.2f}"
+            for x, half in zip(offsets[:3], half_widths[:3], strict=True)
+        ]
+        turn = [f"{x:.3f} \u00b1 {half:.3f}" for x, half in zip(offsets[3:], half_widths[3:], strict=True)]
+        rows.append([name, *center, *turn])
+    return rows
 
 
 def _stage_rows(record: Calibration) -> list[StageRow]:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.assessment.frame_offsets import FrameOffsets
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
+from semcal_cli.files.messages import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.input import ReportInput
 from semcal_cli.result.calibration import Calibration
@@ -112,6 +115,31 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
             f"{repeated.num_seeds} seeds lead to poses up to {_figure(far_cm)} cm and {_figure(far_deg)} degrees apart "
             f"from it{failed}."
         )
+    return sentences
+
+
+def frame_sentences(found: FrameOffsets, names: Sequence[str], num_parts: int) -> list[str]:
+    """Say how far the poses of single frames, whose names are given, lie from what their part of the drive fits."""
+    determined, is_within = found.is_determined, found.is_within
+    sentences, fitted = [], "the result"
+    if num_parts:
+        fitted = "the pose of their part"
+        sentences.append(
+            f"The frames fit {num_parts} poses: the dashed steps are those of the parts of the drive."
+        )
+    if determined.any():
+        apart = (found.offsets - found.of_parts)[determined]
+        scatter = np.sqrt((apart**2).mean(axis=0))
+        far_cm, far_deg = 100.0 * float(np.linalg.norm(scatter[:3])), float(np.linalg.norm(scatter[3:]))
+        beyond = np.flatnonzero(determined & ~is_within.all(axis=1)).tolist()
+        which = f" Others are of {listed(names[frame] for frame in beyond)}." if beyond else ""
+        sentences.append(
+            f"{int(is_within.sum())} of {6 * int(determined.sum())} intervals contain {fitted}, about which the frames "
+            f"scatter by {_figure(far_cm)} cm and {_figure(far_deg)} degrees.{which}"
+        )
+    if not determined.all():
+        nothing = listed(names[frame] for frame in np.flatnonzero(~determined).tolist())
+        sentences.append(f"Frames whose own labels determine no pose: {nothing}.")
     return sentences
 
 

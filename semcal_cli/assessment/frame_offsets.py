@@ -1,0 +1,76 @@
+"""Offset of each frame's own pose from the result, with its interval.
+
+Each frame is refined and polished on its own. One Newton step from the pose of all would be cheaper, but far off: fine
+blocks of pixels do not feel borders that lie farther away than their size.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.assessment.disagreement import fit_part
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import local_coordinates
+from semcal_cli.result.parts import DrivePart
+
+Vectors = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FrameOffsets:
+    """Offset of each of F frames, along and about the axes of the camera.
+
+    The six columns are the camera's position x y z, in metres, and its turn about x y z, in degrees.
+    """
+
+    offsets: Vectors
+    """(F, 6) offset of each frame's own pose; NaN if the labels of the frame do not determine one."""
+    half_widths_95: Vectors
+    """(F, 6) half widths of the 95 % intervals of the offsets, one by one."""
+    of_parts: Vectors
+    """(F, 6) offset of the pose that the part of each frame fits; zero if all frames fit one pose."""
+
+    @property
+    def is_determined(self) -> npt.NDArray[np.bool_]:
+        """(F,) whether the labels of a frame determine its pose."""
+        return np.asarray(np.isfinite(self.offsets).all(axis=1))
+
+    @property
+    def is_within(self) -> npt.NDArray[np.bool_]:
+        """(F, 6) whether an interval contains the offset of the part."""
+        return np.asarray(np.abs(self.offsets - self.of_parts) <= self.half_widths_95)
+
+
+def frame_offsets(
+    observations: Observations, T_camera_lidar: Pose, parts: Sequence[DrivePart] = ()
+) -> FrameOffsets:
+    """Find the pose of each frame on its own, and its offset from the pose of all.
+
+    Args:
+        observations: Labelled points and label images, without features.
+        T_camera_lidar: (4, 4) pose of all frames, metres.
+        parts: Parts of these frames that fit different poses, in order; none if all frames fit one pose.
+    """
+    starts = [T_camera_lidar] * observations.num_frames
+    if parts:
+        starts = [np.array(part.T_camera_lidar) for part in parts for _ in range(part.num_frames)]
+    offsets, half_widths = np.full((2, len(starts), 6), np.nan)
+    for frame, T_start in enumerate(starts):
+        fitted = fit_part(observations, range(frame, frame + 1), T_start)
+        if fitted is not None:
+            offsets[frame] = _offsets([fitted.T_camera_lidar], T_camera_lidar)[0]
+            half_widths[frame] = fitted.uncertainty.half_widths
+    of_parts = _offsets(starts, T_camera_lidar) if parts else np.zeros_like(offsets)
+    return FrameOffsets(offsets, half_widths, of_parts)
+
+
+def _offsets(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
+    """Offsets (N, 6) of the camera, in metres and degrees."""
+    twists = local_coordinates(poses, T_reference)
+    # A twist's translation moves the camera's centre the other way.
+    return np.hstack([-twists[:, :3], np.degrees(twists[:, 3:])])

@@ -1,0 +1,233 @@
+"""Frames that disagree about the camera, frames that are no pairs, and frames that show one scene."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semcal_cli import _core
+from semcal_cli.assessment.disagreement import FrameCheck, check_frames
+from semcal_cli.assessment.frame_offsets import frame_offsets
+from semcal_cli.assessment.pairing import check_pairs
+from semcal_cli.assessment.uncertainty import estimate_uncertainty
+from semcal_cli.config import RefinementConfig
+from semcal_cli.drive.alike import alike_frames
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import assess, refine_and_polish, start_at
+from semcal_cli.report.plots import FRAMES_BOX, frames_plots
+from semcal_cli.result.stage import Finding
+from semcal_cli.stages import Stages
+from semcal_cli.synthetic import spoiling
+from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
+
+RNG_SEED = 3
+CM = 0.01
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(RNG_SEED)
+
+
+def fitted(raw: RawDrive, folder: Path) -> tuple[LoadedDrive, Stages]:
+    """Load a drive, and find the pose of all its frames from the truth of the first."""
+    data = load(write_raw_drive(raw, folder))
+    initial = start_at(data, InitialPose(raw.frames[0].T_camera_lidar, "the truth"))
+    return data, refine_and_polish(data, initial, RefinementConfig())
+
+
+def compared(raw: RawDrive, folder: Path) -> FrameCheck:
+    data, stages = fitted(raw, folder)
+    return check_frames(data.observations, stages.T_camera_lidar, names(raw))
+
+
+def paired(raw: RawDrive, folder: Path) -> tuple[Finding, ...]:
+    """Check the pairs at the true pose, so that only the pairs are wrong."""
+    data, T = load(write_raw_drive(raw, folder)), raw.frames[0].T_camera_lidar
+    agreement = _core.agreement(data.observations.core, T)
+    return check_pairs(data.observations, T, agreement, names(raw))
+
+
+def names(raw: RawDrive) -> list[str]:
+    return [f"{frame.name}.bin" for frame in raw.frames]
+
+
+def frames_with_other_pictures(raw: RawDrive, original: RawDrive) -> list[str]:
+    return [
+        frame.name
+        for frame, before in zip(raw.frames, original.frames, strict=True)
+        if not np.array_equal(frame.image_labels, before.image_labels)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("angle_deg", "distance_m", "words"), [(1.0, 0.0, "turned by "), (0.0, 0.2, "moved by ")]
+)
+@pytest.mark.parametrize("share", [0.25, 0.6])
+def test_a_knock_is_found_with_its_frame_and_offset(
+    long_street: RawDrive,
+    rng: np.random.Generator,
+    tmp_path: Path,
+    angle_deg: float,
+    distance_m: float,
+    words: str,
+    share: float,
+) -> None:
+    raw = spoiling.knocked(long_street, rng, angle_deg, distance_m, share)
+    found = compared(raw, tmp_path)
+    first = raw.frames[raw.knock].name
+    assert [part.num_frames for part in found.parts] == [raw.knock, raw.num_frames - raw.knock]
+    assert [part.first_frame for part in found.parts] == ["000000.bin", f"{first}.bin"]
+    assert [part.last_frame for part in found.parts] == [
+        f"{raw.frames[raw.knock - 1].name}.bin",
+        "000007.bin",
+    ]
+    (finding,) = found.findings
+    assert finding.sentence.startswith(f"frames {first} to 000007 fit a camera {words}")
+    assert f"was it knocked at {first}?" in finding.sentence
+    moved = found.parts[1].moved
+    assert found.parts[0].moved is None
+    assert moved is not None
+    truth = compare_poses(*reversed(raw.truths))
+    off_m = np.abs(np.array(moved.camera_center_m) - CM * np.array(truth.camera_center_xyz_cm))
+    off_deg = np.abs(np.array(moved.rotation_deg) - truth.rotation_xyz_deg)
+    assert (off_m <= moved.half_width_95_camera_center_m).all()
+    assert (off_deg <= moved.half_width_95_rotation_deg).all()
+    # Intervals that contain everything say nothing.
+    assert max(moved.half_width_95_camera_center_m) < 0.05
+    assert max(moved.half_width_95_rotation_deg) < 0.3
+
+
+def test_frames_turned_each_by_its_own_disagree_without_parts(
+    long_street: RawDrive, rng: np.random.Generator, tmp_path: Path
+) -> None:
+    found = compared(spoiling.clouds_turned(long_street, rng), tmp_path)
+    assert found.parts == ()
+    (finding,) = found.findings
+    assert finding.sentence.startswith("frames disagree about the camera: they scatter ")
+
+
+def test_nothing_is_said_of_a_good_drive(long_street: RawDrive, tmp_path: Path) -> None:
+    assert compared(long_street, tmp_path) == FrameCheck()
+    assert paired(long_street, tmp_path) == ()
+
+
+def test_one_frame_is_not_compared(long_street: RawDrive, tmp_path: Path) -> None:
+    one = long_street.with_frames(long_street.frames[:1])
+    assert compared(one, tmp_path) == FrameCheck()
+    assert paired(one, tmp_path) == ()
+
+
+def test_pictures_of_another_moment_and_mirrored_ones_are_named(
+    long_street: RawDrive, rng: np.random.Generator, tmp_path: Path
+) -> None:
+    frames = list(long_street.frames)
+    frames[2] = frames[2].with_picture_of(frames[6])
+    frames[5] = replace(frames[5], image_labels=frames[5].image_labels[:, ::-1].copy())
+    raw = long_street.with_frames(frames)
+    wrong = frames_with_other_pictures(raw, long_street)
+    assert wrong == ["000002", "000005"]
+    (finding,) = paired(raw, tmp_path)
+    named = re.match(r"points and pixels of (.*) may not belong together: ", finding.sentence)
+    assert named is not None
+    assert named[1].split(", ") == wrong
+
+
+def test_frames_of_one_scene_are_told_from_others(long_street: RawDrive, rng: np.random.Generator) -> None:
+    a, b, c = (frame.points for frame in long_street.frames[:3])
+    noisy = (a + 0.005 * rng.standard_normal(a.shape)).astype(np.float32)
+    assert alike_frames([a, b, noisy, c, b]) == [0, 1, 0, 3, 1]
+    assert alike_frames([frame.points for frame in long_street.frames]) == list(range(8))
+
+
+@pytest.mark.parametrize(
+    ("noise_m", "least", "most"),
+    # Noise alone widens the interval of a single frame by up to two thirds: other points are next to borders.
+    [(None, 0.9, 1.1), (0.005, 0.9, 2.0)],
+)
+def test_copies_of_a_frame_have_its_interval(
+    long_street: RawDrive,
+    rng: np.random.Generator,
+    tmp_path: Path,
+    noise_m: float | None,
+    least: float,
+    most: float,
+) -> None:
+    one = long_street.with_frames(long_street.frames[:1])
+    copies = spoiling.one_frame_again(one, rng, 6, noise_m, is_renamed=True)
+    stated = []
+    for raw in (one, copies):
+        data = load(write_raw_drive(raw, tmp_path))
+        uncertainty = estimate_uncertainty(data.observations, raw.frames[0].T_camera_lidar)
+        assert uncertainty is not None
+        stated.append(np.array(uncertainty.half_widths))
+    ratios = stated[1] / stated[0]
+    assert least < ratios.min()
+    assert ratios.max() < most
+
+
+def test_copies_are_noted(long_street: RawDrive, rng: np.random.Generator, tmp_path: Path) -> None:
+    a, b = long_street.frames[:2]
+    for frames, words in (
+        ([a, a, a], "the 3 frames count as 1 frame, because all show the same scene; whether"),
+        ([a, b, b], "the 3 frames count as 2 frames, because others show the same scenes: add"),
+        ([a, b], None),
+    ):
+        data, stages = fitted(long_street.with_frames(frames), tmp_path)
+        assert stages.polished is not None
+        assert stages.polished.is_accepted
+        notes = assess(data, stages, RefinementConfig(), with_label_bleed=False).notes
+        assert [note for note in notes if "count as" in note] == [
+            note for note in notes if words and words in note
+        ]
+        assert len(notes) == (words is not None)
+
+
+@pytest.mark.parametrize("of_parts", [False, True])
+def test_each_frame_has_its_own_offset(knocked: RawDrive, knocked_drive: Path, of_parts: bool) -> None:
+    """About the first truth; with the parts or without them, frames are where they are."""
+    data, (before, after) = load(knocked_drive), knocked.truths
+    parts = ()
+    if of_parts:
+        parts = check_frames(data.observations, before, names(knocked)).parts
+        assert len(parts) == 2
+    found = frame_offsets(data.observations, before, parts)
+    truth = compare_poses(after, before)
+    moved = np.array([*(CM * x for x in truth.camera_center_xyz_cm), *truth.rotation_xyz_deg])
+    expected = np.array([np.zeros(6)] * knocked.knock + [moved] * (8 - knocked.knock))
+    assert (np.abs(found.offsets - expected) <= found.half_widths_95).mean() > 0.9
+    assert found.half_widths_95[:, 3:].max() < 0.5
+    assert found.is_determined.all()
+    if of_parts:
+        assert np.abs(found.of_parts - expected)[:, 3:].max() < 0.1
+        assert found.is_within.mean() > 0.9
+    else:
+        assert not found.of_parts.any()
+        assert not found.is_within[knocked.knock :].all(axis=1).any()
+
+
+def test_offsets_are_drawn_at_their_frames(knocked: RawDrive, knocked_drive: Path) -> None:
+    data, (before, _) = load(knocked_drive), knocked.truths
+    parts = check_frames(data.observations, before, names(knocked)).parts
+    found = frame_offsets(data.observations, before, parts)
+    found.offsets[3] = np.nan
+    center, rotation = frames_plots(found, names(knocked))
+    assert [len(bars) for bars in (*center.bars, *rotation.bars)] == [7] * 6
+    assert rotation.zero == (FRAMES_BOX.top + FRAMES_BOX.bottom) / 2
+    for axis, bars in enumerate(rotation.bars):
+        x = [bar.x for bar in bars]
+        assert x == sorted(x)
+        assert all(bar.top <= bar.y <= bar.bottom for bar in bars)
+        # The axis points up.
+        is_above = np.array([bar.y < rotation.zero for bar in bars[-3:]])
+        assert (is_above == (found.offsets[-3:, 3 + axis] > 0.0)).all()
+    assert all(step.count("M") == 2 for step in rotation.steps)
+    assert [label for _, label in rotation.x_ticks] == [
+        name.removesuffix(".bin") + ".bin" for name in names(knocked)
+    ]
+    long_names = [f"a_very_long_name_{name}" for name in names(knocked)]
+    assert [label for _, label in frames_plots(found, long_names)[0].x_ticks] == list("12345678")
