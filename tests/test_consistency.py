@@ -59,7 +59,7 @@ def test_wrong_intrinsics_are_named(
     )
     (focal,) = sentences(seen, refined.T_camera_lidar)
     around = around_intrinsics(seen, refined.T_camera_lidar)
-    (intrinsics,) = wrong_intrinsics(around)
+    (intrinsics,) = wrong_intrinsics(around, seen.camera)
     right = "shorter" if scale > 1.0 else "longer"
     assert focal.startswith(f"the focal length looks wrong: labels agree better with fx and fy 7% {right}, ")
     assert intrinsics.sentence.startswith("the intrinsics look wrong")

@@ -18,6 +18,7 @@ from semcal_cli.assessment.intrinsics import (
     wrong_intrinsics,
 )
 from semcal_cli.assessment.pairing import check_pairs
+from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.observations import Observations
@@ -85,11 +86,11 @@ def assess(
         *frames.findings,
         *check_pairs(checked, T_camera_lidar, agreement, frame_names),
         *check_consistency(checked, T_camera_lidar),
-        *wrong_intrinsics(around),
+        *wrong_intrinsics(around, camera),
     )
     label_gain = None if fused is None else fused.label_gain
     cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
-    notes = (*notes_on_intrinsics(camera, cost), *_notes_on_scenes(checked))
+    notes = (*notes_on_intrinsics(camera, cost), *check_scale(checked), *_notes_on_scenes(checked))
     if uncertainty is None:
         nothing = "labels do not determine the pose: information does not fall in every direction"
         together = "labels and what is known do not determine the pose together"

@@ -14,6 +14,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.identical_files import find_identical_files
 from semcal_cli.assessment.intrinsics import implausible_intrinsics
 from semcal_cli.assessment.label_alignment import check_label_alignment
+from semcal_cli.assessment.scale import check_scale, judge_scale
 from semcal_cli.config import MAX_FRAMES, InitializationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame
@@ -103,6 +104,7 @@ def inspect(drive: Drive) -> DriveReport:
     probed = _with_frames(drive, evenly_spaced(readable, NUM_PROBED))
     clouds = read_clouds(probed)
     points = [cloud.points for cloud in clouds]
+    few = _loaded(probed)
     elevations, azimuths = _field_of_points(points)
     of_points = _names(content.point_classes for content in contents)
     of_pixels = _names(content.image_classes for content in contents)
@@ -117,10 +119,10 @@ def inspect(drive: Drive) -> DriveReport:
         suspicions=(
             *_check_camera(drive),
             *_check_images(drive),
-            *_check_ranges(points),
+            *_check_scale(points, few),
             *_check_classes(of_points, of_pixels),
             *_check_motion(motion_error_px(probed, clouds)),
-            *_check_mirroring(probed),
+            *([] if few is None else _check_mirroring(few)),
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
         ),
@@ -248,11 +250,13 @@ def _check_camera(drive: Drive) -> list[str]:
     return found
 
 
-def _check_ranges(points: Sequence[npt.NDArray[np.float32]]) -> list[str]:
+def _check_scale(points: Sequence[npt.NDArray[np.float32]], few: Observations | None) -> list[str]:
     middle_m = float(np.median(np.linalg.norm(np.concatenate(points), axis=1)))
-    if middle_m <= MAX_RANGE_M:
-        return []
-    return [f"half of the points are {middle_m:,.0f} m away or more: clouds have to be in the LiDAR frame"]
+    if middle_m > MAX_RANGE_M:
+        return [
+            f"half of the points are {middle_m:,.0f} m away or more: clouds have to be in the LiDAR frame"
+        ]
+    return judge_scale(middle_m) if few is None else check_scale(few)
 
 
 def _check_images(drive: Drive) -> list[str]:
@@ -290,16 +294,21 @@ def _check_motion(error_px: float | None) -> list[str]:
 
 def _check_labels(labelled: Drive) -> Sequence[str]:
     """Check that labels belong to their points and pixels."""
+    read = _loaded(labelled) if labelled.frames else None
+    return () if read is None else check_label_alignment(labelled, read)
+
+
+def _loaded(drive: Drive) -> Observations | None:
+    """Load the labels of points and pixels; None if they cannot be read or tell nothing."""
     try:
-        return check_label_alignment(labelled, load_observations(labelled)) if labelled.frames else ()
+        return load_observations(drive)
     except (CalibrationError, InputError):
-        return ()
+        return None
 
 
-def _check_mirroring(probed: Drive) -> list[str]:
+def _check_mirroring(few: Observations) -> list[str]:
     """Register a few frames as they are and with y negated, because a cloud may have been mirrored."""
     try:
-        few = load_observations(probed)
         best, other = (
             initialize(each, InitializationConfig(), seed=0).hypotheses[0] for each in (few, _mirrored(few))
         )

@@ -1,0 +1,62 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import make_pose
+
+from semcal_cli.assessment.scale import check_scale, judge_scale
+from semcal_cli.drive.observations import Observations
+
+
+def scaled(observations: Observations, scale: float, turn: np.ndarray | None = None) -> Observations:
+    """Multiply and turn all points."""
+    matrix = (np.eye(3) if turn is None else turn) * scale
+    return observations.with_clouds(
+        cloud.with_points((cloud.points @ matrix.T).astype(np.float32)) for cloud in observations.clouds
+    )
+
+
+def test_metres_are_not_noted(street_observations: Observations) -> None:
+    assert check_scale(street_observations) == []
+    assert check_scale(scaled(street_observations, 1.0, make_pose((1.3, 0.4, -2.0), (0, 0, 0))[:3, :3])) == []
+
+
+@pytest.mark.parametrize(
+    ("scale", "said"),
+    [
+        (3.28084, "clouds may not be in metres, but in feet: "),
+        (1000.0, "clouds may not be in metres, but in millimetres: "),
+        (1.2, "clouds may not be in metres, as sizes are 1.2"),
+        (0.8, "clouds may not be in metres, as sizes are 0.8"),
+    ],
+)
+def test_other_units_are_noted(street_observations: Observations, scale: float, said: str) -> None:
+    (note,) = check_scale(scaled(street_observations, scale))
+    assert note.startswith(said)
+    assert "people are " in note
+
+
+def test_without_names_only_ranges_tell(street_observations: Observations) -> None:
+    names = [str(index) for index in range(len(street_observations.point_class_names))]
+    unnamed = replace(street_observations, point_class_names=names)
+    assert check_scale(unnamed) == []
+    assert check_scale(scaled(unnamed, 3.28084)) == []
+    (note,) = check_scale(scaled(unnamed, 1000.0))
+    assert note.endswith(" m, usual are 0.5 to 100")
+
+
+def test_a_sensor_on_a_mast() -> None:
+    (note,) = judge_scale(20.0, [8.9, 9.0, 9.2], {"cars": np.full(20, 1.5)})
+    assert note == (
+        "clouds may not be in metres: the sensor's height above the ground is 9 m, usual are 0.1 to 5"
+    )
+
+
+def test_cars_and_people_speak_together() -> None:
+    high, low = np.full(9, 1.55 * 1.2), np.full(9, 1.72 / 1.2)
+    assert judge_scale(9.0, [1.8], {"cars": high, "people": low}) == []
+    (note,) = judge_scale(9.0, [1.8], {"cars": high, "people": np.full(9, 1.72 * 1.2)})
+    assert note == (
+        "clouds may not be in metres, as sizes are 1.20 times the usual: cars are 1.86 m high, the median of 9, usual "
+        "are 1.55; people are 2.06 m high, the median of 9, usual are 1.72"
+    )
