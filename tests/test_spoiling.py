@@ -190,8 +190,9 @@ def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     found = [experiment(Case(kind, seed, num_pairs, 0.0))[0] for kind, num_pairs in kinds.items()]
     assert [each.kind for each in found] == list(kinds)
     assert {each.status for each in found} <= {"trusted", "not_trusted", "failed"}
-    assert [each.has_frame for each in found] == [False, False, None, None]
-    assert found[2].detail.startswith("alone ")
+    assert [each.has_frame for each in found[:2]] == [True, True]
+    assert [each.status for each in found[:2]] == ["not_trusted", "not_trusted"]
+    assert found[2].is_told
 
 
 def outcome(kind: str, status: str, error_deg: float, **more: Any) -> Outcome:
@@ -238,14 +239,18 @@ def test_a_knock_is_told_with_its_frame_and_offset(raw: RawDrive, rng: np.random
         rotation_deg = (change.rotation_xyz_deg[0] + off_deg, *change.rotation_xyz_deg[1:])
         halves = {"half_width_95_camera_center_m": (0.01,) * 3, "half_width_95_rotation_deg": (0.1,) * 3}
         center_m = tuple(0.01 * x for x in change.camera_center_xyz_cm)
-        knock = SimpleNamespace(index=index, camera_center_m=center_m, rotation_deg=rotation_deg, **halves)
-        return SimpleNamespace(change=knock)
+        moved = SimpleNamespace(camera_center_m=center_m, rotation_deg=rotation_deg, **halves)
+        before, after = (
+            SimpleNamespace(num_frames=index, moved=None),
+            SimpleNamespace(num_frames=1, moved=moved),
+        )
+        return SimpleNamespace(parts=(before, after))
 
     for found, is_told, has_frame, inside in (
         (stated(2, 0.0), True, True, 6),
         (stated(3, 0.2), False, True, 5),
         (stated(0, 0.0), False, False, 6),
-        (SimpleNamespace(), False, False, None),
+        (SimpleNamespace(parts=()), False, False, None),
         (CalibrationError("no overlap"), False, False, None),
     ):
         result = told.tells_knock(run_of(knocked, found))

@@ -37,8 +37,6 @@ class FrameScores:
     """(F, 6) share of each frame in the gradient, less what the optimum of all frames explains, nats."""
     covariances: Matrices
     """(F, 6, 6) covariance of each score."""
-    curvatures: Matrices
-    """(F, 6, 6) share of each frame in the curvature, nats."""
 
     @property
     def num_frames(self) -> int:
@@ -62,18 +60,6 @@ class FrameScores:
         # The scores of all frames add up to zero, so the sum of the first is that of a bridge.
         return _squared(sums[:-1], before - before @ np.linalg.solve(known[-1], before))
 
-    def offsets(self) -> tuple[Vectors, Matrices]:
-        """Estimate by one Newton step how far each frame's own optimum lies from that of all.
-
-        Returns:
-            Twists (F, 6) on the left of the pose, metres and radians, and their covariances (F, 6, 6).
-        """
-        # One frame's curvature may vanish in some direction; half of it is that of all frames.
-        blended = SHRINKAGE * self.curvatures.mean(axis=0) + (1.0 - SHRINKAGE) * self.curvatures
-        inverse = np.linalg.inv(blended)
-        twists = np.einsum("fij,fj->fi", inverse, self.scores)
-        return twists, inverse @ self.covariances @ inverse.transpose(0, 2, 1)
-
 
 def score_frames(observations: Observations, T_camera_lidar: Pose, block_deg: float) -> FrameScores | None:
     """Compute the scores of all frames.
@@ -96,7 +82,7 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_deg: fl
     if np.linalg.eigvalsh(covariances.mean(axis=0))[0] <= 0.0:
         return None
     explained = around.frame_curvatures @ np.linalg.solve(around.curvature, scores.sum(axis=0))
-    return FrameScores(scores - explained, covariances, around.frame_curvatures)
+    return FrameScores(scores - explained, covariances)
 
 
 def _by_frame(around: _core.Sensitivity, num_frames: int) -> tuple[Vectors, Matrices]:

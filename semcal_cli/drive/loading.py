@@ -38,7 +38,7 @@ class LoadedDrive:
         frames = tuple(self.drive.frames[index] for index in indices)
         all_cues = [cue * num_frames + index for cue in range(len(self.cues)) for index in indices]
         drive = self.drive.model_copy(update={"frames": frames})
-        return replace(self, drive=drive, observations=self.observations.of_frames(all_cues))
+        return replace(self, drive=drive, observations=self.observations.of_frames(all_cues), num_copies=0)
 
     def check_cues(self, cues: tuple[Cue, ...]) -> None:
         """Check that the drive was loaded by the cues that are asked for.
