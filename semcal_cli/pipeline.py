@@ -16,6 +16,7 @@ from time import perf_counter
 
 from semcal_cli import _core
 from semcal_cli.assessment.assess import assess as assess_pose
+from semcal_cli.assessment.assess import compare_frames
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
 from semcal_cli.assessment.label_alignment import check_label_alignment
@@ -275,21 +276,30 @@ def assess(
     *,
     with_label_bleed: bool = True,
 ) -> Stages:
-    """Estimate the uncertainty of a polished or fused pose and look for findings; other stages stay as they are."""
-    if stages.fused is None and (stages.polished is None or not stages.polished.is_accepted):
+    """Estimate the uncertainty of a polished or fused pose and look for findings.
+
+    A pose whose polish was rejected has no uncertainty; its frames are compared. One that was not polished stays as it
+    is.
+    """
+    if stages.fused is None and stages.polished is None:
         return stages
     on_event(Progress("assessing"))
     start = perf_counter()
-    found = assess_pose(
-        data.observations,
-        stages.T_camera_lidar,
-        _polish_config(config),
-        stages.fused,
-        data.first_cue,
-        agreement=list(stages.poses.values())[-1].agreement,
-        frame_names=[frame.points for frame in data.drive.frames],
-        with_label_bleed=with_label_bleed and data.cues == LABELS,
-    )
+    T_camera_lidar, agreement = stages.T_camera_lidar, list(stages.poses.values())[-1].agreement
+    names = [frame.points for frame in data.drive.frames]
+    if stages.fused is None and stages.polished is not None and not stages.polished.is_accepted:
+        found = compare_frames(data.first_cue, T_camera_lidar, agreement, names)
+    else:
+        found = assess_pose(
+            data.observations,
+            T_camera_lidar,
+            _polish_config(config),
+            stages.fused,
+            data.first_cue,
+            agreement=agreement,
+            frame_names=names,
+            with_label_bleed=with_label_bleed and data.cues == LABELS,
+        )
     found = replace(found, findings=(*found.findings, *_check_labels(data)))
     count = len(found.findings)
     note = f"{count} findings" if count > 1 else "1 finding" if count else "no findings"

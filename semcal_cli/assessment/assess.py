@@ -81,16 +81,15 @@ def assess(
     )
     if checked is not observations:
         around = around_intrinsics(checked, T_camera_lidar)
-    frames = check_frames(checked, T_camera_lidar, frame_names)
+    frames = compare_frames(checked, T_camera_lidar, agreement, frame_names)
     findings = (
         *frames.findings,
-        *check_pairs(checked, T_camera_lidar, agreement, frame_names),
         *check_consistency(checked, T_camera_lidar),
         *wrong_intrinsics(around, camera),
     )
     label_gain = None if fused is None else fused.label_gain
     cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
-    notes = (*notes_on_intrinsics(camera, cost), *check_scale(checked), *_notes_on_scenes(checked))
+    notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *check_scale(checked))
     if uncertainty is None:
         nothing = "labels do not determine the pose: information does not fall in every direction"
         together = "labels and what is known do not determine the pose together"
@@ -102,6 +101,22 @@ def assess(
         uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
     uncertainty = uncertainty.model_copy(update={"intrinsics_cost": cost})
     return Assessment(uncertainty, findings, notes, frames.parts)
+
+
+def compare_frames(
+    observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement, names: Sequence[str]
+) -> Assessment:
+    """Look for findings about single frames, also at a pose that was not polished and has no uncertainty.
+
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4), metres.
+        agreement: Agreement of the observations at this pose.
+        names: Name of each frame: its point cloud.
+    """
+    check = check_frames(observations, T_camera_lidar, names)
+    findings = (*check.findings, *check_pairs(observations, T_camera_lidar, agreement, names))
+    return Assessment(None, findings, _notes_on_scenes(observations), check.parts)
 
 
 def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
 MAX_WIDTH_CHANGE = 1.2
 """Largest ratio between the intervals of copies of a frame and those of the frame alone, either way."""
-OF_SCALE = re.compile(r"\b(?:scaled?|units?|metres or|feet)\b", re.IGNORECASE)
+OF_SCALE = re.compile(r"\b(?:scaled?|units?|in metres|feet)\b", re.IGNORECASE)
 """Words of a note about the scale of the clouds."""
 
 
