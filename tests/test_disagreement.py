@@ -11,9 +11,12 @@ from semcal_cli import _core
 from semcal_cli.assessment.disagreement import FrameCheck, check_frames
 from semcal_cli.assessment.frame_offsets import frame_offsets
 from semcal_cli.assessment.pairing import check_pairs
+from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import RefinementConfig
 from semcal_cli.drive.alike import alike_frames
+from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
@@ -154,6 +157,22 @@ def test_copies_of_a_frame_are_left_out(
     assert data.notes == ("5 of 6 frames are copies of others and are left out",)
     (cloud,) = data.observations.clouds
     np.testing.assert_array_equal(cloud.points, copies.frames[0].points)
+
+
+@pytest.mark.parametrize(("noise_m", "tolerance"), [(None, 0.1), (0.005, 0.4)])
+def test_copies_of_a_frame_have_its_interval(
+    long_street: RawDrive, rng: np.random.Generator, tmp_path: Path, noise_m: float | None, tolerance: float
+) -> None:
+    """Though all are used: six frames of their own would have an interval of 0.4 times the width."""
+    copies = spoiling.one_frame_again(long_street, rng, 6, noise_m, is_renamed=True)
+    T, stated = copies.frames[0].T_camera_lidar, []
+    for raw in (copies.with_frames(copies.frames[:1]), copies):
+        observations = load_observations(read_drive(write_raw_drive(raw, tmp_path)))
+        assert observations.num_frames == raw.num_frames
+        uncertainty = estimate_uncertainty(observations, T)
+        assert uncertainty is not None
+        stated.append(uncertainty.half_widths)
+    assert stated[1] == pytest.approx(stated[0], rel=tolerance)
 
 
 def test_frames_of_one_scene_are_noted(long_street: RawDrive, tmp_path: Path) -> None:
