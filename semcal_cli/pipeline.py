@@ -19,7 +19,6 @@ from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.assess import compare_frames
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
-from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.pose_checks import check_motion, check_pose
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.repeatability import compare_seeds
@@ -50,7 +49,7 @@ from semcal_cli.refinement.pyramid import refine as refine_pose
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
-from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.stage import StageResult
 from semcal_cli.stages import Stages
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
@@ -286,35 +285,18 @@ def assess(
     on_event(Progress("assessing"))
     start = perf_counter()
     T_camera_lidar, agreement = stages.T_camera_lidar, list(stages.poses.values())[-1].agreement
-    names = [frame.points for frame in data.drive.frames]
     if stages.fused is None and stages.polished is not None and not stages.polished.is_accepted:
-        found = compare_frames(data.first_cue, T_camera_lidar, agreement, names)
+        found = compare_frames(data, T_camera_lidar, agreement)
     else:
+        with_label_bleed = with_label_bleed and data.cues == LABELS
+        polish_config = _polish_config(config)
         found = assess_pose(
-            data.observations,
-            T_camera_lidar,
-            _polish_config(config),
-            stages.fused,
-            data.first_cue,
-            agreement=agreement,
-            frame_names=names,
-            with_label_bleed=with_label_bleed and data.cues == LABELS,
+            data, T_camera_lidar, agreement, polish_config, stages.fused, with_label_bleed=with_label_bleed
         )
-    found = replace(found, findings=(*found.findings, *_check_labels(data)))
     count = len(found.findings)
     note = f"{count} findings" if count > 1 else "1 finding" if count else "no findings"
     on_event(StageDone("assessed", perf_counter() - start, note))
-    return replace(stages, assessment=replace(found, notes=(*data.notes, *found.notes)))
-
-
-def _check_labels(data: LoadedDrive) -> tuple[Finding, ...]:
-    """Check that labels belong to their points and pixels, if the drive is used by labels."""
-    if "labels" not in data.cues:
-        return ()
-    num_frames = len(data.drive.frames)
-    first = data.cues.index("labels") * num_frames
-    by_labels = data.observations.of_frames(range(first, first + num_frames))
-    return tuple(map(Finding, check_label_alignment(data.drive, by_labels)))
+    return replace(stages, assessment=found)
 
 
 def repeat(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from semcal_cli import _core
@@ -17,15 +16,20 @@ from semcal_cli.assessment.intrinsics import (
     shift_by_intrinsics,
     wrong_intrinsics,
 )
+from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
+
+NOTHING = Finding("labels do not determine the pose: information does not fall in every direction")
+TOGETHER = Finding("labels and what is known do not determine the pose together")
 
 
 @dataclass(frozen=True)
@@ -43,80 +47,70 @@ class Assessment:
 
 
 def assess(
-    observations: Observations,
+    data: LoadedDrive,
     T_camera_lidar: Pose,
+    agreement: _core.Agreement,
     config: PolishConfig,
     fused: Fused | None = None,
-    first_cue: Observations | None = None,
     *,
-    agreement: _core.Agreement,
-    frame_names: Sequence[str],
     with_label_bleed: bool = True,
 ) -> Assessment:
     """Estimate the uncertainty of a polished pose, and look for findings against it.
 
+    Of several cues, consistency is checked on the first, because pixels of one cue share no information with points of
+    another.
+
     Args:
-        observations: The observations that the pose was polished on.
+        data: The drive, as `load` returns it.
         T_camera_lidar: (4, 4), p_camera = T_camera_lidar @ p_lidar, metres.
+        agreement: Agreement of the observations at this pose.
         config: Settings of the polish.
         fused: Result of the fusion with priors, if there are any.
-        first_cue: Observations of the first of several cues, on which consistency is checked, because pixels of one cue
-            share no information with points of another; all observations if not given.
-        agreement: Agreement of the observations at this pose.
-        frame_names: Name of each frame: its point cloud.
         with_label_bleed: Whether to compute the effect of bleeding labels.
     """
-    camera, checked = observations.camera, first_cue or observations
+    observations, checked, camera = data.observations, data.first_cue, data.observations.camera
     around = around_intrinsics(observations, T_camera_lidar)
     shift = shift_by_intrinsics(around)
-    uncertainty = (
-        estimate_uncertainty(
-            observations,
-            T_camera_lidar,
-            edge_band_px=config.edge_band_px,
-            of_intrinsics=covariance_of_intrinsics(shift, camera),
-        )
-        if fused is None
-        else fused.uncertainty
-    )
+    known = covariance_of_intrinsics(shift, camera)
+    label_gain = None if fused is None else fused.label_gain
+    cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
     if checked is not observations:
         around = around_intrinsics(checked, T_camera_lidar)
-    frames = compare_frames(checked, T_camera_lidar, agreement, frame_names)
+    frames = compare_frames(data, T_camera_lidar, agreement)
     findings = (
         *frames.findings,
         *check_consistency(checked, T_camera_lidar),
         *wrong_intrinsics(around, camera),
     )
-    label_gain = None if fused is None else fused.label_gain
-    cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
     notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *check_scale(checked))
+    uncertainty = (
+        estimate_uncertainty(
+            observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_intrinsics=known
+        )
+        if fused is None
+        else fused.uncertainty
+    )
     if uncertainty is None:
-        nothing = "labels do not determine the pose: information does not fall in every direction"
-        together = "labels and what is known do not determine the pose together"
-        finding = Finding(nothing if fused is None else together)
-        return Assessment(None, (finding, *findings), notes, frames.parts)
-    findings += undetermined(uncertainty)
-    if with_label_bleed:
-        bleed = label_bleed(observations, T_camera_lidar, config, label_gain)
-        uncertainty = uncertainty.model_copy(update={"label_bleed": bleed})
-    uncertainty = uncertainty.model_copy(update={"intrinsics_cost": cost})
-    return Assessment(uncertainty, findings, notes, frames.parts)
+        return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
+    bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
+    uncertainty = uncertainty.model_copy(update={"label_bleed": bleed, "intrinsics_cost": cost})
+    return Assessment(uncertainty, (*findings, *undetermined(uncertainty)), notes, frames.parts)
 
 
-def compare_frames(
-    observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement, names: Sequence[str]
-) -> Assessment:
-    """Look for findings about single frames, also at a pose that was not polished and has no uncertainty.
+def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
+    """Look for findings about single frames and labels, also at a pose that was not polished and has no uncertainty.
 
     Args:
-        observations: Labelled points and label images.
+        data: The drive, as `load` returns it.
         T_camera_lidar: (4, 4), metres.
         agreement: Agreement of the observations at this pose.
-        names: Name of each frame: its point cloud.
     """
+    observations, names = data.first_cue, [frame.points for frame in data.drive.frames]
     check = check_frames(observations, T_camera_lidar, names)
     findings = (*check.findings, *check_pairs(observations, T_camera_lidar, agreement, names))
-    return Assessment(None, findings, _notes_on_scenes(observations), check.parts)
+    if "labels" in data.cues:
+        findings += tuple(map(Finding, check_label_alignment(data.drive, data.of_cue("labels"))))
+    return Assessment(None, findings, (*data.notes, *_notes_on_scenes(observations)), check.parts)
 
 
 def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:

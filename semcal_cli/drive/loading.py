@@ -63,9 +63,15 @@ class LoadedDrive:
     @property
     def first_cue(self) -> Observations:
         """Observations of the first cue."""
-        if len(self.cues) == 1:
+        return self.of_cue(self.cues[0])
+
+    def of_cue(self, cue: Cue) -> Observations:
+        """Observations of one of the cues by which the drive was loaded."""
+        if self.cues == (cue,):
             return self.observations
-        return self.observations.of_frames(range(len(self.drive.frames)))
+        num_frames = len(self.drive.frames)
+        first = self.cues.index(cue) * num_frames
+        return self.observations.of_frames(range(first, first + num_frames))
 
 
 def load(
