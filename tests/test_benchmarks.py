@@ -29,3 +29,12 @@ def test_the_ratio_of_a_version_to_itself(semcal: Path, tmp_path: Path) -> None:
     for row in (help_row, calibrate_row):
         before_s, after_s, ratio = (float(cell) for cell in row.split("|")[2:5])
         assert min(before_s, after_s, ratio) > 0.0
+
+
+def test_the_picture_of_a_knocked_drive(tmp_path: Path) -> None:
+    picture = tmp_path / "knocked.png"
+    small = ["--frames", "4", "--width", "320", "--height", "180", "--angle-deg", "3"]
+    command = [sys.executable, BENCHMARKS / "knocked_drive.py", "-o", picture, *small]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert "truth: frame 2, 3.00 degrees, 5.0 cm" in found.stdout
+    assert picture.stat().st_size > 1000

@@ -1,0 +1,82 @@
+"""Draw where each frame of a drive puts the camera on its own: a synthetic drive whose camera was knocked half-way.
+
+    python tests/benchmarks/knocked_drive.py -o .github/knocked.png
+
+Prints what the calibration says of the knock, and the truth. It is the picture of `semcal report`, by matplotlib.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
+from semcal_cli.config import SynthConfig
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import load
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.pipeline import calibrate
+from semcal_cli.synthetic.raw_drive import read_raw_drive, write_raw_drive
+from semcal_cli.synthetic.spoiling import knocked, wrong_labels
+from semcal_cli.synthetic.synthesis import synthesize
+
+NOISE = 0.1
+"""Share of wrong labels on both sides."""
+PANELS = (("camera centre, cm", 100.0, slice(0, 3)), ("rotation, degrees", 1.0, slice(3, 6)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("--seed", type=int, default=7)
+    parser.add_argument("--frames", type=int, default=12)
+    parser.add_argument("--width", type=int, default=1280)
+    parser.add_argument("--height", type=int, default=720)
+    parser.add_argument("--angle-deg", type=float, default=0.5)
+    parser.add_argument("--distance-m", type=float, default=0.05)
+    arguments = parser.parse_args()
+    rng = np.random.default_rng(arguments.seed)
+    with TemporaryDirectory() as good, TemporaryDirectory() as folder:
+        config = SynthConfig(
+            seed=arguments.seed, num_frames=arguments.frames, width=arguments.width, height=arguments.height
+        )
+        synthesize(config, Path(good))
+        raw = wrong_labels(read_raw_drive(read_drive(good), read_transform(good)), rng, NOISE)
+        raw = knocked(raw, rng, arguments.angle_deg, arguments.distance_m, share=0.5)
+        data = load(write_raw_drive(raw, Path(folder)))
+        found = calibrate(data)
+    print(f"found: {'; '.join(found.reasons) or 'nothing'}")
+    before, after = raw.truths
+    truth = compare_poses(after, before)
+    print(f"truth: frame {raw.knock}, {truth.rotation_deg:.2f} degrees, {truth.camera_center_cm:.1f} cm")
+    draw(frame_offsets(data.observations, found.pose, found.parts)).savefig(arguments.output, dpi=100)
+
+
+def draw(found: FrameOffsets) -> Figure:
+    """Draw offsets with 95 % intervals, and the poses of the parts as steps."""
+    figure = Figure(figsize=(9.0, 3.2), layout="constrained")
+    frames = np.arange(len(found.offsets))
+    for axes, (title, scale, part) in zip(figure.subplots(1, 2), PANELS, strict=True):
+        for index, name in enumerate("xyz"):
+            column = range(6)[part][index]
+            offsets, halves = scale * found.offsets[:, column], scale * found.half_widths_95[:, column]
+            shown = axes.errorbar(frames + 0.15 * (index - 1), offsets, halves, fmt="o", ms=4, label=name)
+            color = shown[0].get_color()
+            axes.step(frames, scale * found.of_parts[:, column], where="mid", color=color, ls="--", lw=1.0)
+        axes.axhline(0.0, color="gray", lw=0.5)
+        axes.set_xticks(frames)
+        axes.set_xlabel("frame")
+        axes.set_title(title, fontsize=10)
+    axes.legend(title="axis of the camera", fontsize=8, title_fontsize=8)
+    return figure
+
+
+if __name__ == "__main__":
+    main()
