@@ -21,6 +21,7 @@ from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
@@ -32,8 +33,10 @@ from semcal_cli.result.parts import DrivePart, Movement
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
 
-BLOCKS_DEG = (0.3, 1.0)
-"""Blocks on which frames are compared. Fine ones feel small offsets, coarse ones those of several degrees."""
+FINE_DEG, FINE_PX = 0.3, (2, 4)
+"""Fine blocks on which frames are compared, which feel small offsets: their angle, within these sides in pixels."""
+COARSE_DEG = 1.0
+"""Coarse blocks, which feel offsets of several degrees."""
 ALPHA = 1e-3
 """Probability that frames of one pose are said to disagree, by each of the tests."""
 PARTS_ALPHA = 0.01
@@ -110,12 +113,13 @@ class _Suspicion:
 
 def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
     """Test whether the frames fit one pose; None if nothing speaks against it."""
-    found = [score_frames(observations, T_camera_lidar, block_deg) for block_deg in BLOCKS_DEG]
+    blocks_px = _blocks_px(observations.camera)
+    found = [score_frames(observations, T_camera_lidar, block_px) for block_px in blocks_px]
     scored = [scores for scores in found if scores is not None]
     if not scored:
         return None
     count = observations.num_frames
-    limit = joint_quantile(ALPHA / (len(BLOCKS_DEG) * count), SCORE_DOF)
+    limit = joint_quantile(ALPHA / (len(blocks_px) * count), SCORE_DOF)
     splits = max((scores.splits() for scores in scored), key=np.max)
     place = int(np.argmax(splits)) + 1 if splits.max() > limit else None
     squares = np.max([scores.squares for scores in scored], axis=0)
@@ -125,6 +129,13 @@ def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | N
     if place is None and not outliers and scatter <= allowed:
         return None
     return _Suspicion(place, math.sqrt(splits.max()), math.sqrt(limit), scatter, allowed, outliers)
+
+
+def _blocks_px(camera: Camera) -> tuple[int, int]:
+    """Sides of the blocks on which frames are compared, in pixels."""
+    px_per_deg = math.radians(1.0) * camera.K[0][0]
+    fine = int(np.clip(round(FINE_DEG * px_per_deg), *FINE_PX))
+    return fine, max(round(COARSE_DEG * px_per_deg), fine + 1)
 
 
 def _largest_scatter(num_frames: int) -> float:

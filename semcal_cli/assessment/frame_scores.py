@@ -7,7 +7,6 @@ blocks of pixels: a block feels borders of labels that are about its own size aw
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,8 +22,6 @@ Matrices = npt.NDArray[np.float64]
 
 MAX_POINTS = 300_000
 """Largest number of points of all frames that are looked at."""
-MIN_BLOCK_PX = 2
-"""Smallest block, in pixels."""
 SHRINKAGE = 0.5
 """Share of the mean covariance of all frames in that of a frame, because few squares estimate it roughly."""
 
@@ -61,19 +58,18 @@ class FrameScores:
         return _squared(sums[:-1], before - before @ np.linalg.solve(known[-1], before))
 
 
-def score_frames(observations: Observations, T_camera_lidar: Pose, block_deg: float) -> FrameScores | None:
+def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int) -> FrameScores | None:
     """Compute the scores of all frames.
 
     Args:
         observations: Labelled points and label images.
         T_camera_lidar: (4, 4) pose of all frames, metres.
-        block_deg: Side of a block of the label images, in degrees about the optical axis.
+        block_px: Side of a block of the label images, in pixels.
 
     Returns:
         The scores; None if labels do not determine a pose on these blocks.
     """
-    factor = max(round(math.radians(block_deg) * observations.camera.K[0][0]), MIN_BLOCK_PX)
-    factor = min(factor, observations.camera.width, observations.camera.height)
+    factor = min(block_px, observations.camera.width, observations.camera.height)
     config = SensitivityConfig(factor=factor, edge_band_px=0, max_points=MAX_POINTS)
     around = _core.sensitivity(observations.core, T_camera_lidar, config)
     if around is None or np.linalg.eigvalsh(around.curvature)[0] <= 0.0:
