@@ -124,8 +124,8 @@ class Input(StrictModel):
     frames: Annotated[tuple[InputFrame, ...], length(0)]
     """Frames that were used."""
     sha256: dict[str, Sha256]
-    """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is named
-    by its relative path. Pictures that only the check of labels looked at are left out."""
+    """SHA-256 of each file that the pose was computed from, by its name in the drive. A file of an initial pose is
+    named by its relative path. Pictures that only the check of labels looked at are left out."""
 
 
 class Settings(StrictModel):
