@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from semcal_cli.assessment.frame_lists import frame_list
+from semcal_cli.assessment.frame_names import frame_list
 from semcal_cli.assessment.inspection import inspect
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.picture_alignment import spread

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.frame_names import frame_name, frame_names
+from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.frame_scores import score_frames
 from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
@@ -282,6 +282,6 @@ def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:
             f"before, needed at most {suspicion.allowed_apart:.1f}"
         )
     if suspicion.outliers:
-        found.append(f"farthest off: {frame_names(names, suspicion.outliers)}")
+        found.append(f"farthest off: {frame_list(names, suspicion.outliers)}")
     what = "the times of sweeps and pictures, the motion or the labels of some frames may be wrong"
     return f"frames disagree about the camera: {'; '.join(found)}; {what}"

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from itertools import chain
 from pathlib import Path
 
-from semcal_cli.assessment.frame_lists import frame_list
-from semcal_cli.assessment.frame_names import frame_name
+from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_bytes

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.displacement import MIN_Z, Displaced, find_displaced
-from semcal_cli.assessment.frame_lists import frame_list
+from semcal_cli.assessment.frame_names import frame_list
 from semcal_cli.assessment.picture_alignment import Move, find_moved_pixels
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations

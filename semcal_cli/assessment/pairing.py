@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.frame_names import frame_names
+from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
@@ -48,8 +48,8 @@ def check_pairs(
         return ()
     worst = min(wrong, key=lambda frame: float(own[frame]))
     sentence = (
-        f"points and pixels of {frame_names(names, wrong)} may not belong together: at the pose of all frames "
-        f"{frame_names(names, [worst])} shares {own[worst]:.2f} nats, others {np.quantile(own, 0.75):.2f}, needed at "
+        f"points and pixels of {frame_list(names, wrong)} may not belong together: at the pose of all frames "
+        f"{frame_name(names, worst)} shares {own[worst]:.2f} nats, others {np.quantile(own, 0.75):.2f}, needed at "
         f"least {MIN_INFORMATION:.0%} of that or more than with pictures of other frames"
     )
     return (Finding(sentence),)
