@@ -19,8 +19,8 @@ from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.frame_scores import score_frames
 from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
-from semcal_cli.assessment.uncertainty import estimate_uncertainty
-from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
+from semcal_cli.assessment.sensitivity import sensitivity
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
@@ -46,6 +46,8 @@ SCORE_DOF = 60.0
 MAX_SCATTER = 1.15
 """Largest allowed Cochran's Q, as a multiple of what chance exceeds with probability `ALPHA`. Frames of good drives
 scatter somewhat more than their squares say."""
+INTERVAL_BLOCKS_PX = (1, 2, 4)
+"""Blocks on which the interval of a part is estimated: the finest on which the labels determine all six axes."""
 MAX_PARTS = 4
 """Largest number of parts of a drive."""
 FARTHEST_COARSE_DEG = 4.0
@@ -199,8 +201,11 @@ def fit_part(observations: Observations, frames: range, T_start: Pose) -> Part |
     except SemcalError:
         return None
     T = newton(few, T, PolishConfig()).T_camera_lidar
-    uncertainty = estimate_uncertainty(few, T)
-    return None if uncertainty is None else Part(frames, T, uncertainty)
+    for factor in INTERVAL_BLOCKS_PX:
+        around = sensitivity(few, T, SensitivityConfig(factor=factor))
+        if around is not None and around.is_determined:
+            return Part(frames, T, Uncertainty.from_covariance(T, *around.sandwich()))
+    return None
 
 
 def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> int:
