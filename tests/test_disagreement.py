@@ -95,7 +95,7 @@ def test_a_knock_is_found_with_its_frame_and_offset(
     assert moved is not None
     truth = compare_poses(*reversed(raw.truths))
     off_m = np.abs(np.array(moved.camera_center_m) - CM * np.array(truth.camera_center_xyz_cm))
-    off_deg = np.abs(np.array(moved.rotation_deg) - truth.rotation_xyz_deg)
+    off_deg = np.abs(np.array(moved.rotation_deg) + truth.rotation_xyz_deg)  # the camera turns the other way
     assert (off_m <= moved.half_width_95_camera_center_m).all()
     assert (off_deg <= moved.half_width_95_rotation_deg).all()
     # Intervals that contain everything say nothing.
@@ -211,7 +211,7 @@ def test_each_frame_has_its_own_offset(knocked: RawDrive, knocked_drive: Path, o
         assert len(parts) == 2
     found = frame_offsets(data.observations, before, parts)
     truth = compare_poses(after, before)
-    moved = np.array([*(CM * x for x in truth.camera_center_xyz_cm), *truth.rotation_xyz_deg])
+    moved = np.array([*(CM * x for x in truth.camera_center_xyz_cm), *(-x for x in truth.rotation_xyz_deg)])
     expected = np.array([np.zeros(6)] * knocked.knock + [moved] * (8 - knocked.knock))
     assert (np.abs(found.offsets - expected) <= found.half_widths_95).mean() > 0.9
     assert found.half_widths_95[:, 3:].max() < 0.5

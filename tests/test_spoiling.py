@@ -236,7 +236,8 @@ def test_a_knock_is_told_with_its_frame_and_offset(raw: RawDrive, rng: np.random
     change = compare_poses(after, before)
 
     def stated(index: int, off_deg: float) -> SimpleNamespace:
-        rotation_deg = (change.rotation_xyz_deg[0] + off_deg, *change.rotation_xyz_deg[1:])
+        x_deg, *others_deg = change.rotation_xyz_deg
+        rotation_deg = (-x_deg + off_deg, *(-each for each in others_deg))
         halves = {"half_width_95_camera_center_m": (0.01,) * 3, "half_width_95_rotation_deg": (0.1,) * 3}
         center_m = tuple(0.01 * x for x in change.camera_center_xyz_cm)
         moved = SimpleNamespace(camera_center_m=center_m, rotation_deg=rotation_deg, **halves)

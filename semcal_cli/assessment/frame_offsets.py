@@ -15,7 +15,7 @@ import numpy.typing as npt
 from semcal_cli.assessment.disagreement import fit_part
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.geometry.twists import local_coordinates
+from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.result.parts import DrivePart
 
 Vectors = npt.NDArray[np.float64]
@@ -71,6 +71,4 @@ def frame_offsets(
 
 def _offsets(poses: Sequence[Pose], T_reference: Pose) -> Vectors:
     """Offsets (N, 6) of the camera, in metres and degrees."""
-    twists = local_coordinates(poses, T_reference)
-    # A twist's translation moves the camera's centre the other way.
-    return np.hstack([-twists[:, :3], np.degrees(twists[:, 3:])])
+    return camera_motions(local_coordinates(poses, T_reference))

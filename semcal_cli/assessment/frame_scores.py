@@ -22,6 +22,10 @@ Matrices = npt.NDArray[np.float64]
 
 MAX_POINTS = 300_000
 """Largest number of points of all frames that are looked at."""
+LEAST_SQUARES = 24
+"""Least number of squares beyond one in each frame: fewer do not estimate a covariance of six axes."""
+LEAST_RANK = 1e-9
+"""Smallest eigenvalue of a correlation matrix of full rank."""
 SHRINKAGE = 0.5
 """Share of the mean covariance of all frames in that of a frame, because few squares estimate it roughly."""
 
@@ -33,7 +37,9 @@ class FrameScores:
     scores: Vectors
     """(F, 6) share of each frame in the gradient, less what the optimum of all frames explains, nats."""
     covariances: Matrices
-    """(F, 6, 6) covariance of each score."""
+    """(F, 6, 6) covariance of the share of each frame in the gradient."""
+    num_squares: int
+    """Number of squares of all images that have labelled points."""
 
     @property
     def num_frames(self) -> int:
@@ -42,7 +48,7 @@ class FrameScores:
 
     @property
     def squares(self) -> Vectors:
-        """Squared length (F,) of each score in its standard errors; about 6 if nothing but chance moves it."""
+        """Squared length (F,) of each score in its standard errors; by chance, about 6 (F - 1) / F."""
         return _squared(self.scores, self.covariances)
 
     @property
@@ -74,11 +80,22 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
     around = _core.sensitivity(observations.core, T_camera_lidar, config)
     if around is None or np.linalg.eigvalsh(around.curvature)[0] <= 0.0:
         return None
-    scores, covariances = _by_frame(around, observations.num_frames)
-    if np.linalg.eigvalsh(covariances.mean(axis=0))[0] <= 0.0:
+    num_squares, num_frames = len(around.scores), observations.num_frames
+    if num_squares - num_frames < LEAST_SQUARES:
+        return None
+    scores, covariances = _by_frame(around, num_frames)
+    if not _has_full_rank(covariances.mean(axis=0)):
         return None
     explained = around.frame_curvatures @ np.linalg.solve(around.curvature, scores.sum(axis=0))
-    return FrameScores(scores - explained, covariances)
+    return FrameScores(scores - explained, covariances, num_squares)
+
+
+def _has_full_rank(covariance: Vectors) -> bool:
+    """Whether a covariance (6, 6) has no direction without scatter, but for rounding."""
+    sigmas = np.sqrt(np.diag(covariance))
+    if not sigmas.all():
+        return False
+    return bool(np.linalg.eigvalsh(covariance / np.outer(sigmas, sigmas))[0] > LEAST_RANK)
 
 
 def _by_frame(around: _core.Sensitivity, num_frames: int) -> tuple[Vectors, Matrices]:

@@ -18,6 +18,8 @@ MIN_INFORMATION = 0.35
 drives it was at least 0.6; with a picture of another moment or a mirrored one at most 0.35 in 26 of 32 frames."""
 MAX_EXCHANGED = 0.5
 """Largest allowed information with the picture of another frame, as a share of that with the frame's own."""
+MIN_PAIRS = 500.0
+"""Least number of pairs of points and pixels of a frame that tell anything."""
 NUM_EXCHANGES = 3
 """Number of other frames whose pictures are tried."""
 
@@ -38,7 +40,9 @@ def check_pairs(
     joints = agreement.frame_joints[: observations.num_frames]
     table = pointwise_information(joints.sum(axis=0))
     own = information_by_frame(joints, table)
-    doubtful = np.flatnonzero(own < MIN_INFORMATION * np.quantile(own, 0.75))
+    is_seen = joints.sum(axis=(1, 2)) >= MIN_PAIRS
+    usual = float(np.quantile(own[is_seen], 0.75)) if is_seen.any() else 0.0
+    doubtful = np.flatnonzero(is_seen & (own < MIN_INFORMATION * usual))
     if len(doubtful) == 0 or observations.num_frames < 2:
         return ()
     exchanged = _exchanged(observations, T_camera_lidar, table)
@@ -49,7 +53,7 @@ def check_pairs(
     worst = min(wrong, key=lambda frame: float(own[frame]))
     sentence = (
         f"points and pixels of {frame_list(names, wrong)} may not belong together: at the pose of all frames "
-        f"{frame_name(names, worst)} shares {own[worst]:.2f} nats, others {np.quantile(own, 0.75):.2f}, needed at "
+        f"{frame_name(names, worst)} shares {own[worst]:.2f} nats, others {usual:.2f}, needed at "
         f"least {MIN_INFORMATION:.0%} of that or more than with pictures of other frames"
     )
     return (Finding(sentence),)
@@ -80,9 +84,10 @@ def _exchanged(
     """Largest information of each frame's points with the pixels of some other frames, (F,)."""
     images, count = observations.images, observations.num_frames
     shifts = np.unique(np.linspace(1, count - 1, NUM_EXCHANGES).round().astype(int))
-    found = []
+    scenes, found = observations.scenes, []
     for shift in shifts.tolist():
         others = observations.with_images(images[shift:] + images[:shift])
         joints = _core.agreement(others.core, T_camera_lidar).frame_joints
-        found.append(information_by_frame(joints, table))
+        same = [scenes[frame] == scenes[(frame + shift) % count] for frame in range(count)]
+        found.append(np.where(same, -np.inf, information_by_frame(joints, table)))
     return np.asarray(np.max(found, axis=0))

@@ -25,8 +25,6 @@ GROUND = frozenset(
     | {"dirt", "asphalt", "concrete", "driveable_surface", "flat", "puddle", "mud"}
 )
 """Class names of the ground."""
-
-
 NAMES = {
     "cars": frozenset({"car", "cars"}),
     "people": frozenset({"person", "people", "pedestrian", "pedestrians", "human"}),

@@ -88,6 +88,7 @@ def summed(first: Observations, second: Observations) -> Observations:
     return replace(
         first,
         frames=(*first.frames, *shifted),
+        num_cues=2,
         point_class_names=[*first.point_class_names, *second.point_class_names],
         image_class_names=[*first.image_class_names, *second.image_class_names],
     )

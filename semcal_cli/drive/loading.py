@@ -71,7 +71,7 @@ class LoadedDrive:
             return self.observations
         num_frames = len(self.drive.frames)
         first = self.cues.index(cue) * num_frames
-        return self.observations.of_frames(range(first, first + num_frames))
+        return replace(self.observations.of_frames(range(first, first + num_frames)), num_cues=1)
 
 
 def load(

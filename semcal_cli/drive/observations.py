@@ -98,6 +98,8 @@ class Observations:
     image_class_names: Sequence[str]
     motion_error_px: float | None = None
     """Displacement of half of the points at most by the rig's motion in a sweep: see `motion.motion_error_px`."""
+    num_cues: int = 1
+    """Number of cues; the frames of each follow one another."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among other classes, and got the class around them."""
 
@@ -137,8 +139,10 @@ class Observations:
 
     @cached_property
     def scenes(self) -> Sequence[int]:
-        """For each frame the index of the first one that shows the same scene."""
-        return alike_frames([cloud.points for cloud in self.clouds])
+        """For each frame the index of the first one of the same cue that shows the same scene."""
+        num_frames = self.num_frames // self.num_cues
+        scenes = alike_frames([cloud.points for cloud in self.clouds[:num_frames]])
+        return [cue * num_frames + scene for cue in range(self.num_cues) for scene in scenes]
 
     @cached_property
     def core(self) -> _core.Observations:

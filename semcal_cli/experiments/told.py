@@ -65,7 +65,7 @@ def stated_knock(calibration: Calibration) -> Knock | None:
     knocks = [
         Knock(
             start,
-            (*(100.0 * x for x in moved.camera_center_m), *moved.rotation_deg),
+            (*(100.0 * x for x in moved.camera_center_m), *(-x for x in moved.rotation_deg)),
             (*(100.0 * x for x in moved.half_width_95_camera_center_m), *moved.half_width_95_rotation_deg),
         )
         for start, part in zip(starts, calibration.parts, strict=False)

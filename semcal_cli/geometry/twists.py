@@ -60,6 +60,14 @@ def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.fl
     return np.hstack([(camera_center(T_reference) - centers) @ R_reference.T, turns])
 
 
+def camera_motions(coordinates: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Motions (N, 6) of the camera along and about its own axes, metres and degrees, from local coordinates (N, 6).
+
+    A change of T_camera_lidar from the left by a twist is a motion of the camera by the opposite one.
+    """
+    return np.hstack([-coordinates[:, :3], -np.degrees(coordinates[:, 3:])])
+
+
 def pose_at(T_reference: Pose, coordinates: Twist) -> Pose:
     """Pose (4, 4) that has these local coordinates about a reference."""
     T: Pose = np.eye(4)

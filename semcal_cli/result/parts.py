@@ -14,7 +14,10 @@ AXES = ("x", "y", "z")
 
 
 class Movement(StrictModel):
-    """Movement of the camera, along and about its own axes before it. The intervals hold for all six axes together."""
+    """Movement of the camera itself, along and about its own axes before it.
+
+    The intervals hold for all six axes together.
+    """
 
     camera_center_m: Vector3
     """Movement of the camera's position, in metres."""
@@ -60,5 +63,6 @@ def _words(offset: Sequence[float], half_widths: Sequence[float]) -> tuple[float
     along = vector / length
     axis = int(np.argmax(np.abs(along)))
     is_along_axis = abs(along[axis]) > 0.95
-    name = AXES[axis] if is_along_axis else "(" + " ".join(f"{x:.2f}" for x in along) + ")"
+    sign = "-" if along[axis] < 0.0 else ""
+    name = f"{sign}{AXES[axis]}" if is_along_axis else "(" + " ".join(f"{x:.2f}" for x in along) + ")"
     return length, float(np.linalg.norm(along * half_widths)), name
