@@ -108,9 +108,12 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
     observations, names = data.first_cue, [frame.points for frame in data.drive.frames]
     check = check_frames(observations, T_camera_lidar, names)
     findings = (*check.findings, *check_pairs(observations, T_camera_lidar, agreement, names))
+    notes = (*data.notes, *_notes_on_scenes(observations))
     if "labels" in data.cues:
-        findings += tuple(map(Finding, check_label_alignment(data.drive, data.of_cue("labels"))))
-    return Assessment(None, findings, (*data.notes, *_notes_on_scenes(observations)), check.parts)
+        aligned = check_label_alignment(data.drive, data.of_cue("labels"))
+        findings += tuple(map(Finding, aligned.findings))
+        notes += aligned.notes
+    return Assessment(None, findings, notes, check.parts)
 
 
 def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:

@@ -144,9 +144,9 @@ def _blocks_px(camera: Camera) -> tuple[int, int]:
 
 def _largest_scatter(num_frames: int, num_squares: int) -> float:
     """Compute the largest allowed Q over its degrees of freedom, of frames whose scatter is estimated from squares."""
-    from scipy.stats import f as fisher
+    from scipy.special import fdtri
 
-    return MAX_SCATTER * float(fisher.isf(ALPHA, 6 * (num_frames - 1), num_squares - num_frames))
+    return MAX_SCATTER * float(fdtri(6 * (num_frames - 1), num_squares - num_frames, 1.0 - ALPHA))
 
 
 def _is_one(observations: Observations, part: Part) -> bool:

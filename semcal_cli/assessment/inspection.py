@@ -295,7 +295,7 @@ def _check_motion(error_px: float | None) -> list[str]:
 def _check_labels(labelled: Drive) -> Sequence[str]:
     """Check that labels belong to their points and pixels."""
     read = _loaded(labelled) if labelled.frames else None
-    return () if read is None else check_label_alignment(labelled, read)
+    return () if read is None else check_label_alignment(labelled, read).findings
 
 
 def _loaded(drive: Drive) -> Observations | None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +30,16 @@ NUM_BLOCKS = 128
 """Number of blocks of consecutive entries of a sweep."""
 
 
-def check_label_alignment(drive: Drive, observations: Observations) -> tuple[str, ...]:
+class LabelAlignment(NamedTuple):
+    """What labels say of the points and pixels that they belong to."""
+
+    findings: tuple[str, ...]
+    """Sentences about labels that belong to others."""
+    notes: tuple[str, ...] = ()
+    """Sentences about pictures that could not be looked at."""
+
+
+def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlignment:
     """Check that labels of points and pixels belong to them, and say which labels do not.
 
     Args:
@@ -37,7 +47,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> tuple[str
         observations: Labelled points, in the order of their files, and label images of the same frames.
     """
     names = [frame.points for frame in drive.frames]
-    found = []
+    found, unread = [], list[str]()
     points, entries = find_moved_points(observations)
     if points.z > MIN_Z:
         end = "start" if entries < 0 else "end"
@@ -45,13 +55,20 @@ def check_label_alignment(drive: Drive, observations: Observations) -> tuple[str
         found.append(
             f"labels of points{_of(names, points.frames)} fit the clouds better shifted by {shift}: {_by(points)}"
         )
-    pixels = find_moved_pixels(observations, partial(_read_picture, drive))
+    pixels = find_moved_pixels(observations, partial(_read_picture, drive, unread))
     if pixels is not None and pixels.displaced.z > MIN_Z:
         of = _of(names, pixels.displaced.frames, pixels.num_pictures)
         found.append(
             f"label images{of} fit their pictures better {_words(pixels.move)}: {_by(pixels.displaced)}"
         )
-    return tuple(found)
+    return LabelAlignment(tuple(found), _note(sorted(set(unread))))
+
+
+def _note(unread: Sequence[str]) -> tuple[str, ...]:
+    if not unread:
+        return ()
+    more = f", and {len(unread) - 1} more" if len(unread) > 1 else ""
+    return (f"whether label images fit their pictures was not tested on all: {unread[0]}{more}",)
 
 
 def find_moved_points(observations: Observations) -> tuple[Displaced, int]:
@@ -63,11 +80,15 @@ def find_moved_points(observations: Observations) -> tuple[Displaced, int]:
     return found, int(entries[found.candidate])
 
 
-def _read_picture(drive: Drive, index: int) -> npt.NDArray[np.uint8] | None:
-    """Read the picture of a frame; None if it has none that can be read."""
+def _read_picture(drive: Drive, unread: list[str], index: int) -> npt.NDArray[np.uint8] | None:
+    """Read the picture of a frame; None if it has none that can be read. Errors are added to `unread`."""
+    image = drive.frames[index].image
+    if image is None:
+        return None
     try:
         return read_frame_image(drive, drive.frames[index])
-    except InputError:
+    except InputError as error:
+        unread.append(str(error).replace(str(drive.resolve(image)), image))
         return None
 
 

@@ -31,6 +31,8 @@ from semcal_cli.refinement.polish import newton
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions
 
+MANY = 1e6
+"""Degrees of freedom beyond which Student's t is the normal distribution."""
 BLEED_FRAMES = 2
 """Number of frames from which the effect of bleeding labels is computed; all frames show the same effect."""
 MAX_HALF_WIDTH_M = 0.25
@@ -76,7 +78,8 @@ def estimate_uncertainty(
         return None
     covariance, degrees_of_freedom = around.sandwich()
     if of_intrinsics is not None:
-        degrees_of_freedom = degrees_of_freedom * (1.0 + np.diag(of_intrinsics) / np.diag(covariance)) ** 2
+        wider = 1.0 + np.diag(of_intrinsics) / np.diag(covariance)
+        degrees_of_freedom = np.minimum(degrees_of_freedom * wider**2, MANY)
         covariance = covariance + of_intrinsics
     return Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom)
 

@@ -61,6 +61,9 @@ def calibrate_parts(
     code = outputs.write(whole, terminal, options.threads)
     outputs.illustrate(data.drive, whole, terminal)
     parts = split(data, whole)
+    for earlier in of_parts[len(parts) :]:
+        if earlier.output is not None and earlier.output.exists():
+            terminal.print(labelled("of another run", str(earlier.output)))
     if not parts:
         terminal.print(labelled("parts", "none: no movement of the camera was found"))
         return code
