@@ -44,8 +44,8 @@ PARTS_ALPHA = 0.01
 """Probability that two parts of a drive, whose scores disagree by chance, are said to fit two poses."""
 MAX_SCATTER = 1.1
 """Largest allowed Cochran's Q, as a multiple of what chance exceeds with probability `ALPHA`. Frames of good drives
-scatter somewhat more than their squares say. In 150 calibrations of six development drives with 3 to 14 frames and
-clean to network-like labels, Q was at most 0.86 of the limit, and the distance at a change at most 0.84 of its own."""
+scatter somewhat more than their squares say. In 52 calibrations of six development drives with 3 to 14 frames and
+clean to network-like labels, Q was at most 0.82 of its limit, and the squared distance at a change 0.84 of its own."""
 INTERVAL_BLOCKS_PX = (1, 2, 4)
 """Blocks on which the interval of a part is estimated: the finest on which the labels determine all six axes."""
 MAX_PARTS = 4

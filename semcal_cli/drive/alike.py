@@ -15,9 +15,8 @@ SAME_RANGE_M, SAME_RANGE = 0.05, 0.01
 """Difference of two ranges that are the same: metres, and a share of the range."""
 MIN_ALIKE = 0.7
 """Least share of directions with the same range in two frames that show one scene. Copies with 5 mm to 2 cm of noise
-have 0.88 to 0.97 and frames of moving cars at most 0.24. A car that rolls to a halt goes through all values: on KITTI's
-traffic jam, those within 2 m of another have more."""
-
+have 0.88 to 0.97, and frames of six synthetic drives at most 0.24. A car that rolls to a halt goes through all values:
+on a drive of KITTI in a traffic jam, neighbouring frames have 0.48 to 0.84."""
 MIN_COPIED = 0.999
 """Least share of equal pixels in copies of a label image. A network labels two pictures of one scene less alike."""
 
