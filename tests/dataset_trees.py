@@ -244,6 +244,9 @@ def kitti_360(root: Path) -> Tree:
     T_world_pose = moved(QUARTER, 1000.0, 2000.0, 100.0)
     for camera, picture in (("image_00", "data_rect"), ("image_01", "data_rect"), ("image_02", "data_rgb")):
         write_ids(root / f"data_2d_raw/{KITTI_360_DRIVE}/{camera}/{picture}/0000000250.png")
+    for camera in ("image_00", "image_01"):
+        write_ids(root / f"data_2d_raw/{KITTI_360_DRIVE}/{camera}/data_rgb/0000000250.png", *RAW_SIZE)
+    for camera in ("image_00", "image_01", "image_02"):
         write_ids(root / f"data_2d_semantics/train/{KITTI_360_DRIVE}/{camera}/semantic/0000000250.png")
     write(root / f"data_poses/{KITTI_360_DRIVE}/poses.txt", f"250 {numbers(T_world_pose[:3])}\n")
     T_world_lidar = T_world_pose @ T_pose_camera0 @ T_camera0_lidar
@@ -255,12 +258,19 @@ def kitti_360(root: Path) -> Tree:
     return Tree(root, ("--camera", "image_01"), T, classes, classes, ([0, 1, 2, 3], [0, 1, 2, 3]))
 
 
+RAW_SIZE = (WIDTH + 4, HEIGHT + 6)
+RAW_D = (-0.344441, 0.141678, 0.000414, -0.000222, -0.029608)
+"""Distortion of camera 0 in the real file: k1 k2 p1 p2 k3."""
+
+
 def kitti_360_perspective() -> str:
-    """P_rect_01 has the baseline in its last column, as in the real file."""
+    """P_rect_01 has the baseline in its last column, and K ends in 0 0 0, as in the real file."""
     baseline = np.array([[50, 0, 31.5, -30.0], [0, 50, 15.5, 0], [0, 0, 1, 0]])
     rows = {"00": (np.eye(3), np.c_[baseline[:, :3], np.zeros(3)]), "01": (QUARTER[:3, :3], baseline)}
     lines = "calib_time: 2019-10-29\ncorner_dist: 0.0\n"
     for camera, (R_rect, P_rect) in rows.items():
+        lines += f"S_{camera}: {RAW_SIZE[0]}.0 {RAW_SIZE[1]}.0\nK_{camera}: 70 0 33 0 69 17 0 0 0\n"
+        lines += f"D_{camera}: {numbers(RAW_D)}\n"
         lines += f"S_rect_{camera}: {WIDTH}.0 {HEIGHT}.0\nR_rect_{camera}: {numbers(R_rect)}\n"
         lines += f"P_rect_{camera}: {numbers(P_rect)}\n"
     return lines

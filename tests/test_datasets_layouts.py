@@ -1,6 +1,7 @@
 """`semcal import` of each data set in its real layout, with numbers that can be checked by hand."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,9 @@ from dataset_trees import (
     KITTI_360_DRIVE,
     P2,
     POINTS,
+    QUARTER,
+    RAW_D,
+    RAW_SIZE,
     TREES,
     carla,
     moved,
@@ -19,6 +23,7 @@ from dataset_trees import (
     write,
     write_cloud,
     write_colors,
+    write_ids,
     write_labels,
 )
 
@@ -123,6 +128,79 @@ def test_kitti_360_fisheye(tmp_path: Path) -> None:
     assert drive.camera.K[1] == (0.0, 1335.7883350012958, 705.76498308221585)
     # the fisheyes see what the perspective pair does not
     assert written_cloud(drive)[1].tolist() == [7, 26, 26]
+
+
+def test_kitti_360_raw_pictures_have_their_own_camera(tmp_path: Path) -> None:
+    """Before R_rect, with K, D and S of the file, whose K ends in 0 0 0; labels are of the rectified pictures."""
+    tree = TREES["kitti-360"](tmp_path / "tree")
+    stderr = run_import("kitti-360", tree.root, "--raw", "--camera", "image_01", "-o", tmp_path / "drive")
+    drive = read_drive(tmp_path / "drive")
+    expected = np.linalg.inv(QUARTER) @ tree.T_camera_lidar
+    np.testing.assert_allclose(drive.T_camera_lidar, expected, atol=PRINTED)
+    assert drive.camera.model == "plumb_bob"
+    assert (drive.camera.width, drive.camera.height) == RAW_SIZE
+    assert drive.camera.K == ((70.0, 0.0, 33.0), (0.0, 69.0, 17.0), (0.0, 0.0, 1.0))
+    assert drive.camera.distortion == RAW_D
+    assert drive.frames[0].image == f"../tree/data_2d_raw/{KITTI_360_DRIVE}/image_01/data_rgb/0000000250.png"
+    assert drive.frames[0].image_labels is None
+    assert (
+        "note: data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels\n"
+        in stderr
+    )
+    write_ids(tmp_path / "network/0000000250.png", *RAW_SIZE)
+    run_import(
+        "kitti-360", tree.root, "--raw", "--image-labels", tmp_path / "network", "-o", tmp_path / "drive"
+    )
+    assert read_drive(tmp_path / "drive").frames[0].image_labels == "../network/0000000250.png"
+    assert written_cloud(read_drive(tmp_path / "drive"))[1].tolist() == [7, 26]
+
+
+@pytest.mark.parametrize("camera", ["image_00", "image_01", "image_02"])
+def test_kitti_360_pictures_are_the_usual_ones_unless_others_are_asked_for(
+    tmp_path: Path, camera: str
+) -> None:
+    """Rectified for the pair; the fisheyes have none but raw ones."""
+    tree = TREES["kitti-360"](tmp_path / "tree")
+    usual = "--raw" if camera == "image_02" else "--rectified"
+    for name, options in (("usual", []), ("named", [usual])):
+        run_import("kitti-360", tree.root, "--camera", camera, *options, "-o", tmp_path / name)
+    assert (tmp_path / "usual/drive.yaml").read_bytes() == (tmp_path / "named/drive.yaml").read_bytes()
+
+
+def test_kitti_360_fisheyes_are_never_rectified(tmp_path: Path) -> None:
+    tree = TREES["kitti-360"](tmp_path / "tree")
+    options = ("--camera", "image_02", "--rectified", "-o", tmp_path / "drive")
+    assert complaint("kitti-360", tree.root, *options) == (
+        "--rectified: found camera image_02, whose pictures are all raw, needed image_00 or image_01"
+    )
+    assert not (tmp_path / "drive").exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "expected"),
+    [
+        ("K_00", "70 0 33 0 69 17 0 0 2", "K_00: found last row [0.0, 0.0, 2.0], needed [0, 0, 1]"),
+        ("K_00", "70 0 33 0 69 17 0 0", "K_00: found 8 numbers, needed 9, all finite"),
+        ("K_00", "0 0 0 0 0 0 0 0 0", "K_00: found focal lengths 0.0 and 0.0, needed both above 0"),
+        ("D_00", "-0.3 0.1 0 0", "D_00: found 4 numbers, needed 5, all finite"),
+        ("S_00", "64.5 32", "S_00: found 64.5, needed a whole number from 1 to 65535"),
+    ],
+)
+def test_kitti_360_wrong_raw_cameras_are_named(tmp_path: Path, key: str, values: str, expected: str) -> None:
+    tree = TREES["kitti-360"](tmp_path / "tree")
+    path = tree.root / "calibration/perspective.txt"
+    text = path.read_text()
+    path.write_text(re.sub(rf"^{key}: .*$", f"{key}: {values}", text, flags=re.MULTILINE))
+    assert complaint("kitti-360", tree.root, "--raw", "-o", tmp_path / "drive") == f"{path}: {expected}"
+    run_import("kitti-360", tree.root, "-o", tmp_path / "drive")  # Rectified pictures need none of it.
+
+
+def test_kitti_360_raw_pictures_that_are_not_there(tmp_path: Path) -> None:
+    tree = TREES["kitti-360"](tmp_path / "tree")
+    (tree.root / f"data_2d_raw/{KITTI_360_DRIVE}/image_00/data_rgb").rename(tmp_path / "elsewhere")
+    assert complaint("kitti-360", tree.root, "--raw", "-o", tmp_path / "drive") == (
+        f"{tree.root}: found no frame of {KITTI_360_DRIVE} with points, a pose and a picture of image_00/data_rgb"
+    )
 
 
 # nuScenes

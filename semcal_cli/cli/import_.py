@@ -14,10 +14,25 @@ from semcal_cli.datasets import DATASETS, load_dataset
 if TYPE_CHECKING:
     from semcal_cli.datasets.recording import Recording
 
-WITH_VERSION = {
-    "nuscenes": "The folder of the tables, as v1.0-mini, if there are several.",
-    "carla": "The release that wrote the data, as 0.9.15, from 0.9.10 on: tags changed at 0.9.14.",
+OWN_OPTIONS = {
+    "nuscenes": click.Option(
+        ["--version"],
+        metavar="NAME",
+        help="The folder of the tables, as v1.0-mini, if there are several.",
+    ),
+    "carla": click.Option(
+        ["--version"],
+        metavar="NAME",
+        help="The release that wrote the data, as 0.9.15, from 0.9.10 on: tags changed at 0.9.14.",
+    ),
+    "kitti-360": click.Option(
+        ["--rectified/--raw"],
+        default=None,
+        help="Pictures of image_00 and image_01. Rectified: data_rect, with P_rect and a reference that is turned by "
+        "R_rect. Raw: data_rgb, with K, D and the reference as calib_cam_to_velo.txt has it.  [default: rectified]",
+    ),
 }
+"""Options that only one data set has."""
 
 
 class FrameSlice(click.ParamType):  # type: ignore[type-arg]
@@ -129,12 +144,12 @@ def _dataset_command(name: str, summary: str) -> click.Command:
     def command(root: Path, output: Path, quiet: bool, **settings: Any) -> None:
         from semcal_cli.datasets.recording import Request
 
-        keys = ("sequence", "camera", "version")
+        keys = ("sequence", "camera", "version", "rectified")
         request = Request(root, **{key: settings.pop(key) for key in keys if key in settings})
         _write(load_dataset(name).read(request), output, quiet, settings)
 
-    if name in WITH_VERSION:
-        command.params.append(click.Option(["--version"], metavar="NAME", help=WITH_VERSION[name]))
+    if name in OWN_OPTIONS:
+        command.params.append(OWN_OPTIONS[name])
     return command
 
 

@@ -1,4 +1,4 @@
-"""Calibration files of KITTI's data sets: rectified cameras and the chain of their transforms.
+"""Calibration files of KITTI's data sets: cameras, rectified and raw, and the chain of their transforms.
 
 Geiger, Lenz, Stiller, Urtasun, *Vision meets Robotics: The KITTI Dataset*, 2013, eqs. 3 to 8: a LiDAR point projects to
 `P_k R_rect T_camera0_lidar p` with `P_k = K [I | inv(K) P_k[:, 3]]`. The last column is the translation of
@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.values import camera_block, numbers, read_keyed, rigid, transform
+from semcal_cli.formats.values import camera_block, image_side, numbers, read_keyed, rigid, transform
 from semcal_cli.geometry.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
@@ -101,3 +101,40 @@ def pinhole(path: Path, key: str, P: npt.NDArray[np.float64], width: int, height
     """
     block = {"model": "plumb_bob", "width": width, "height": height, "K": P[:, :3].tolist()}
     return camera_block(path, block, {"K": key})
+
+
+def raw_camera(path: Path, keyed: dict[str, str], camera: str) -> dict[str, Any]:
+    """Read the camera block of a camera's raw images: K, D (k1 k2 p1 p2 k3) and S before rectification.
+
+    Args:
+        path: The file.
+        keyed: Its lines.
+        camera: Number of the camera, as 00.
+
+    Raises:
+        InputError: a key is missing or wrong.
+    """
+    key, distortion = f"K_{camera}", f"D_{camera}"
+    K = numbers(path, keyed, key, 9).reshape(3, 3)
+    if not K[2].any():
+        # KITTI-360's own perspective.txt prints the last row as 0 0 0.
+        K[2, 2] = 1.0
+    width, height = image_size(path, keyed, f"S_{camera}")
+    block = {
+        "model": "plumb_bob",
+        "width": width,
+        "height": height,
+        "K": K.tolist(),
+        "distortion": numbers(path, keyed, distortion, 5).tolist(),
+    }
+    return camera_block(path, block, {"K": key, "distortion": distortion})
+
+
+def image_size(path: Path, keyed: dict[str, str], key: str) -> tuple[int, int]:
+    """Read the width and height of images, in pixels.
+
+    Raises:
+        InputError: the key is missing, or its values are no whole numbers of pixels.
+    """
+    width, height = (image_side(f"{path}: {key}", side) for side in numbers(path, keyed, key, 2).tolist())
+    return width, height

@@ -1,9 +1,9 @@
 """KITTI-360: accumulated points of ROOT/data_3d_semantics cut around each pose, or the raw sweeps.
 
 calib_cam_to_velo.txt maps camera 0 to the LiDAR, calib_cam_to_pose.txt each camera to the vehicle, poses.txt the
-vehicle to the world. T_camera_lidar of camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0); for the
-perspective pair, R_rect is applied after it (autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py,
-devkits/commons/loadCalibration.py).
+vehicle to the world. T_camera_lidar of camera k is inv(T_pose_camera_k) T_pose_camera_0 inv(T_velo_camera_0), for its
+raw images. A camera that R_rect turned sees the rectified images of the perspective pair: there, R_rect is applied
+after it (autonomousvision/kitti360Scripts: kitti360scripts/helpers/project.py, devkits/commons/loadCalibration.py).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
 from semcal_cli.datasets.intrinsics import read_mei
 from semcal_cli.datasets.kitti_360_windows import Windows
-from semcal_cli.datasets.kitti_raw import read_stamps, rectified_size
+from semcal_cli.datasets.kitti_raw import read_stamps
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, speeds_mps
@@ -27,13 +27,11 @@ from semcal_cli.formats.values import MAX_WORLD_M, parse_numbers, pose_from_rows
 from semcal_cli.geometry.poses import Pose, inverse
 
 USUAL_CAMERA = "image_00"
-IMAGE_FOLDERS = {
-    "image_00": "data_rect",
-    "image_01": "data_rect",
-    "image_02": "data_rgb",
-    "image_03": "data_rgb",
-}
-"""Folder of the images of each camera: 0 and 1 are the rectified pair, 2 and 3 are fisheyes that look to the sides."""
+PERSPECTIVE = ("image_00", "image_01")
+"""The pair that looks ahead. Its rectified images are in data_rect, its raw ones in data_rgb."""
+FISHEYES = ("image_02", "image_03")
+"""Cameras that look to the sides. Their images are always raw, in data_rgb."""
+RAW_REMARK = "data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels"
 PARTS = ("train", "test")
 MAX_FRAME = 10**9
 
@@ -47,22 +45,23 @@ def read(request: Request) -> Recording:
     root = request.root
     sequences = sorted({*_sequences(root / "data_3d_raw"), *_sequences(root / "data_3d_semantics")})
     sequence = pick("sequence", request.sequence, sequences, root)
-    camera = pick("camera", request.camera, list(IMAGE_FOLDERS), root, usual=USUAL_CAMERA)
-    block, T_camera_camera0 = _camera(root / "calibration", camera)
+    camera = pick("camera", request.camera, [*PERSPECTIVE, *FISHEYES], root, usual=USUAL_CAMERA)
+    rectified = _is_rectified(camera, request.rectified)
+    block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
     T_velo_camera0 = _camera_to_velodyne(root / "calibration/calib_cam_to_velo.txt")
     folder = _windows_folder(root, sequence)
     if folder is None:
-        frames, remarks = _raw_frames(root, sequence, camera), ("raw sweeps carry no labels",)
+        frames, remarks = _raw_frames(root, sequence, camera, rectified), ("raw sweeps carry no labels",)
     else:
         T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ inverse(T_velo_camera0)
         frames, remarks = (
-            _window_frames(root, sequence, camera, folder, T_pose_lidar),
+            _window_frames(root, sequence, camera, rectified, folder, T_pose_lidar),
             (f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}",),
         )
+    raw_pair = camera in PERSPECTIVE and not rectified
     if not frames:
-        raise InputError(
-            f"{root}: found no frame of {sequence} with points, a pose and a picture of {camera}"
-        )
+        place = f"{camera}/data_rgb" if raw_pair else camera
+        raise InputError(f"{root}: found no frame of {sequence} with points, a pose and a picture of {place}")
     ontology = read_ontology("kitti-360")
     return Recording(
         camera=block,
@@ -71,7 +70,7 @@ def read(request: Request) -> Recording:
         T_camera_lidar=T_camera_camera0 @ inverse(T_velo_camera0),
         point_classes=ontology if folder else None,
         image_classes=ontology if any(frame.image_labels for frame in frames) else None,
-        remarks=remarks,
+        remarks=(*remarks, RAW_REMARK) if raw_pair else remarks,
         read=(_fisheye(root / "calibration", camera),),
     )
 
@@ -91,16 +90,29 @@ def _windows_folder(root: Path, sequence: str) -> Path | None:
     return None
 
 
-def _camera(folder: Path, camera: str) -> tuple[dict[str, Any], Pose]:
-    """Read the camera block and T_camera_camera0, of the rectified camera or of the fisheye itself."""
+def _is_rectified(camera: str, asked: bool | None) -> bool:
+    """Tell whether the images are rectified ones: unless raw ones are asked for, those of the perspective pair."""
+    if camera in PERSPECTIVE:
+        return asked is not False
+    if asked:
+        raise InputError(
+            f"--rectified: found camera {camera}, whose pictures are all raw, needed {' or '.join(PERSPECTIVE)}"
+        )
+    return False
+
+
+def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any], Pose]:
+    """Read the camera block and T_camera_camera0, where camera 0 is as it was before rectification."""
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
-    if IMAGE_FOLDERS[camera] == "data_rgb":
+    if camera in FISHEYES:
         return read_mei(_fisheye(folder, camera)), T
     path, number = folder / "perspective.txt", camera.removeprefix("image_")
     keyed = read_keyed(path)
+    if not rectified:
+        return kitti.raw_camera(path, keyed, number), T
     # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
     P = kitti.projection(path, keyed, f"P_rect_{number}")
-    block = kitti.pinhole(path, f"P_rect_{number}", P, *rectified_size(path, keyed, number))
+    block = kitti.pinhole(path, f"P_rect_{number}", P, *kitti.image_size(path, keyed, f"S_rect_{number}"))
     return block, kitti.rotation(path, keyed, f"R_rect_{number}") @ T
 
 
@@ -119,11 +131,11 @@ def _camera_to_velodyne(path: Path) -> Pose:
     return pose_from_rows(f"{path}: {key}", parse_numbers(path, key, read_text(path), 12))
 
 
-def _raw_frames(root: Path, sequence: str, camera: str) -> list[SourceFrame]:
+def _raw_frames(root: Path, sequence: str, camera: str, rectified: bool) -> list[SourceFrame]:
     points = root / "data_3d_raw" / sequence / "velodyne_points"
     clouds = numbered_files(points / "data", ".bin")
     stamps = read_stamps(points / "timestamps.txt")
-    images, labels, image_stamps = _image_files(root, sequence, camera)
+    images, labels, image_stamps = _image_files(root, sequence, camera, rectified)
     return [
         SourceFrame(
             name=number,
@@ -139,12 +151,12 @@ def _raw_frames(root: Path, sequence: str, camera: str) -> list[SourceFrame]:
 
 
 def _window_frames(
-    root: Path, sequence: str, camera: str, folder: Path, T_pose_lidar: Pose
+    root: Path, sequence: str, camera: str, rectified: bool, folder: Path, T_pose_lidar: Pose
 ) -> list[SourceFrame]:
     poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
     speeds = _speeds(poses)
-    images, labels, image_stamps = _image_files(root, sequence, camera)
-    windows = Windows(folder, visible_only=IMAGE_FOLDERS[camera] == "data_rect")
+    images, labels, image_stamps = _image_files(root, sequence, camera, rectified)
+    windows = Windows(folder, visible_only=camera in PERSPECTIVE)
     frames = []
     for number, T_world_pose in poses.items():
         name = f"{number:010d}"
@@ -163,12 +175,13 @@ def _window_frames(
 
 
 def _image_files(
-    root: Path, sequence: str, camera: str
+    root: Path, sequence: str, camera: str, rectified: bool
 ) -> tuple[dict[str, Path], dict[str, Path], dict[int, float]]:
-    """Find the images, their label images and their stamps."""
+    """Find the images, their label images and their stamps. Raw images of the perspective pair have no labels."""
     folder = root / "data_2d_raw" / sequence / camera
-    images = folder / IMAGE_FOLDERS[camera]
-    semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in PARTS]
+    images = folder / ("data_rect" if rectified else "data_rgb")
+    parts = PARTS if rectified or camera in FISHEYES else ()
+    semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in parts]
     labels = next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {})
     return (
         files_by_stem(images, ".png") if images.is_dir() else {},

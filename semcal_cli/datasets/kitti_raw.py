@@ -13,7 +13,7 @@ from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pi
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
-from semcal_cli.formats.values import image_side, numbers, parse_numbers, read_keyed, stamp_s
+from semcal_cli.formats.values import numbers, parse_numbers, read_keyed, stamp_s
 from semcal_cli.geometry.poses import Pose
 
 USUAL_CAMERA = "image_02"
@@ -45,22 +45,11 @@ def _calibrated(day: Path, camera: str, frames: list[SourceFrame]) -> Recording:
     P = kitti.projection(path, keyed, key)
     R_rect = kitti.rotation(path, keyed, "R_rect_00")
     return Recording(
-        camera=kitti.pinhole(path, key, P, *rectified_size(path, keyed, camera)),
+        camera=kitti.pinhole(path, key, P, *kitti.image_size(path, keyed, f"S_rect_{camera}")),
         lidar=kitti.LIDAR,
         frames=frames,
         T_camera_lidar=kitti.beside_camera0(path, key, P) @ R_rect @ _velodyne_to_camera0(day),
     )
-
-
-def rectified_size(path: Path, keyed: dict[str, str], camera: str) -> tuple[int, int]:
-    """Read the width and height of a rectified camera's images, in pixels.
-
-    Raises:
-        InputError: the key is missing, or its values are no whole numbers of pixels.
-    """
-    key = f"S_rect_{camera}"
-    width, height = (image_side(f"{path}: {key}", side) for side in numbers(path, keyed, key, 2).tolist())
-    return width, height
 
 
 def _velodyne_to_camera0(day: Path) -> Pose:

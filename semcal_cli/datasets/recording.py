@@ -27,6 +27,8 @@ class Request:
     """Name of the camera; None for the data set's usual one."""
     version: str | None = None
     """Folder of nuScenes' tables, or release of CARLA."""
+    rectified: bool | None = None
+    """Whether KITTI-360's images are the rectified ones or the raw ones; None for the camera's usual ones."""
 
     def __post_init__(self) -> None:
         """Check that the folder exists.

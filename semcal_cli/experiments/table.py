@@ -25,6 +25,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
 from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
+from semcal_cli.experiments.published import PublishedRow, published_rows
 from semcal_cli.experiments.result_files import machine, write_results
 from semcal_cli.files.images import write_image
 from semcal_cli.geometry.pose_error import compare_poses
@@ -62,6 +63,8 @@ class Comparison:
     status: Status | None
     """Status of semcal's own pose; the other methods have none."""
     reasons: tuple[str, ...]
+    published: tuple[PublishedRow, ...] = ()
+    """Rows of the paper, if the drive's reference is that of one of its data sets."""
 
 
 def compare(
@@ -111,7 +114,8 @@ def compare(
         except SemcalError as failure:
             failures[method] = str(failure)
         seconds[method] = perf_counter() - start
-    return Comparison(data.drive, data.observations, poses, seconds, failures, status, reasons)
+    published = published_rows(T_reference)
+    return Comparison(data.drive, data.observations, poses, seconds, failures, status, reasons, published)
 
 
 def _read_intensity(data: LoadedDrive) -> tuple[Observations, dict[str, str]]:
@@ -167,14 +171,16 @@ class Row:
 
 
 def describe(found: Comparison) -> list[Row]:
-    """Describe the reference, the start, and the pose of each method."""
+    """Describe the reference, the poses of the paper, the start, and the pose of each method."""
     try:
         soic = Soic(found.labels, SoicConfig())
     except CalibrationError:
         soic = None
     rows = []
-    for method, T in found.poses.items():
-        error = compare_poses(T, found.poses["reference"])
+    T_reference = found.poses["reference"]
+    published = {row.method: row.T_camera_lidar for row in found.published}
+    for method, T in ({"reference": T_reference} | published | found.poses).items():
+        error = compare_poses(T, T_reference)
         cost = math.inf if soic is None else soic.cost(T)
         values: list[Any] = [
             method,
@@ -206,8 +212,9 @@ def markdown(found: Comparison, rows: Sequence[Row]) -> str:
             f"| {row.mutual_information_nats:.4f} | {distance} | {seconds} |"
         )
     lines += [f"| {method} | failed: {_cell(text)} | | | | | | |" for method, text in found.failures.items()]
+    notes = [LEGEND, *(f"{_cell(row.method).capitalize()}: {row.source}." for row in found.published)]
     verdict = f"semcal's own verdict: {'; '.join([found.status or 'failed', *found.reasons])}."
-    return "\n".join([*lines, "", LEGEND, "", verdict, ""])
+    return "\n\n".join(["\n".join(lines), *notes, f"{verdict}\n"])
 
 
 def _cell(text: str) -> str:
@@ -231,6 +238,7 @@ def write_table(found: Comparison, frame: int, folder: Path) -> str:
         "reasons": found.reasons,
         "seconds": found.seconds,
         "failures": found.failures,
+        "published": [vars(row) for row in found.published],
     }
     write_results(document, rows, rows, table, None, folder)
     _write_images(found, frame, folder)
