@@ -15,8 +15,8 @@ from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import (
     FileName,
     Matrix3,
+    StatedTransform,
     StrictModel,
-    Transform,
     Version,
     check_distinct,
     length,
@@ -101,7 +101,7 @@ Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 
 
-def _orthonormal(T: Transform) -> Transform:
+def _orthonormal(T: StatedTransform) -> StatedTransform:
     return tuple(tuple(row) for row in nearest_rigid(np.array(T)).tolist())
 
 
@@ -305,7 +305,7 @@ class Drive(StrictModel):
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
     """Motion of the LiDAR during a sweep, for clouds with a time for each point."""
-    T_camera_lidar: Annotated[Transform, AfterValidator(_orthonormal)] | None = None
+    T_camera_lidar: Annotated[StatedTransform, AfterValidator(_orthonormal)] | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))

@@ -11,7 +11,7 @@ from pydantic_core import ErrorDetails
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, mismatch
-from semcal_cli.geometry.poses import check_rigid
+from semcal_cli.geometry.poses import check_rigid, orthonormal
 
 MAX_TRANSLATION_M = 1e6
 """Largest translation: no LiDAR is farther from its camera, whatever the unit."""
@@ -85,6 +85,10 @@ def _check_rigid(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...]
     return rows
 
 
+def _orthonormal(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    return tuple(map(tuple, orthonormal(np.array(rows)).tolist()))
+
+
 def length(minimum: int, maximum: int | None = None) -> Any:
     """Annotate a tuple that is read from a list, the only sequence of YAML and JSON, with limits on its length."""
     return Field(strict=False, min_length=minimum, max_length=maximum)
@@ -96,7 +100,10 @@ Vector3: TypeAlias = Annotated[tuple[float, ...], length(3, 3)]
 Vector4: TypeAlias = Annotated[tuple[float, ...], length(4, 4)]
 Vector6: TypeAlias = Annotated[tuple[float, ...], length(6, 6)]
 Matrix3: TypeAlias = Annotated[tuple[Vector3, ...], length(3, 3)]
-Transform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
+StatedTransform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
+"""Rigid transform as a file states it, with the rounding of whoever wrote it."""
+Transform: TypeAlias = Annotated[StatedTransform, AfterValidator(_orthonormal)]
+"""Rigid transform without rounding; what semcal writes is read back to the last bit."""
 
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]

@@ -13,9 +13,18 @@ from pydantic import model_validator
 
 from semcal_cli.drive.document import Drive, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.validation import StrictModel, Transform, Vector3, Vector4, Version, Widths, validate
+from semcal_cli.files.validation import (
+    StatedTransform,
+    StrictModel,
+    Transform,
+    Vector3,
+    Vector4,
+    Version,
+    Widths,
+    validate,
+)
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -37,16 +46,17 @@ class _Fleet(StrictModel):
     """The part of a fleet's result that is used; the other keys are for readers."""
 
     semcal_fleet: Version
-    T_camera_lidar: Transform
-    T_lidar_camera: Transform
+    T_camera_lidar: StatedTransform
+    T_lidar_camera: StatedTransform
     translation_m: Vector3
     quaternion_xyzw: Vector4
     uncertainty: _Widths
 
     @model_validator(mode="after")
     def _check_agreement(self) -> _Fleet:
-        T = np.array(self.T_camera_lidar)
-        check_forms(T, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
+        check_forms(
+            np.array(self.T_camera_lidar), self.T_lidar_camera, self.translation_m, self.quaternion_xyzw
+        )
         return self
 
     @classmethod
@@ -98,7 +108,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
             raise InputError(f"{source.path}: T_camera_lidar: found nothing, {needed}")
         return np.array(drive.T_camera_lidar)
     if FLEET in source.mapping:
-        return np.array(_Fleet.read(source).T_camera_lidar)
+        return orthonormal(np.array(_Fleet.read(source).T_camera_lidar))
     return np.array(validate(_Transform, source.document, source.path).T_camera_lidar)
 
 

@@ -22,6 +22,9 @@ Vector: TypeAlias = NDArray[np.float64]
 RIGID_TOLERANCE = 1e-3
 """Largest error of a hand-written rotation: three or four decimals pass, a wrong matrix does not."""
 
+ROUND_OFF = 1e-12
+"""Largest error of a rotation that a program computed and wrote to the last bit."""
+
 OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from a camera's optical frame (right, down, forward) to its body frame (forward, left, up)."""
 
@@ -37,10 +40,8 @@ def check_rigid(T: Pose) -> None:
     """
     if T[3].tolist() != [0.0, 0.0, 0.0, 1.0]:
         raise ValueError(f"found last row {T[3].tolist()}, needed [0, 0, 0, 1]")
-    rotation = T[:3, :3]
     with np.errstate(all="ignore"):
-        determinant = np.linalg.det(rotation)
-        residual = np.abs(rotation @ rotation.T - np.eye(3)).max()
+        determinant, residual = np.linalg.det(T[:3, :3]), _residual(T)
     if not (determinant > 0.0 and residual <= RIGID_TOLERANCE):
         raise ValueError(
             f"found determinant {determinant:.6g} and R R^T off the identity by {residual:.2g}, "
@@ -49,7 +50,7 @@ def check_rigid(T: Pose) -> None:
 
 
 def as_transform(value: ArrayLike, name: str) -> Pose:
-    """Copy a rigid transform that a program gives.
+    """Copy a rigid transform that a program gives, and remove its rounding.
 
     Args:
         value: (4, 4) numbers.
@@ -70,7 +71,17 @@ def as_transform(value: ArrayLike, name: str) -> Pose:
         check_rigid(T)
     except ValueError as error:
         raise InputError(f"{name}: {error}") from None
-    return T
+    return orthonormal(T)
+
+
+def _residual(T: Pose) -> float:
+    """Largest difference of R R^T from the identity."""
+    return float(np.abs(T[:3, :3] @ T[:3, :3].T - np.eye(3)).max())
+
+
+def orthonormal(T: Pose) -> Pose:
+    """Remove the rounding of a rotation that `check_rigid` accepts; up to `ROUND_OFF` it stays as it is, to the bit."""
+    return T if _residual(T) <= ROUND_OFF else nearest_rigid(T)
 
 
 def nearest_rigid(T: Pose) -> Pose:

@@ -16,6 +16,7 @@ from semcal_cli.files.validation import (
     Count,
     FileName,
     Share,
+    StatedTransform,
     StrictModel,
     Transform,
     Vector3,
@@ -27,7 +28,7 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.files.writing import write_text
-from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.uncertainty import Uncertainty
@@ -151,9 +152,9 @@ class Calibration(StrictModel):
     """Findings against the pose, as sentences with figures."""
     notes: Annotated[tuple[str, ...], length(0)] = ()
     """Sentences that a person should know and that do not speak against the pose."""
-    T_camera_lidar: Transform
+    T_camera_lidar: StatedTransform
     """Transform from the LiDAR to the camera, p_camera = T_camera_lidar * p_lidar, in metres."""
-    T_lidar_camera: Transform
+    T_lidar_camera: StatedTransform
     """Inverse of T_camera_lidar."""
     translation_m: Vector3
     """Translation of T_camera_lidar, in metres."""
@@ -180,7 +181,10 @@ class Calibration(StrictModel):
 
     @model_validator(mode="after")
     def _check_agreement(self) -> "Calibration":
-        check_forms(self.pose, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
+        stated = self.pose
+        check_forms(stated, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
+        if (T := orthonormal(stated)) is not stated:
+            vars(self).update(pose_forms(T))
         return self
 
     @property
@@ -206,10 +210,7 @@ class Calibration(StrictModel):
         T = _finite_rigid(T_camera_lidar)
         return cls(
             semcal_calibration=1,
-            T_camera_lidar=T.tolist(),
-            T_lidar_camera=inverse(T).tolist(),
-            translation_m=T[:3, 3].tolist(),
-            quaternion_xyzw=quaternion_xyzw(T).tolist(),
+            **pose_forms(T),
             **parts,
         )
 
@@ -239,10 +240,22 @@ def read_calibration(path: Path | str) -> Calibration:
     return validate(Calibration, read_document(path), path)
 
 
+def pose_forms(T_camera_lidar: Pose) -> dict[str, Any]:
+    """Give the forms in which a file states one pose, by their keys."""
+    return {
+        "T_camera_lidar": tuple(map(tuple, T_camera_lidar.tolist())),
+        "T_lidar_camera": tuple(map(tuple, inverse(T_camera_lidar).tolist())),
+        "translation_m": tuple(T_camera_lidar[:3, 3].tolist()),
+        "quaternion_xyzw": tuple(quaternion_xyzw(T_camera_lidar).tolist()),
+    }
+
+
 def check_forms(
     T_camera_lidar: Pose, T_lidar_camera: ArrayLike, translation_m: ArrayLike, quaternion: ArrayLike
 ) -> None:
     """Check that the forms in which a file states one pose agree, within `AGREEMENT_TOLERANCE`.
+
+    They are compared as they are stated: rounding may only be removed afterwards.
 
     Args:
         T_camera_lidar: (4, 4), metres.

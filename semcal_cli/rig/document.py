@@ -16,7 +16,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.messages import describe, mismatch, one_of
 from semcal_cli.files.reading import is_folder, read_bytes
-from semcal_cli.files.validation import FileName, StrictModel, Transform, Version, validate
+from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
 from semcal_cli.rig.clouds import connected_cameras
 
@@ -34,7 +34,7 @@ class Rig(StrictModel):
     """Version of this format."""
     cameras: Annotated[dict[str, FileName], Field(min_length=2)]
     """Drive of each camera: its folder or its file, relative to the rig.yaml."""
-    T_camera_camera: dict[str, dict[str, Transform]] = {}
+    T_camera_camera: dict[str, dict[str, StatedTransform]] = {}
     """Reference transforms between cameras, for comparison only. The transform under a and then b is T_a_b with
     p_a = T_a_b * p_b, in metres, as a stereo calibration gives it."""
 
