@@ -8,15 +8,11 @@ joint states that offset, which no kit holds.
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import (
-    CAMERA_NAME,
     FRAMES,
-    LIDAR_NAME,
     T_BODY_OPTICAL,
     Format,
     FormatOptions,
@@ -26,6 +22,7 @@ from semcal_cli.formats.format import (
     optical_axes,
     xyz,
 )
+from semcal_cli.formats.names import cameras_among, check_two, choose, lidars_among
 from semcal_cli.formats.values import mapping_at, numbers_at
 from semcal_cli.geometry.poses import Pose, inverse, rpy
 
@@ -52,22 +49,12 @@ def _is_sensor(entry: object) -> bool:
     return isinstance(entry, dict) and entry.keys() >= set(KEYS)
 
 
-def _name(
-    where: str, entries: dict[str, Any], wanted: str | None, pattern: re.Pattern[str], option: str
-) -> str:
-    if wanted is not None and wanted in entries:
-        return wanted
-    found = [name for name in entries if pattern.search(name)]
-    if wanted is not None or len(found) != 1:
-        raise InputError(f"{where}: found sensors {listed(entries)}, needed {option} to name one of them")
-    return found[0]
-
-
 def _names(where: str, entries: dict[str, Any], options: FormatOptions, prefix: str) -> tuple[str, str]:
-    return (
-        _name(where, entries, options.camera, CAMERA_NAME, f"{prefix}camera"),
-        _name(where, entries, options.lidar, LIDAR_NAME, f"{prefix}lidar"),
-    )
+    cameras, lidars = cameras_among(entries, options.lidar), lidars_among(entries, options.camera)
+    camera = choose(where, "sensors", entries, cameras, options.camera, f"{prefix}camera")
+    lidar = choose(where, "sensors", entries, lidars, options.lidar, f"{prefix}lidar")
+    check_two(where, camera, lidar, "two sensors")
+    return camera, lidar
 
 
 def _pose(where: str, entries: dict[str, Any], name: str) -> Pose:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +16,14 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import parse_any
 from semcal_cli.files.reading import read_bytes
+from semcal_cli.formats.names import (
+    cameras_among,
+    check_two,
+    has_camera_word,
+    has_lidar_word,
+    has_optical_word,
+    is_ambiguous,
+)
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import (
     OPTICAL_AXES,
@@ -34,12 +41,6 @@ CameraFrame: TypeAlias = Literal["optical", "body"]
 
 LIDAR, CAMERA, CAMERA_BODY = "lidar", "camera_optical_frame", "camera_link"
 """Default names of the frames."""
-CAMERA_NAME = re.compile("cam|optical", re.IGNORECASE)
-OPTICAL_NAME = re.compile("optical", re.IGNORECASE)
-LIDAR_NAME = re.compile(
-    "lidar|laser|scan|velodyne|vlp|hdl|ouster|os_|os[0-2]|hesai|pandar|livox|robosense|rslidar", re.IGNORECASE
-)
-"""Names of LiDAR frames; a frame of another name, such as `base_link`, is the LiDAR's only if the user says so."""
 
 T_BODY_OPTICAL = np.eye(4)
 T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
@@ -290,15 +291,18 @@ def camera_frame(where: str, parent: str, child: str, options: FormatOptions, pr
     Raises:
         InputError: the names do not tell, and the user does not state it.
     """
+    if parent == child:
+        raise InputError(f"{where}: found frame {parent!r} as parent and as child, needed two frames")
     found = f"{where}: found frames {parent!r} and {child!r}"
-    cameras = [name for name in (parent, child) if CAMERA_NAME.search(name)]
-    camera = options.camera or (cameras[0] if len(cameras) == 1 else None)
-    if camera not in (parent, child) or parent == child:
+    cameras = cameras_among((parent, child), options.lidar)
+    is_told = len(cameras) == 1 and not is_ambiguous(cameras[0])
+    camera = options.camera or (cameras[0] if is_told else None)
+    if camera not in (parent, child):
         raise InputError(f"{found}, needed {prefix}camera to name the camera's")
     lidar = parent if camera == child else child
     if options.lidar not in (None, lidar):
         raise InputError(f"{found}, needed {options.lidar!r} as {prefix}lidar says")
-    if options.lidar is None and not LIDAR_NAME.search(lidar):
+    if options.lidar is None and (not has_lidar_word(lidar) or has_camera_word(lidar)):
         raise InputError(
             f"{where}: found frame {lidar!r}, needed {prefix}lidar {lidar} if it is the LiDAR's own"
         )
@@ -311,7 +315,7 @@ def optical_axes(where: str, camera: str, options: FormatOptions, prefix: str = 
     Raises:
         InputError: neither the name nor an option tells the axes.
     """
-    frame = options.frame or ("optical" if OPTICAL_NAME.search(camera) else None)
+    frame = options.frame or ("optical" if has_optical_word(camera) else None)
     if frame is None:
         needed = (
             f"needed {prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
@@ -327,4 +331,6 @@ def named(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]
             raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a name that can be printed")
     is_body = options.frame == "body"
     T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
-    return T, options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)
+    lidar, camera = options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)
+    check_two("--to-camera, --to-lidar", camera, lidar, "two names")
+    return T, lidar, camera

@@ -18,10 +18,10 @@ from semcal_cli.geometry.poses import Pose, inverse
 KEYS = {"token", "sensor_token", "translation", "rotation"}
 
 
-def _channels(table: Path | None) -> dict[Any, Any]:
+def _channels(table: Path) -> dict[Any, Any]:
     """Names of sensors by token, if their table lies beside the table of poses."""
-    path = table and table.with_name("sensor.json")
-    if path is None or not path.is_file():
+    path = table.with_name("sensor.json")
+    if not path.is_file():
         return {}
     records = [record for record in read_list(path) if isinstance(record.get("token"), str)]
     return {record["token"]: record.get("channel") for record in records}
@@ -43,6 +43,20 @@ def _record(
     return found[0]
 
 
+def _two(
+    where: str, records: list[dict[Any, Any]], options: FormatOptions, prefix: str
+) -> tuple[dict[Any, Any], dict[Any, Any]]:
+    """Entries of the camera and the LiDAR."""
+    channels = _channels(Path(where))
+    camera = _record(where, records, channels, options.camera, f"{prefix}camera")
+    lidar = _record(where, records, channels, options.lidar, f"{prefix}lidar")
+    sensors = {str(record.get("sensor_token")) for record in (camera, lidar)}
+    if camera is lidar or (len(sensors) == 1 and sensors <= channels.keys()):
+        found = f"{options.camera!r} and {options.lidar!r}"
+        raise InputError(f"{where}: found one sensor for both camera and LiDAR, {found}, needed two sensors")
+    return camera, lidar
+
+
 def _pose(where: str, record: dict[Any, Any], options: FormatOptions) -> Pose:
     w, x, y, z = numbers_in(where, record, "rotation", 4)
     return from_quaternion(where, [x, y, z, w], numbers_in(where, record, "translation", 3), options)
@@ -50,17 +64,13 @@ def _pose(where: str, record: dict[Any, Any], options: FormatOptions) -> Pose:
 
 def _read(source: Source, options: FormatOptions) -> Pose:
     where = str(source.path)
-    records, channels = source.records, _channels(source.path)
-    camera = _pose(where, _record(where, records, channels, options.camera, "--camera"), options)
-    return inverse(camera) @ _pose(
-        where, _record(where, records, channels, options.lidar, "--lidar"), options
-    )
+    camera, lidar = (_pose(where, record, options) for record in _two(where, source.records, options, "--"))
+    return inverse(camera) @ lidar
 
 
 def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    where, channels = str(options.file), _channels(options.file)
-    camera = _record(where, document, channels, options.camera, "--to-camera")
-    lidar = _record(where, document, channels, options.lidar, "--to-lidar")
+    where = str(options.file)
+    camera, lidar = _two(where, document, options, "--to-")
     T = _pose(where, lidar, options) @ inverse(T_camera_lidar)
     camera["translation"], camera["rotation"] = xyz(T), wxyz(T)
 

@@ -13,7 +13,6 @@ from contextlib import suppress
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import (
-    CAMERA_NAME,
     FRAMES,
     Format,
     FormatOptions,
@@ -24,6 +23,7 @@ from semcal_cli.formats.format import (
     named,
     xyz,
 )
+from semcal_cli.formats.names import has_camera_word
 from semcal_cli.formats.values import parse_number
 from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
@@ -53,7 +53,7 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
     wanted = {name for name in (options.camera, options.lidar) if name is not None}
     candidates = [words for words in publishers if wanted <= set(_frames(words))]
     if not wanted and len(publishers) > 1:
-        candidates = [words for words in publishers if any(map(CAMERA_NAME.search, _frames(words)))]
+        candidates = [words for words in publishers if any(map(has_camera_word, _frames(words)))]
     if len(publishers) == 1:
         candidates = publishers
     if len(candidates) != 1:

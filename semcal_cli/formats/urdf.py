@@ -9,10 +9,7 @@ import numpy as np
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import (
-    CAMERA_NAME,
     FRAMES,
-    LIDAR_NAME,
-    OPTICAL_NAME,
     Format,
     FormatOptions,
     Source,
@@ -21,6 +18,7 @@ from semcal_cli.formats.format import (
     optical_axes,
     xyz,
 )
+from semcal_cli.formats.names import cameras_among, check_two, choose, has_optical_word, lidars_among
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.formats.xml import looks_like_xml, parse_xml
 from semcal_cli.geometry.poses import Pose, inverse, rpy
@@ -36,24 +34,17 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     where, root = str(source.path), parse_xml(source.text, source.path)
     joints = [joint for joint in root.iter("joint") if all(_links(joint))]
     links = list(dict.fromkeys(link for joint in joints for link in _links(joint)))
-    cameras = [link for link in links if CAMERA_NAME.search(link)]
-    optical = [link for link in cameras if OPTICAL_NAME.search(link)]
-    camera = _link(where, links, optical if len(optical) == 1 else cameras, options.camera, "--camera")
-    lidars = [link for link in links if LIDAR_NAME.search(link)]
-    lidar = _link(where, links, lidars, options.lidar, "--lidar")
+    cameras, lidars = cameras_among(links, options.lidar), lidars_among(links, options.camera)
+    optical = [link for link in cameras if has_optical_word(link)]
+    cameras = optical if len(optical) == 1 else cameras
+    camera = choose(where, "links", links, cameras, options.camera, "--camera")
+    lidar = choose(where, "links", links, lidars, options.lidar, "--lidar")
+    check_two(where, camera, lidar, "two links")
     T_lidar_camera = np.eye(4)
     for joint, link in _path(where, joints, lidar, camera):
         T = _origin(source, joint)
         T_lidar_camera = T_lidar_camera @ (T if link == _links(joint)[1] else inverse(T))
     return inverse(T_lidar_camera @ optical_axes(where, camera, options))
-
-
-def _link(where: str, links: list[str], found: list[str], wanted: str | None, option: str) -> str:
-    if wanted is not None and wanted in links:
-        return wanted
-    if wanted is not None or len(found) != 1:
-        raise InputError(f"{where}: found links {listed(links)}, needed {option} to name one of them")
-    return found[0]
 
 
 def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tuple[ET.Element, str]]:
@@ -70,7 +61,7 @@ def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tu
                 if here == link and there not in came:
                     came[there] = (link, joint)
                     waiting.append(there)
-    if end not in came or start == end:
+    if end not in came:
         raise InputError(f"{where}: found no joints from {start!r} to {end!r}, needed some")
     path: list[tuple[ET.Element, str]] = []
     link = end
