@@ -82,6 +82,18 @@ def parse(text: str, format: Format) -> Any:
     return document
 
 
+def compose_yaml(text: str) -> yaml.Node:
+    """Find the nodes of a YAML text that `parse` accepts, with their places in it."""
+    node = yaml.compose(text, _Loader)
+    assert node is not None
+    return node
+
+
+def scalar_of(node: yaml.Node) -> Any:
+    """Give the value of a scalar of `compose_yaml`, as `parse` gives it."""
+    return _Loader("").construct_object(node)
+
+
 def document_text(document: Mapping[str, Any], format: Format) -> str:
     """Format a document of plain values as text, with keys in the order given and floats exact to the last bit."""
     plain = _plain(document)

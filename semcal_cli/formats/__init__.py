@@ -9,7 +9,7 @@ from pathlib import Path
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, listed, one_of
-from semcal_cli.files.writing import write_bytes, write_text
+from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import (
     autoware,
     camera_entries,
@@ -159,12 +159,12 @@ def write_transform(
 
 
 def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> None:
-    """Replace the transform in a user's file, and leave everything else in it, including comments, as it is.
+    """Replace the transform in a user's file, and leave every byte outside its values as it is.
 
     Raises:
         InputError: files of this format cannot be edited, or the format needs an option that is not given.
     """
-    source = Source.read(path)
+    T_camera_lidar, source = as_transform(T_camera_lidar, "T_camera_lidar"), Source.read(path)
     format = _recognised(source)
     put = format.put
     if put is None:
@@ -174,13 +174,16 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     _check_options(format, options, "--to-")
     of_file = replace(options, file=path)
     try:
-        text = edited(source, lambda document: put(document, T_camera_lidar, of_file))
+        content = edited(source, lambda document: put(document, T_camera_lidar, of_file))
     except (AttributeError, KeyError, TypeError, ValueError):
         raise InputError(
-            f"{path}: found something else where {format.name} files have a transform, or a value that would not "
-            f"stay as it is, needed a file that `semcal convert` reads"
+            f"{path}: found something else where {format.name} files have a transform, needed a file that "
+            "`semcal convert` reads"
         ) from None
-    write_text(text, path)
+    except RecursionError:
+        raise InputError(f"{path}: found what is nested too deep, needed a file with a transform") from None
+    if content != source.content:
+        write_bytes(content, path)
 
 
 def _check_options(format: Format, options: FormatOptions, prefix: str) -> None:

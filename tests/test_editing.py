@@ -1,0 +1,198 @@
+"""Files of a user's are changed in place: every byte outside the replaced values stays as it is."""
+
+import codecs
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from format_files import T_ANY
+from hypothesis import given
+from hypothesis import strategies as st
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import parse_any
+from semcal_cli.formats import put_transform, read_transform
+from semcal_cli.formats.editing import edited
+from semcal_cli.formats.format import FormatOptions, Source
+
+Pieces = list[str | int]
+"""Text of a document; a whole number stands for the text of a value with that index."""
+
+MARK = codecs.BOM_UTF8
+
+
+def edit(name: str, content: bytes, change: Callable[[Any], object]) -> bytes:
+    return edited(Source(Path(name), content), change)
+
+
+def become(wanted: Any) -> Callable[[Any], object]:
+    """Change that makes a document another one of the same layout."""
+
+    def change(document: Any) -> None:
+        document.clear()
+        document.update(wanted)
+
+    return change
+
+
+class Layout:
+    """Draws the text of a document, with values to be filled in."""
+
+    def __init__(self, draw: st.DrawFn, name: str) -> None:
+        self.draw, self.is_json, self.num_values = draw, name == "a.json", 0
+        self.line_end = draw(st.sampled_from(["\n", "\r\n"]))
+
+    def gap(self) -> str:
+        gaps = ["", " ", self.line_end + "\t"] if self.is_json else ["", " ", f" # b: [1{self.line_end}   "]
+        return self.draw(st.sampled_from(gaps))
+
+    def value(self) -> Pieces:
+        self.num_values += 1
+        return [self.num_values - 1]
+
+    def flow(self, depth: int) -> Pieces:
+        kind = self.draw(st.sampled_from(["value", "text", "list", "mapping"])) if depth else "value"
+        if kind == "value":
+            return self.value()
+        if kind == "text":
+            return [self.draw(st.sampled_from(['"a, ]}: 1"', '"\\""', "null", "true"]))]
+        pieces: Pieces = ["[" if kind == "list" else "{"]
+        for index in range(self.draw(st.integers(0, 3))):
+            key = f'"k{index}"{self.gap() if self.is_json else ""}: ' if kind == "mapping" else ""
+            pieces += [*([","] if index else []), self.gap(), key, *self.flow(depth - 1), self.gap()]
+        return [*pieces, "]" if kind == "list" else "}"]
+
+    def block(self, indent: str) -> Pieces:
+        """Lines of a mapping in block style, with blank lines and comments."""
+        pieces: Pieces = []
+        for index in range(self.draw(st.integers(1, 3))):
+            comment = self.draw(
+                st.sampled_from(["", "  # of 1 - 2: \u00e9", f"{self.line_end}# no{self.line_end}"])
+            )
+            kind = (
+                self.draw(st.sampled_from(["flow", "list", "mapping", "folded"]))
+                if len(indent) < 6
+                else "flow"
+            )
+            pieces += [f"{indent}k{index}:"]
+            if kind == "flow":
+                pieces += [" ", *self.flow(2), comment, self.line_end]
+            elif kind == "folded":
+                pieces += [f" |{self.line_end}{indent}  a: 1{self.line_end}"]
+            elif kind == "mapping":
+                pieces += [comment, self.line_end, *self.block(indent + "  ")]
+            else:
+                for _ in range(self.draw(st.integers(1, 3))):
+                    pieces += [self.line_end, f"{indent}- ", *self.flow(1), comment]
+                pieces += [self.line_end]
+        return pieces
+
+
+@st.composite
+def texts(draw: st.DrawFn) -> tuple[str, bytes, bytes]:
+    """A file, its content, and its content with other values."""
+    name = draw(st.sampled_from(["a.json", "a.yaml"]))
+    layout = Layout(draw, name)
+    pieces = ["{", '"k": ', *layout.flow(3), layout.gap(), "}"] if layout.is_json else layout.block("")
+    numbers = st.floats(-100.0, 100.0).map(lambda number: round(number, 3) + 0.0)
+    old = [f"{draw(numbers):.6f}" for _ in range(layout.num_values)]
+    new = [text if draw(st.booleans()) else repr(draw(numbers)) for text in old]
+    new = [before if float(before) == float(after) else after for before, after in zip(old, new, strict=True)]
+    mark = draw(st.sampled_from([b"", MARK]))
+    before, after = (
+        mark + "".join(values[piece] if isinstance(piece, int) else piece for piece in pieces).encode()
+        for values in (old, new)
+    )
+    return name, before, after
+
+
+@given(drawn=texts())
+def test_values_are_replaced_and_all_other_bytes_stay(drawn: tuple[str, bytes, bytes]) -> None:
+    name, before, after = drawn
+    assert edit(name, before, become(parse_any(after.decode("utf-8-sig"), Path(name)))) == after
+
+
+ADDED = {"T_camera_lidar": [[1.0, 1e-20], [0.5, -0.0]]}
+MATRIX_YAML = "T_camera_lidar:\n- [1.0, 1.0e-20]\n- [0.5, 0.0]"
+
+
+@pytest.mark.parametrize(
+    ("name", "before", "after"),
+    [
+        ("a.yaml", "a: 1 # one\nb:\n  - 2\n\n# end\n", f"a: 1 # one\nb:\n  - 2\n{MATRIX_YAML}\n\n# end\n"),
+        ("a.yaml", "a: 1", f"a: 1\n{MATRIX_YAML}"),
+        (
+            "a.yaml",
+            "a: # none\r\n",
+            f"a: # none\r\n{MATRIX_YAML}\r\n".replace("\r", "").replace("\n", "\r\n"),
+        ),
+        ("a.yaml", "{}\n", "{T_camera_lidar: [[1.0, 1.0e-20], [0.5, 0.0]]}\n"),
+        ("a.yaml", "{a: 1, }", "{a: 1, T_camera_lidar: [[1.0, 1.0e-20], [0.5, 0.0]], }"),
+        ("a.json", '{"a":1}', '{"a":1, "T_camera_lidar": [[1.0, 1.0e-20], [0.5, 0.0]]}'),
+        (
+            "a.json",
+            '{\r\n\t"a": {}\r\n}',
+            '{\r\n\t"a": {},\r\n\t"T_camera_lidar": [\r\n\t  [1.0, 1.0e-20],\r\n\t  [0.5, 0.0]\r\n\t]\r\n}',
+        ),
+    ],
+)
+def test_new_keys_follow_the_last_one(name: str, before: str, after: str) -> None:
+    assert edit(name, before.encode(), lambda document: document.update(ADDED)).decode() == after
+
+
+@pytest.mark.parametrize(
+    ("before", "wanted", "after"),
+    [
+        ("a: [1, # one\n 2]\n", [1, 2, 3], "a: [1, # one\n 2,\n 3]\n"),
+        ("a:\n  - 1 # one\n  - 2 # two\nb: 1\n", [1, 5, 3], "a:\n  - 1 # one\n  - 5 # two\n  - 3\nb: 1\n"),
+        ("a:\n  - 1\n  - 2\n# b\nb: 1\n", [[4]], "a:\n  - [4]\n# b\nb: 1\n"),
+        ("a:\nb: 1\n", [4], "a: [4]\nb: 1\n"),
+        ("a: |\n  text\nb: 1\n", 0.5, "a: 0.5\nb: 1\n"),
+        ("{'a':1}", {"b c": "x", "no": None}, """{'a':{"b c": x, "no": null}}"""),
+        ("<<: {a: 1}\na: 2\n", 3, "<<: {a: 1}\na: 3\n"),
+    ],
+)
+def test_values_of_another_shape_are_replaced_as_a_whole(before: str, wanted: object, after: str) -> None:
+    assert edit("a.yaml", before.encode(), lambda document: document.update(a=wanted)).decode() == after
+
+
+def test_true_is_no_number_and_equal_numbers_stay_as_they_are_written() -> None:
+    before = b"a: [1, 1.50, 1e0, true, .nan, -0.0, 0x1]"
+    wanted = [1.0, 1.5, 1.0, 1.0, float("nan"), 0.0, "0x1"]
+    after = b"a: [1, 1.50, 1e0, 1.0, .nan, -0.0, 0x1]"
+    assert edit("a.yaml", before, lambda document: document.update(a=wanted)) == after
+
+
+def test_a_layout_that_does_not_allow_the_change_is_refused() -> None:
+    with pytest.raises(
+        InputError, match=r"^a.yaml: found values that no others can replace where they stand"
+    ):
+        edit("a.yaml", b"a:\n- 1\nb: 2\n", lambda document: document.update(a=3))
+
+
+def test_a_file_with_the_same_values_is_not_written(tmp_path: Path) -> None:
+    file = tmp_path / "chain.yaml"
+    rows = f"\ufeffcam0: # left\r\n  T_cam_lidar: {T_ANY.tolist()}\r\n"
+    file.write_bytes(rows.encode())
+    before = file.stat()
+    put_transform(T_ANY, file)
+    assert file.read_bytes() == rows.encode()
+    assert (file.stat().st_ino, file.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+
+
+def test_what_lies_beside_the_transform_is_not_looked_at(tmp_path: Path) -> None:
+    """Dates that are none, numbers that no float holds, and a long list of other things."""
+    chain = f"cam0:\n  T_cam_lidar: {np.eye(4).tolist()}\ndate: 2020-02-30\n"
+    (tmp_path / "a.yaml").write_text(chain)
+    put_transform(T_ANY, tmp_path / "a.yaml")
+    np.testing.assert_allclose(read_transform(tmp_path / "a.yaml"), T_ANY, atol=1e-15)
+    assert (tmp_path / "a.yaml").read_text().endswith("\ndate: 2020-02-30\n")
+    tail = '"x": 1e400, "y": ' + json.dumps(["2020-02-30", [1] * 1_000_000]) + "}"
+    text = '{"CAM": {"lidar2cam": ' + json.dumps(np.eye(4).tolist()) + "}, " + tail
+    (tmp_path / "a.json").write_text(text)
+    put_transform(T_ANY, tmp_path / "a.json", FormatOptions(camera="CAM"))
+    np.testing.assert_allclose(read_transform(tmp_path / "a.json"), T_ANY, atol=1e-15)
+    assert (tmp_path / "a.json").read_text().endswith("}, " + tail)
