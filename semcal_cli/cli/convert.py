@@ -89,7 +89,7 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
     "--into",
     type=PATH,
     metavar="FILE",
-    help="Set the transform in this file instead, and leave its other keys and comments as they are.",
+    help="Set the transform in this file instead, and leave every other byte of it as it is.",
 )
 @open_options("", "IN")
 @open_options("to-", "what is written")

@@ -35,9 +35,11 @@ def edited(source: Source, change: Callable[[Any], object]) -> bytes:
     change(wanted)
     text = source.text
     edits = _Edits(text, is_json=source.path.suffix.lower() == ".json")
+    if _is_same(source.document, wanted):
+        return source.content
     edits.change(place_of(text, is_json=edits.is_json), source.document, wanted)
     after = edits.apply()
-    if after != text and not _is_same(_parsed(after, source), wanted):
+    if not _is_same(_parsed(after, source), wanted):
         raise InputError(
             f"{source.path}: found values that no others can replace where they stand, needed each key and each row "
             "on a line of its own"
@@ -55,23 +57,24 @@ def _parsed(text: str, source: Source) -> Any:
 
 
 def _copied(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _copied(item) for key, item in value.items()}
-        case list():
-            return [_copied(item) for item in value]
+    """Copy lists and mappings; what they hold besides stays the same object."""
+    if isinstance(value, dict):
+        return {key: _copied(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_copied(item) if isinstance(item, list | dict) else item for item in value]
     return value
 
 
 def _is_same(a: Any, b: Any) -> bool:
     """Tell whether two values are the same; a number is neither true nor false, and NaN is NaN."""
-    match a, b:
-        case dict(), dict():
-            return a.keys() == b.keys() and all(_is_same(a[key], b[key]) for key in a)
-        case list(), list():
-            return len(a) == len(b) and all(map(_is_same, a, b))
-        case float(), float():
-            return a == b or (math.isnan(a) and math.isnan(b))
+    if a is b:
+        return True
+    if isinstance(a, dict) and isinstance(b, dict):
+        return a.keys() == b.keys() and all(_is_same(item, b[key]) for key, item in a.items())
+    if isinstance(a, list) and isinstance(b, list):
+        return len(a) == len(b) and all(x is y or _is_same(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a, float) and isinstance(b, float):
+        return a == b or (math.isnan(a) and math.isnan(b))
     return isinstance(a, bool) == isinstance(b, bool) and bool(a == b)
 
 
@@ -92,23 +95,20 @@ class _Edits:
         return "".join([*parts, self.text[at:]])
 
     def change(self, place: Place, before: Any, after: Any) -> None:
-        """Replace the values that differ."""
-        if _is_same(before, after):
-            return
+        """Replace what differs between two values that are not the same."""
         match before, after:
             case dict(), dict() if before.keys() <= after.keys():
-                self._change_items(place, before, after, list(before))
-                self._add(place, [key for key in after if key not in before], after)
+                old, new = list(before), [key for key in after if key not in before]
             case list(), list() if len(before) <= len(after):
-                self._change_items(place, before, after, list(range(len(before))))
-                self._add(place, list(range(len(before), len(after))), after)
+                old, new = list(range(len(before))), list(range(len(before), len(after)))
             case _:
                 self._replace(place, after)
-
-    def _change_items(self, place: Place, before: Any, after: Any, keys: list[Any]) -> None:
-        places = place.items
-        for key in keys:
-            self.change(places[key], before[key], after[key])
+                return
+        changed = [key for key in old if not _is_same(before[key], after[key])]
+        for key in changed:
+            self.change(place.items[key], before[key], after[key])
+        if new:
+            self._add(place, new, after)
 
     def _replace(self, place: Place, value: Any) -> None:
         """Replace a whole value: a list in block style by one of its style, anything else by a text on one line."""
@@ -122,8 +122,6 @@ class _Edits:
 
     def _add(self, place: Place, keys: list[Any], container: Any) -> None:
         """Add keys of a mapping or indices of a list after the last one, laid out as that one is."""
-        if not keys:
-            return
         places = list(place.items.values())
         if place.column is not None:
             found = LINE_END.search(self.text, places[-1].end)

@@ -1,0 +1,102 @@
+"""Names of cameras and LiDARs, as rigs have them and as they only look like."""
+
+import pytest
+from format_files import T_ANY
+
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import FormatOptions, between, named
+from semcal_cli.formats.names import has_camera_word, has_lidar_word, is_ambiguous
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "camera0/camera_link",
+            "camera1/camera_optical_link",
+            "CAM_FRONT",
+            "CAM_BACK_LEFT",
+            "frontCamera",
+            "cam0",
+        ),
+        *(
+            "front_optical",
+            "camera_color_optical_frame",
+            "RGBCamera",
+            "CamFront",
+            "pylon_camera_node",
+            "usb-cam.2",
+        ),
+        *("left camera", "/cam/left", "tier4_camera"),
+    ],
+)
+def test_cameras_are_told(name: str) -> None:
+    assert (has_camera_word(name), has_lidar_word(name)) == (True, False)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(
+            "LIDAR_TOP",
+            "velodyne_top_base_link",
+            "velodyne",
+            "os1_lidar",
+            "os_sensor",
+            "os0",
+            "OS1-128",
+            "pandar40p",
+        ),
+        *(
+            "livox_front",
+            "hesai_top",
+            "PandarQT",
+            "vlp16",
+            "VLP-16",
+            "hdl64e",
+            "robosense_helios",
+            "rslidar",
+            "laser",
+        ),
+        *("LiDAR_top", "topLiDAR", "base_scan", "ouster/points", "lidar", "front-lidar.1", "OSLidar"),
+    ],
+)
+def test_lidars_are_told(name: str) -> None:
+    assert (has_camera_word(name), has_lidar_word(name)) == (False, True)
+
+
+@pytest.mark.parametrize(
+    "name", ["base_link", "imu", "gnss", "oscar", "position", "scandium", "camber", "solidarity"]
+)
+def test_parts_of_words_say_nothing(name: str) -> None:
+    assert (has_camera_word(name), has_lidar_word(name)) == (False, False)
+
+
+@pytest.mark.parametrize(
+    "name", ["hesai_cam", "velodyne_camera", "os_cam_optical", "lidarCamera", "livox/cam0"]
+)
+def test_a_camera_beside_a_lidar_is_ambiguous(name: str) -> None:
+    assert is_ambiguous(name)
+    with pytest.raises(InputError, match=f"found frames 'velodyne' and '{name}', needed --camera to name"):
+        between("a", T_ANY, "velodyne", name, FormatOptions(frame="optical"))
+    between("a", T_ANY, "velodyne", name, FormatOptions(frame="optical", camera=name))
+    with pytest.raises(InputError, match=f"found frame '{name}', needed --lidar {name}"):
+        between("a", T_ANY, "cam0", name, FormatOptions(frame="optical", camera="cam0"))
+    between("a", T_ANY, "cam0", name, FormatOptions(frame="optical", lidar=name))
+
+
+def test_a_camera_whose_name_holds_a_lidars_letters_is_told() -> None:
+    between("a", T_ANY, "pos_camera_optical", "velodyne", FormatOptions())
+    with pytest.raises(
+        InputError, match="found frame 'gnss_pos', needed --lidar gnss_pos if it is the LiDAR's own"
+    ):
+        between("a", T_ANY, "gnss_pos", "cam_optical", FormatOptions())
+
+
+def test_one_frame_is_never_both() -> None:
+    with pytest.raises(InputError, match="found frame 'cam0' as parent and as child, needed two frames"):
+        between("a", T_ANY, "cam0", "cam0", FormatOptions(frame="optical", camera="cam0"))
+    with pytest.raises(
+        InputError, match="found 'camera_optical_frame' for both camera and LiDAR, needed two names"
+    ):
+        named(T_ANY, FormatOptions(lidar="camera_optical_frame"))
