@@ -1,5 +1,274 @@
-"""Hostile batches: results folders, records, lists, and options after --."""
+"""Hostile batches: names, lists, results folders and what lies in them."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
 
 from hostile_commands import Hostile
 
-BATCHES: dict[str, Hostile] = {}
+BOTH = ("batch", "drive", "other", "-o")
+QUICK = ("--", "--no-polish", "--search-deg", "5", "--init", "other")
+PRECIOUS = "a year of work\n"
+APART = "needed a folder apart from the drives$"
+UNKNOWN = "which no batch wrote, needed a folder that is new, empty or of a batch$"
+
+
+def write(name: str, content: bytes = PRECIOUS.encode()) -> Callable[[Path], object]:
+    """Write a file, and the folders that it needs."""
+
+    def make(folder: Path) -> None:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+
+    return make
+
+
+def pipe(name: str) -> Callable[[Path], object]:
+    """Make a named pipe, whose opening waits for ever."""
+
+    def make(folder: Path) -> None:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        os.mkfifo(folder / name)
+
+    return make
+
+
+def link(name: str, target: str) -> Callable[[Path], object]:
+    """Write a file `precious`, and make a link."""
+
+    def make(folder: Path) -> None:
+        (folder / "precious").write_text(PRECIOUS)
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).symlink_to(folder / target)
+
+    return make
+
+
+def stays(name: str) -> Callable[[Path], object]:
+    """Check that a file was not written to."""
+
+    def check(folder: Path) -> None:
+        assert (folder / name).read_text() == PRECIOUS
+
+    return check
+
+
+def no_results(folder: Path) -> None:
+    assert not (folder / "out").exists()
+
+
+def is_kept(name: str) -> Callable[[Path], object]:
+    """Check that a file was not written to, and that nothing was computed."""
+
+    def check(folder: Path) -> None:
+        assert (folder / name).read_text() == PRECIOUS
+        assert not list(folder.rglob("summary.*"))
+
+    return check
+
+
+def no_work(folder: Path) -> None:
+    assert not list(folder.rglob("summary.*"))
+
+
+def reasons(folder: Path) -> list[str]:
+    lines = (folder / "out/summary.jsonl").read_text().splitlines()
+    return [(json.loads(line)["reasons"] or [""])[0] for line in lines]
+
+
+def reason_is(reason: str) -> Callable[[Path], object]:
+    """Check the reason of the only drive that failed."""
+
+    def check(folder: Path) -> None:
+        assert [found for found in reasons(folder) if found.startswith(str(folder))] == [f"{folder}/{reason}"]
+
+    return check
+
+
+def drive_of_bytes(folder: Path) -> None:
+    shutil.copytree(folder / "other", os.fsdecode(os.fsencode(folder / "caf") + b"\xe9"))  # Latin-1
+
+
+def drive_named(name: str) -> Callable[[Path], object]:
+    return lambda folder: shutil.copytree(folder / "other", folder / name)
+
+
+FOLDERS: dict[str, Hostile] = {
+    "results where the drives are": Hostile(
+        write("log.txt"),
+        (*BOTH, "."),
+        rf"^semcal: error: \.: found a folder that holds drive drive, {APART}",
+        check=is_kept("log.txt"),
+    ),
+    "results in a drive": Hostile(
+        write("drive/log.txt"),
+        (*BOTH, "drive/results"),
+        rf"^semcal: error: drive/results: found a folder in drive drive, {APART}",
+        check=is_kept("drive/log.txt"),
+    ),
+    "results that a link leads into a drive": Hostile(
+        link("out", "drive"),
+        (*BOTH, "out"),
+        rf"^semcal: error: out: found the folder of drive drive, {APART}",
+        check=no_work,
+    ),
+    "results beside a drive file": Hostile(
+        write("drive/log.txt"),
+        ("batch", "drive/drive.yaml", "-o", "drive"),
+        rf"^semcal: error: drive: found the folder of drive drive/drive.yaml, {APART}",
+        check=is_kept("drive/log.txt"),
+    ),
+    "a person's folder for results": Hostile(
+        write("out/summary.csv"),
+        (*BOTH, "out"),
+        rf"^semcal: error: out: found summary.csv, {UNKNOWN}",
+        check=stays("out/summary.csv"),
+    ),
+    "another program's lock": Hostile(
+        write("out/.lock"),
+        (*BOTH, "out"),
+        rf"^semcal: error: out: found .lock, {UNKNOWN}",
+        check=is_kept("out/.lock"),
+    ),
+    "a person's folder for a drive's results": Hostile(
+        write("out/other/calibration.yaml"),
+        (*BOTH, "out"),
+        rf"^semcal: error: out/other: found calibration.yaml, {UNKNOWN}",
+        check=is_kept("out/other/calibration.yaml"),
+    ),
+    "a person's record": Hostile(
+        write("out/other/record.json", b'{"outcome": 1}'),
+        (*BOTH, "out"),
+        rf"^semcal: error: out/other: found record.json, {UNKNOWN}",
+        check=no_work,
+    ),
+    "a link for a drive's results": Hostile(
+        link("out/drive", "other"),
+        (*BOTH, "out"),
+        r"^semcal: error: out/drive: found a link, needed a folder or nothing$",
+        check=no_work,
+    ),
+    "a link for the log": Hostile(
+        link("out/drive/log.txt", "precious"),
+        (*BOTH, "out"),
+        rf"^semcal: error: out/drive: found log.txt, {UNKNOWN}",
+        check=is_kept("precious"),
+    ),
+    "a link for the lock": Hostile(
+        link("out/.lock", "precious"),
+        (*BOTH, "out"),
+        r"^semcal: error: out/.lock: found a link, needed a file or nothing$",
+        check=is_kept("precious"),
+    ),
+    "a link for the summary": Hostile(
+        link("out/summary.jsonl", "precious"),
+        (*BOTH, "out"),
+        r"^semcal: error: out/summary.jsonl: found a link, needed a file or nothing$",
+        check=stays("precious"),
+    ),
+}
+PIPES: dict[str, Hostile] = {
+    **{
+        f"a pipe for {name}": Hostile(
+            pipe(f"out/{name}"),
+            (*BOTH, "out"),
+            rf"^semcal: error: out/{name}: found a pipe, needed a file or nothing$",
+        )
+        for name in (".lock", "summary.csv", "summary.jsonl")
+    },
+    **{
+        f"a pipe for a drive's {name}": Hostile(
+            pipe(f"out/drive/{name}"),
+            ("batch", "drive", "-o", "out"),
+            r"^1 of 1 drives: 1 failed$",
+            check=reason_is(f"out/drive/{name}: found a pipe, needed a file or nothing"),
+        )
+        for name in (
+            ".semcal_batch",
+            "record.json",
+            "times.json",
+            "calibration.yaml",
+            "verification.json.part",
+        )
+    },
+    "a pipe for a drive's log, and a good drive": Hostile(
+        pipe("out/drive/log.txt"),
+        (*BOTH, "out", *QUICK),
+        r"^2 of 2 drives: 1 failed, 1 not_assessed$",
+        check=reason_is("out/drive/log.txt: found a pipe, needed a file or nothing"),
+    ),
+    **{
+        f"a pipe for an experiment's {name}": Hostile(
+            pipe(f"out/accuracy/{name}"),
+            ("experiment", "accuracy", "--seeds", "1", "-o", "out"),
+            rf"^semcal: error: out/accuracy/{name}: found a pipe, needed a file or nothing$",
+        )
+        for name in ("results.jsonl", "summary.json")
+    },
+    "a folder for a drive's log": Hostile(
+        lambda folder: write("out/drive/.x")(folder) or (folder / "out/drive/log.txt").mkdir(),
+        ("batch", "drive", "-o", "out"),
+        r"^1 of 1 drives: 1 failed$",
+        check=reason_is("out/drive/log.txt: found a folder, needed a file or nothing"),
+    ),
+}
+NAMES: dict[str, Hostile] = {
+    "a name that is not UTF-8": Hostile(
+        drive_of_bytes,
+        ("batch", "*", "-o", "out"),
+        r"^semcal: error: caf\\xe9: found a name that is not UTF-8, needed one line of UTF-8 text$",
+        check=no_work,
+    ),
+    "a line break in a name": Hostile(
+        drive_named("two\nlines"),
+        ("batch", "*", "-o", "out"),
+        r"^semcal: error: two\\nlines: found a NUL or a line break in a name, needed one line of UTF-8 text$",
+        check=no_work,
+    ),
+    "NUL on standard input": Hostile(
+        lambda folder: None,
+        ("batch", "-", "-o", "out"),
+        r"^semcal: error: standard input: line 2: ot\\x00er: found a NUL or a line break in a name, needed .*$",
+        stdin=b"drive\not\0er\n",
+        check=no_work,
+    ),
+    "bytes on standard input": Hostile(
+        lambda folder: None,
+        ("batch", "-", "-o", "out"),
+        r"^semcal: error: standard input: line 3: \\xff\\xfe: found a name that is not UTF-8, needed .*$",
+        stdin=b"# drives\r\ndrive\r\n\xff\xfe\r\n",
+        check=no_work,
+    ),
+    "bytes in a list": Hostile(
+        write("list.txt", b"drive\n\ncaf\xe9\n"),
+        ("batch", "list.txt", "-o", "out"),
+        r"^semcal: error: list.txt: line 3: caf\\xe9: found a name that is not UTF-8, needed .*$",
+        check=no_work,
+    ),
+    "a list without an end": Hostile(
+        lambda folder: os.truncate(write("list.txt", b"")(folder) or folder / "list.txt", 3 << 30),
+        ("batch", "list.txt", "-o", "out"),
+        r"^semcal: error: list.txt: found more than 16 MiB, needed a list of drives$",
+    ),
+    "no pattern": Hostile(
+        lambda folder: None, ("batch", "x**y", "-o", "out"), r"^semcal: error: x\*\*y: found no pattern: .*$"
+    ),
+    **{
+        f"a drive named {name}": Hostile(
+            drive_named(name),
+            ("batch", name, "-o", "out"),
+            rf"^semcal: error: {name}: found a drive whose results would go to {name}, a file of the batch, needed .*$",
+            check=no_results,
+        )
+        for name in ("summary.csv", ".lock")
+    },
+    "a drive named log.txt in another": Hostile(
+        drive_named("drive/log.txt"),
+        ("batch", "drive", "drive/log.txt", "-o", "out"),
+        r"^semcal: error: drive/log.txt: found a drive whose results would go to drive/log.txt, a file of the batch.*$",
+        check=no_work,
+    ),
+}
+BATCHES = FOLDERS | PIPES | NAMES

@@ -1,6 +1,7 @@
 """Many drives: what fails never stops the others, nothing is done twice, and nothing is lost."""
 
 import csv
+import io
 import json
 import os
 import re
@@ -10,12 +11,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
+from batches import NUM_DRIVES, QUICK, SEMCAL, command, make_drives, run, summary
+from click.testing import CliRunner
 from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
 
@@ -23,54 +24,22 @@ from semcal_cli.batch.drives import find_drives, folder_of
 from semcal_cli.batch.summary import worst
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
-from semcal_cli.config import SynthConfig
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.jobs import processes
 from semcal_cli.jobs.resume import locked
-from semcal_cli.synthetic.synthesis import synthesize
-
-TINY = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)
-QUICK = ("--", "--no-polish", "--search-deg", "5", "--init")
-NUM_DRIVES = 6
 
 
 @pytest.fixture(scope="module")
 def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Small drives of one rig, which tests do not write to."""
-    root = tmp_path_factory.mktemp("drives")
-    for number in range(NUM_DRIVES):
-        synthesize(
-            replace(
-                TINY, seed=70 + number, camera_azimuth_deg=0.0, camera_pitch_deg=0.0, camera_roll_deg=0.0
-            ),
-            root / f"{number:03d}",
-        )
-    return root
+    return make_drives(tmp_path_factory.mktemp("drives"))
 
 
 @pytest.fixture
 def copies(drives: Path, tmp_path: Path) -> Path:
     shutil.copytree(drives, tmp_path / "drives")
     return tmp_path / "drives"
-
-
-def command(drives: Path, out: Path, *options: str) -> list[str]:
-    """Calibrate quickly, from about where the camera of each is."""
-    rest = [*QUICK, str(drives / "000")]
-    return ["batch", f"{drives}/*", "-o", str(out), *options, *rest]
-
-
-# In a process of its own, whose working folder is not the repository: there, Python finds the sources, not the package.
-SEMCAL = (sys.executable, "-c", "from semcal_cli.cli import main; main()")
-
-
-def run(arguments: list[str]) -> Result:
-    return CliRunner().invoke(semcal, arguments)
-
-
-def summary(out: Path) -> list[dict]:
-    return [json.loads(line) for line in (out / "summary.jsonl").read_text().splitlines()]
 
 
 def test_drives_in_a_row_and_two_at_a_time(drives: Path, tmp_path: Path) -> None:
@@ -214,7 +183,9 @@ def test_a_folder_that_is_in_the_way_is_one_drive_s_failure(drives: Path, tmp_pa
     one.unlink()
     (one / "log.txt").mkdir(parents=True)
     found = run(command(drives, tmp_path / "out"))
-    assert summary(tmp_path / "out")[0]["reasons"][0].endswith("log.txt: is a directory")
+    assert summary(tmp_path / "out")[0]["reasons"][0].endswith(
+        "log.txt: found a folder, needed a file or nothing"
+    )
     assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: 1 failed" in found.stderr
     assert "Traceback" not in found.stderr
 
@@ -229,11 +200,12 @@ def test_results_of_two_drives_do_not_go_to_one_folder(
 
 
 def test_more_time_is_a_reason_to_try_again(copies: Path, tmp_path: Path) -> None:
-    one = [*command(copies, tmp_path)[:1], str(copies / "000"), *command(copies, tmp_path)[2:]]
+    out = tmp_path / "out"
+    one = [*command(copies, out)[:1], str(copies / "000"), *command(copies, out)[2:]]
     hurried = [*one[:2], "--timeout", "0.01", *one[2:]]
     assert run(hurried).exit_code == 1
     assert run(hurried).exit_code == 1
-    assert summary(tmp_path)[0]["reasons"] == ["timed out after 0.01 s"]
+    assert summary(out)[0]["reasons"] == ["timed out after 0.01 s"]
     assert run(one).exit_code in (0, 3)
     assert run(hurried).exit_code in (0, 3)  # done is done
 
@@ -303,14 +275,15 @@ def test_where_drives_come_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "drive.yaml").touch()
     (tmp_path / "list.txt").write_text("# of today\nb/2\n\nb/1*\n")
-    assert find_drives(["b/*"], []) == ["b/10", "b/2"]
-    assert find_drives(["list.txt"], []) == ["b/10", "b/2"]
-    assert find_drives(["-"], ["a\n", "./b/2/drive.yaml\n"]) == ["a", "b/2/drive.yaml"]
-    assert find_drives(["b/2", "./b/2/", "b/2/drive.yaml"], []) == ["b/2"]
-    assert find_drives(["missing"], []) == ["missing"]  # a line of the summary, not the end of all
+    stdin = io.TextIOWrapper(io.BytesIO(b"a\n./b/2/drive.yaml\n"))
+    assert find_drives(["b/*"], None) == ["b/10", "b/2"]
+    assert find_drives(["list.txt"], None) == ["b/10", "b/2"]
+    assert find_drives(["-"], stdin) == ["a", "b/2/drive.yaml"]
+    assert find_drives(["b/2", "./b/2/", "b/2/drive.yaml"], None) == ["b/2"]
+    assert find_drives(["missing"], None) == ["missing"]  # a line of the summary, not the end of all
     for names in (["c/*"], ["-"]):
         with pytest.raises(Exception, match="found no"):
-            find_drives(names, [])
+            find_drives(names, None)
     folders = [folder_of(name) for name in ("b/2", "b/2/drive.yaml", "/data/x", "../y", ".")]
     assert list(map(str, folders)) == ["b/2", "b/2", "data/x", "__/y", "_"]
 

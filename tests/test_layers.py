@@ -32,7 +32,7 @@ MAY_IMPORT = {
     "synthetic": "drive",
     "datasets": "synthetic formats",
     "report": "verification",
-    "jobs": "",
+    "jobs": "files",
     "batch": "verification jobs",
     "rig": "verification",
     "fleet": "batch report",

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from semcal_cli.batch.execution import MODULE, Execute, execute_task
-from semcal_cli.batch.tasks import FAILED, Outcome, Task, write_record
+from semcal_cli.batch.tasks import Outcome, Task, failed
 from semcal_cli.errors import InputError
 from semcal_cli.jobs.processes import Processes
 
@@ -50,10 +50,8 @@ def execute_on(client: Client, folder: Path) -> Execute:
                 try:
                     yield done.result()
                 except KilledWorker:
-                    reason = "its worker was lost again and again"
-                    outcome = Outcome(of_task[done].drive, FAILED, 1, (reason,))
-                    write_record(of_task[done], outcome, {}, timed_out=False)
-                    yield outcome
+                    # There is no record of this: the next run does the drive again.
+                    yield failed(of_task[done].drive, "its worker was lost again and again")
         finally:
             client.cancel(list(of_task))
 

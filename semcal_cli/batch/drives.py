@@ -1,29 +1,36 @@
-"""The drives of a batch, and the folders of their results."""
+"""The drives of a batch, by their names, and what their results' folders are called."""
 
 from __future__ import annotations
 
+import codecs
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
+from typing import TextIO
 
 from semcal_cli.drive.document import DRIVE_FILE, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import is_folder, read_text
+from semcal_cli.files.reading import is_folder, read_bytes
 
 LISTS = (".txt", ".list")
 MAGIC = "*?["
+MAX_LIST_BYTES = 16 << 20
+"""Largest list of drives: some 200,000 long names."""
 
 
-def find_drives(arguments: Sequence[str], stdin: Iterable[str]) -> list[str]:
+def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
     """List drives, each once, in the order of their names.
 
     Args:
         arguments: Folders, drive files, patterns, text files with one of these a line, or - for standard input.
-        stdin: Lines of standard input.
+        stdin: Standard input; None if it is closed.
 
     Raises:
-        InputError: no drives are named, a pattern matches nothing, or a text file cannot be read.
+        InputError: no drives are named, a pattern matches nothing, a list cannot be read, or a name or the working
+            folder's is not one line of UTF-8 text.
     """
+    _checked(str(Path.cwd()))
     found: dict[str, str] = {}
     for argument in arguments:
         for name in _expanded(argument, stdin):
@@ -44,43 +51,67 @@ def folder_of(drive: str) -> PurePosixPath:
     return PurePosixPath(*parts or ["_"])
 
 
-def check_folders(drives: Iterable[str]) -> None:
-    """Check that no two drives have the same results folder.
-
-    Raises:
-        InputError: two drives have the same folder.
-    """
-    owners: dict[PurePosixPath, str] = {}
-    for drive in drives:
-        owner = owners.setdefault(folder_of(drive), drive)
-        if owner != drive:
-            raise InputError(
-                f"{owner}, {drive}: found two drives whose results would go to one folder, {folder_of(drive)}, needed "
-                "other names, or two batches"
-            )
-
-
-def _expanded(argument: str, stdin: Iterable[str]) -> list[str]:
+def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
     if argument == "-":
-        return _listed(stdin)
+        if stdin is None:
+            raise InputError("standard input: found none, needed a list of drives")
+        return _listed(stdin.buffer.read(MAX_LIST_BYTES + 1), "standard input")
     path = Path(argument)
     if path.suffix.lower() in LISTS and not is_folder(path):
-        return _listed(read_text(path).splitlines())
-    return _matches(argument)
+        return _listed(read_bytes(path, MAX_LIST_BYTES + 1), argument)
+    return [_checked(name) for name in _matches(argument)]
 
 
-def _listed(lines: Iterable[str]) -> list[str]:
-    """Names of drives, one on each line; empty lines and lines that begin with # are ignored."""
-    stripped = (line.strip() for line in lines)
-    return [name for line in stripped if line and not line.startswith("#") for name in _matches(line)]
+def _listed(content: bytes, source: str) -> list[str]:
+    """Names of drives, one on each line; empty lines and lines that begin with # are ignored.
+
+    Raises:
+        InputError: a line is no text; the message names it.
+    """
+    if len(content) > MAX_LIST_BYTES:
+        raise InputError(f"{source}: found more than {MAX_LIST_BYTES >> 20} MiB, needed a list of drives")
+    names = []
+    for number, line in enumerate(content.removeprefix(codecs.BOM_UTF8).splitlines(), start=1):
+        where = f"{source}: line {number}: "
+        name = _checked(line.strip().decode(errors="surrogateescape"), where)
+        if name and not name.startswith("#"):
+            names += [_checked(found, where) for found in _matches(name)]
+    return names
+
+
+def _checked(name: str, where: str = "") -> str:
+    """Check that a name can stand in a line of the summary and of the terminal.
+
+    Raises:
+        InputError: it is not UTF-8, or has a line break or a NUL.
+    """
+    text = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
+    if text != name:
+        found = "a name that is not UTF-8"
+    elif "\0" in name or name.splitlines() not in ([name], []):
+        found = "a NUL or a line break in a name"
+    else:
+        return name
+    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+    raise InputError(f"{where}{shown}: found {found}, needed one line of UTF-8 text")
 
 
 def _matches(name: str) -> list[str]:
     path = Path(name)
-    if not any(character in name for character in MAGIC) or path.exists():
+    if not any(character in name for character in MAGIC) or _exists(path):
         return [name]
     root = Path(path.anchor)
-    found = sorted(map(str, root.glob(str(path.relative_to(root)))))
+    try:
+        found = sorted(map(str, root.glob(str(path.relative_to(root)))))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{name}: found no pattern: {' '.join(str(error).splitlines())}") from None
     if not found:
         raise InputError(f"{name}: found nothing of this pattern, needed drives")
     return found
+
+
+def _exists(path: Path) -> bool:
+    """Tell whether a path exists; one that is too long for the system does not."""
+    with suppress(OSError):
+        return path.exists()
+    return False

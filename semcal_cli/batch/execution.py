@@ -9,18 +9,13 @@ from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
-from semcal_cli.batch.tasks import (
-    FAILED,
-    LOG,
-    RESULTS,
-    FileState,
-    Outcome,
-    Task,
-    describe_result,
-    write_record,
-)
+from semcal_cli.batch.folders import make_folder_of_drive
+from semcal_cli.batch.records import FileState, write_record
+from semcal_cli.batch.tasks import LOG, RESULTS, Outcome, Task, describe_result, failed
 from semcal_cli.errors import InputError
+from semcal_cli.files.messages import os_reason
 from semcal_cli.jobs.processes import Processes, Reply, in_processes
+from semcal_cli.jobs.resume import open_own
 
 Execute: TypeAlias = Callable[[Sequence[Task]], Generator[Outcome, None, None]]
 """Function that runs tasks, and yields the outcome of each when it is done."""
@@ -37,40 +32,43 @@ def execute_here(folder: Path, num_jobs: int) -> Execute:
 def execute_task(folder: Path, processes: Processes, task: Task) -> Outcome:
     """Run the task of a drive, and record its outcome; a folder that cannot be written fails only this drive.
 
+    A failure of the machine is not recorded, so that the next run does the drive again.
+
     Raises:
         StoppedError: the batch was stopped.
     """
     try:
-        return _execute(folder, processes, task)
+        make_folder_of_drive(task, folder)
+        reply = processes.ask(asdict(task), num_answers=2, timeout_s=task.timeout_s)
+        outcome = _outcome(folder, task, reply)
+        if not _is_of_machine(reply):
+            states = reply.answers[0]["files"] if reply.answers else {}
+            inputs = {path: state and FileState(**state) for path, state in states.items()}
+            write_record(task, outcome, inputs, timed_out=reply.is_timed_out)
+        return outcome
     except InputError as error:
-        return Outcome(task.drive, FAILED, 1, (str(error),))
+        return failed(task.drive, str(error))
     except OSError as error:
-        reason = f"{error.filename or task.folder}: {(error.strerror or str(error)).lower()}"
-        return Outcome(task.drive, FAILED, 1, (reason,))
-
-
-def _execute(folder: Path, processes: Processes, task: Task) -> Outcome:
-    try:
-        Path(task.folder).mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{task.folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
-    reply = processes.ask(asdict(task), num_answers=2, timeout_s=task.timeout_s)
-    states = reply.answers[0]["files"] if reply.answers else {}
-    inputs = {path: state and FileState(**state) for path, state in states.items()}
-    outcome = _outcome(folder, task, reply)
-    write_record(task, outcome, inputs, timed_out=reply.is_timed_out)
-    return outcome
+        return failed(task.drive, f"{error.filename or task.folder}: {os_reason(error)}")
 
 
 def _outcome(folder: Path, task: Task, reply: Reply) -> Outcome:
     """Make the outcome of a drive from the answers of its process."""
     if reply.failure is not None:
         reason = f"timed out after {task.timeout_s:g} s" if reply.is_timed_out else reply.failure
-        with suppress(OSError), (Path(task.folder) / LOG).open("a") as log:
-            log.write(f"{reason}\n")
-        return Outcome(task.drive, FAILED, 1, (reason,))
+        with suppress(OSError, InputError), open_own(Path(task.folder) / LOG) as log:
+            log.write(f"{reason}\n".encode())
+        return failed(task.drive, reason)
     _, end = reply.answers
     if end["exit_code"] not in (0, 3, 4):
-        return Outcome(task.drive, FAILED, 1, (end["error"],))
+        return failed(task.drive, end["error"])
     result = (Path(task.folder) / RESULTS[task.command]).relative_to(folder).as_posix()
     return describe_result(task, end["exit_code"], result)
+
+
+def _is_of_machine(reply: Reply) -> bool:
+    """Tell whether a run failed for the machine's reasons, not for the drive's."""
+    if reply.failure is not None:
+        return reply.is_from_outside
+    is_of_machine: bool = reply.answers[1]["is_of_machine"]
+    return is_of_machine

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 
 from semcal_cli.batch.execution import Execute
+from semcal_cli.batch.folders import claimed, is_still_claimed
+from semcal_cli.batch.records import read_outcome
 from semcal_cli.batch.summary import write_summary
-from semcal_cli.batch.tasks import Outcome, Task, read_outcome
-from semcal_cli.jobs.resume import locked, resume
-
-LOCK = ".lock"
+from semcal_cli.batch.tasks import Outcome, Task, failed
+from semcal_cli.files.kinds import FILE, kind_of
+from semcal_cli.jobs.resume import resume
 
 
 def run_batch(
@@ -30,14 +32,32 @@ def run_batch(
         force: Whether finished drives are run again.
         on_done: Called with each outcome, and whether it is new.
 
+    Returns:
+        Outcomes as the summary has them: a drive whose result was removed during the run has failed.
+
     Raises:
         InputError: another batch is using the folder, or it cannot be written to.
     """
-    with locked(folder / LOCK, "batch"):
+    with claimed(folder) as lock:
+
+        def finish(outcomes: list[Outcome]) -> None:
+            outcomes[:] = [_with_result(outcome, folder) for outcome in outcomes]
+            with nullcontext() if is_still_claimed(lock, folder) else claimed(folder):
+                write_summary(outcomes, folder)
+
         return resume(
             tasks,
             (lambda task: None) if force else read_outcome,
             execute,
             on_done=on_done,
-            finish=lambda outcomes: write_summary(outcomes, folder),
+            finish=finish,
         )
+
+
+def _with_result(outcome: Outcome, folder: Path) -> Outcome:
+    """Keep an outcome whose result is there; without it, the drive has failed."""
+    if outcome.result is None or kind_of(folder / outcome.result) == FILE:
+        return outcome
+    return failed(
+        outcome.drive, f"{folder / outcome.result}: found nothing when the run ended, needed the result"
+    )

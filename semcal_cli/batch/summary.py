@@ -11,7 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.batch.tasks import Outcome
+from semcal_cli.batch.tasks import Outcome, OutcomeLine
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_json_lines
+from semcal_cli.files.kinds import check_own_file
+from semcal_cli.files.validation import validate
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import camera_center, quaternion_xyzw
 
@@ -45,8 +49,19 @@ def write_summary(outcomes: Iterable[Outcome], folder: Path) -> None:
     for outcome in sorted(outcomes, key=lambda outcome: outcome.drive):
         lines.append(json.dumps(vars(outcome)) + "\n")
         writer.writerow(_row(outcome))
-    write_text("".join(lines), folder / JSONL)
-    write_text(table.getvalue(), folder / CSV)
+    for name, text in ((JSONL, "".join(lines)), (CSV, table.getvalue())):
+        check_own_file(folder / name)
+        write_text(text, folder / name)
+
+
+def has_summary(folder: Path) -> bool:
+    """Tell whether a batch of any version left a summary of some drives in a folder."""
+    path = folder / JSONL
+    try:
+        lines = [validate(OutcomeLine, line, path) for line in read_json_lines(path)]
+    except InputError:
+        return False
+    return bool(lines)
 
 
 def _row(outcome: Outcome) -> list[object]:

@@ -1,33 +1,26 @@
-"""The tasks of a batch, and the record that it keeps of each drive.
-
-A record is written as a whole when the drive is done. It names the files that were read, with their hashes. A stopped
-batch can then resume where it was, and run those drives again whose result would change.
-"""
+"""The tasks of a batch, and their outcomes: what a drive's result says, or why there is none."""
 
 from __future__ import annotations
 
-import hashlib
-import json
-import math
-from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal, TypeAlias
 
-from semcal_cli.drive.document import drive_file, first_stamp, read_drive
-from semcal_cli.errors import InputError
+from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.files.documents import read_document
-from semcal_cli.files.reading import read_bytes, read_text
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.validation import FileName, StrictModel, Transform, Vector6, length, validate
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.result.provenance import camera_hash
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
 RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}
+PART = ".part"
+"""Suffix of a result that is being written."""
 FAILED = "failed"
 """Status of a drive without an answer."""
+Status: TypeAlias = Literal[
+    "trusted", "not_trusted", "not_assessed", "pass", "fail", "inconclusive", "failed"
+]
 
 
 @dataclass(frozen=True)
@@ -58,18 +51,6 @@ class Task:
 
 
 @dataclass(frozen=True)
-class FileState:
-    """Size, time and hash of a file when it was read."""
-
-    size: int
-    """Size in bytes."""
-    mtime_ns: int
-    """Time of the last change, in nanoseconds since 1970."""
-    sha256: str
-    """Hash of the content."""
-
-
-@dataclass(frozen=True)
 class Outcome:
     """The outcome of a drive: a line of the summary. It contains neither times nor machines."""
 
@@ -95,84 +76,25 @@ class Outcome:
     """File of the result, relative to the folder of the batch."""
 
 
-def read_state(path: Path) -> FileState | None:
-    """Read the state of a file; None if the file cannot be read."""
-    try:
-        content, found = read_bytes(path), path.stat()
-    except (InputError, OSError):
-        return None
-    return FileState(found.st_size, found.st_mtime_ns, hashlib.sha256(content).hexdigest())
+class OutcomeLine(StrictModel):
+    """An outcome that is read from a file, checked."""
+
+    drive: FileName
+    status: Status
+    exit_code: Literal[0, 1, 3, 4]
+    reasons: Annotated[tuple[str, ...], length(0)]
+    stamp: Stamp | None
+    T_camera_lidar: Transform | None
+    covariance: Annotated[tuple[Vector6, ...], length(6, 6)] | None
+    mutual_information_nats: float | None
+    camera: str | None
+    result: FileName | None
 
 
-def read_inputs(task: Task) -> dict[str, FileState | None]:
-    """Read the state of each file that a task reads, by absolute path; for a broken drive, of its known files."""
-    file = drive_file(Path(task.path))
-    paths = [file, *map(Path, task.also)]
-    with suppress(InputError):
-        drive = read_drive(file)
-        paths += map(drive.resolve, drive.files())
-    return {str(path): read_state(path) for path in paths}
-
-
-def write_record(
-    task: Task, outcome: Outcome, inputs: dict[str, FileState | None], *, timed_out: bool
-) -> None:
-    """Write the record of a drive.
-
-    Raises:
-        InputError: the record cannot be written.
-    """
-    files = {path: state and vars(state) for path, state in inputs.items()}
-    if outcome.result is not None:
-        state = read_state(task.result)
-        files[str(task.result)] = state and vars(state)
-    document = {
-        "asked": _asked(task),
-        "timed_out_s": task.timeout_s if timed_out else None,
-        "outcome": vars(outcome),
-        "files": files,
-    }
-    write_text(json.dumps(document) + "\n", Path(task.folder) / RECORD)
-
-
-def read_outcome(task: Task) -> Outcome | None:
-    """Read the outcome of a drive; None if it has none, or if a new run could give another one."""
-    try:
-        document = json.loads(read_text(Path(task.folder) / RECORD))
-        timed_out_s = document["timed_out_s"]
-        has_more_time = timed_out_s is not None and (task.timeout_s or math.inf) > timed_out_s
-        if document["asked"] != _asked(task) or has_more_time:
-            return None
-        if not all(_is_unchanged(Path(path), state) for path, state in document["files"].items()):
-            return None
-        return Outcome(**document["outcome"])
-    except (InputError, ValueError, KeyError, TypeError, AttributeError):
-        return None  # The file is missing, or something else wrote it.
-
-
-def _asked(task: Task) -> dict[str, object]:
-    """All that changes the answer, except the files."""
-    asked = {"drive": task.drive, "path": task.path, "command": task.command}
-    return {**asked, "arguments": list(task.arguments), "version": _version()}
-
-
-@cache
-def _version() -> str:
-    """Version of semcal; looking it up takes milliseconds."""
-    return version("semcal")
-
-
-def _is_unchanged(path: Path, state: dict[str, Any] | None) -> bool:
-    try:
-        found = path.stat()
-    except OSError:
-        return state is None
-    if state is None:
-        return False
-    if (found.st_size, found.st_mtime_ns) == (state["size"], state["mtime_ns"]):
-        return True
-    now = read_state(path)
-    return now is not None and now.sha256 == state["sha256"]
+def failed(drive: str, reason: str) -> Outcome:
+    """Make the outcome of a drive that has no answer; its reason is one line that any file can hold."""
+    text = reason.encode(errors="backslashreplace").decode()
+    return Outcome(drive, FAILED, 1, (" ".join(text.splitlines()),))
 
 
 def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
@@ -186,6 +108,7 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
     Raises:
         InputError: the file is not a result of the command.
     """
+    stamp = first_stamp(read_drive(Path(task.path)))
     if task.command == "calibrate":
         found = read_calibration(task.result)
         uncertainty = found.uncertainty
@@ -194,7 +117,7 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
             found.status,
             exit_code,
             found.reasons,
-            first_stamp(read_drive(Path(task.path))),
+            stamp,
             found.T_camera_lidar,
             None if uncertainty is None else uncertainty.covariance,
             found.quality.mutual_information_nats,
@@ -202,12 +125,10 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
             result,
         )
     document = read_document(task.result)
-    return Outcome(
-        task.drive,
-        document["verdict"],
-        exit_code,
-        tuple(document["reasons"]),
-        first_stamp(read_drive(Path(task.path))),
-        tuple(map(tuple, document["T_camera_lidar"])),
-        result=result,
-    )
+    line = {
+        **dict.fromkeys(OutcomeLine.model_fields),
+        **{"drive": task.drive, "exit_code": exit_code, "stamp": stamp, "result": result},
+        **{key: document.get(key) for key in ("reasons", "T_camera_lidar")},
+        "status": document.get("verdict"),
+    }
+    return Outcome(**vars(validate(OutcomeLine, line, task.result)))

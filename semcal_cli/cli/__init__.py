@@ -9,6 +9,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import click
 
@@ -48,13 +49,23 @@ for command in COMMANDS:
     semcal.add_command(command)
 
 
+class Ending(NamedTuple):
+    """How a command ended."""
+
+    exit_code: int
+    line: str = ""
+    """Message of an expected failure; otherwise empty."""
+    failure: Exception | None = None
+    """The expected failure."""
+
+
 def main() -> None:
     """Run the command line."""
-    sys.exit(run(sys.argv[1:])[0])
+    sys.exit(run(sys.argv[1:]).exit_code)
 
 
-def run(arguments: Sequence[str]) -> tuple[int, str]:
-    """Run a command; an expected failure is one line on stderr and exit code 1. Give the code and the line."""
+def run(arguments: Sequence[str]) -> Ending:
+    """Run a command; an expected failure is one line on stderr and exit code 1."""
     # OpenCV reads these when it is imported: they limit the size of an unpacked image, and leave error messages to us.
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PIXELS))
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
@@ -65,14 +76,16 @@ def run(arguments: Sequence[str]) -> tuple[int, str]:
             _check_text(argument)
         semcal(arguments)
     except SystemExit as end:
-        return int(end.code or 0), ""
+        return Ending(int(end.code or 0))
     except SemcalError as error:
+        failure: Exception = error
         # The message is one line, even if a file's name contains a line break.
         line = " ".join(str(error).splitlines())
     except OSError as error:
+        failure = error
         line = f"{error.filename or 'standard output'}: {(error.strerror or str(error)).lower()}"
     click.echo(f"semcal: error: {line}", err=True)
-    return EXIT_FAILURE, line
+    return Ending(EXIT_FAILURE, line, failure)
 
 
 def _check_text(argument: str) -> None:

@@ -59,7 +59,8 @@ class WithRest(click.Command):
     Results go to DIR: of each drive a folder with calibration.yaml (or verification.json), log.txt, times.json and
     record.json, and of all summary.csv and summary.jsonl. A drive that fails, crashes or hangs is a line there.
     A batch that was stopped goes on where it was; a drive is done again only if its files, the options or the version
-    changed. Exit code: the worst of all drives, 1 over 3 over 4 over 0.
+    changed, or if the machine failed, as with a full disk. DIR must be new, empty or of a batch, and apart from the
+    drives. Exit code: the worst of all drives, 1 over 3 over 4 over 0.
 
     FILE is {KNOWN_TRANSFORMS}.
     """,
@@ -114,8 +115,8 @@ def batch(
         )
     num_jobs = jobs or 1
     num_threads = threads or (1 if address is not None else max(len(os.sched_getaffinity(0)) // num_jobs, 1))
+    tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s)
     folder = output.absolute()
-    tasks = _make_tasks(drives, folder, command, calibration, num_threads, timeout_s)
     with ExitStack() as stack:
         if address is None:
             execute = execute_here(folder, num_jobs)
@@ -128,12 +129,13 @@ def batch(
             stack.close()
             click.echo(f"semcal: stopped: {show.num_done:,} of {len(tasks):,} drives are done", err=True)
             sys.exit(EXIT_STOPPED)
+        show.settle(outcomes)
     sys.exit(worst(outcome.exit_code for outcome in outcomes))
 
 
 def _make_tasks(
     drives: tuple[str, ...],
-    folder: Path,
+    output: Path,
     command: str,
     calibration: Path | None,
     num_threads: int,
@@ -143,15 +145,19 @@ def _make_tasks(
 
     Raises:
         click.UsageError: the command has no such option, or the batch sets it.
-        InputError: there are no drives, two drives have the same results folder, or a transform is invalid.
+        InputError: there are no drives, a transform is invalid, or the results would lie among files that are not
+            theirs.
     """
-    from semcal_cli.batch.drives import check_folders, find_drives, folder_of
+    from semcal_cli.batch.drives import find_drives, folder_of
+    from semcal_cli.batch.folders import check_apart, check_distinct, check_made_by_batch
     from semcal_cli.batch.tasks import Task
 
     rest, also = _take_rest(command, calibration)
     given = find_drives(drives, sys.stdin)
-    check_folders(given)
-    return [
+    check_distinct(given)
+    check_apart(given, output)
+    folder = output.absolute()
+    tasks = [
         Task(
             drive,
             path=str(Path(drive).absolute()),
@@ -164,6 +170,8 @@ def _make_tasks(
         )
         for drive in given
     ]
+    check_made_by_batch(tasks, folder, output)
+    return tasks
 
 
 def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Iterable
 
 from rich.live import Live
 from rich.table import Table
@@ -49,6 +50,10 @@ class BatchProgress:
             number = f"{self.num_done:>{len(str(self.num_drives))}}/{self.num_drives}"
             line = f"{number}  {outcome.status:<13}{outcome.drive}{reason}"
             self._console.print(line, markup=False)
+
+    def settle(self, outcomes: Iterable[Outcome]) -> None:
+        """Count the drives as the summary does: those whose results were removed during the run have failed."""
+        self._counts = Counter(outcome.status for outcome in outcomes)
 
     def _table(self) -> Table:
         counts = ", ".join(f"{count:,} {status}" for status, count in sorted(self._counts.items()))

@@ -10,8 +10,11 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.batch.tasks import LOG, TIMES, Task, read_inputs
-from semcal_cli.cli import run
+from semcal_cli.batch.failures import is_of_machine
+from semcal_cli.batch.records import read_inputs
+from semcal_cli.batch.tasks import LOG, PART, TIMES, Task
+from semcal_cli.cli import Ending, run
+from semcal_cli.files.messages import os_reason
 from semcal_cli.jobs.serving import serve
 
 
@@ -29,36 +32,50 @@ def _do(question: dict[str, Any]) -> Iterator[dict[str, Any]]:
 
 def _execute(task: Task) -> dict[str, Any]:
     """Run the command of a task, with its output redirected to files."""
-    folder, result = task.folder, str(task.result)
+    folder, result = Path(task.folder), str(task.result)
     arguments = [task.command, task.path, *task.arguments, "--threads", str(task.num_threads)]
-    output = os.devnull
+    output = None
     if task.command == "calibrate":
         arguments += ["-o", result, "--log", f"{folder}/{TIMES}"]
     else:
         arguments.append("--json")
-        output = f"{result}.part"
+        output = Path(f"{result}{PART}")
     try:
-        with _redirected(2, Path(folder) / LOG), _redirected(1, Path(output)):
-            try:
-                code, error = run(arguments)
-            except Exception as failure:
-                traceback.print_exc()
-                code, error = 1, f"{type(failure).__name__}: {failure}"
+        with _redirected(2, folder / LOG), _redirected(1, output):
+            ending = _run(arguments)
             sys.stdout.flush()
             sys.stderr.flush()
-        if output != os.devnull and code != 1:
-            Path(output).replace(result)
+        if output is not None and ending.exit_code != 1:
+            output.replace(result)
     except OSError as failure:
-        return {"exit_code": 1, "error": f"{failure.filename}: {(failure.strerror or str(failure)).lower()}"}
-    return {"exit_code": code, "error": error}
+        ending = Ending(1, f"{failure.filename or folder}: {os_reason(failure)}", failure)
+    return {
+        "exit_code": ending.exit_code,
+        "error": ending.line,
+        "is_of_machine": is_of_machine(ending.failure, folder),
+    }
+
+
+def _run(arguments: list[str]) -> Ending:
+    """Run a command; a failure that nobody expected is one as well."""
+    try:
+        return run(arguments)
+    except Exception as failure:
+        traceback.print_exc()
+        return Ending(1, f"{type(failure).__name__}: {failure}", failure)
 
 
 @contextmanager
-def _redirected(descriptor: int, path: Path) -> Iterator[None]:
-    """Redirect a file descriptor to a file for a while."""
+def _redirected(descriptor: int, path: Path | None) -> Iterator[None]:
+    """Redirect a file descriptor to a new file for a while; None is the null device.
+
+    An existing file is replaced, not written to: another name of it may be a person's.
+    """
     before = os.dup(descriptor)
     try:
-        with path.open("wb") as file:
+        if path is not None:
+            path.unlink(missing_ok=True)
+        with Path(os.devnull).open("wb") if path is None else path.open("xb") as file:
             os.dup2(file.fileno(), descriptor)
             yield
     finally:

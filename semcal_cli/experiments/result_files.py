@@ -17,6 +17,9 @@ from semcal_cli.files.writing import write_bytes, write_text
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+FILES = RESULTS, SUMMARY, TABLE, PLOT = "results.csv", "summary.json", "table.md", "plot.png"
+"""Files that an experiment writes when all of its cases are run."""
+
 
 def write_results(
     document: dict[str, object],
@@ -31,14 +34,14 @@ def write_results(
     writer = csv.DictWriter(file, list(vars(results[0])), lineterminator="\n")
     writer.writeheader()
     writer.writerows(vars(result) for result in results)
-    write_text(file.getvalue(), folder / "results.csv")
+    write_text(file.getvalue(), folder / RESULTS)
     rows = [vars(summary) for summary in summaries]
-    write_text(json.dumps(document | {"rows": rows}, indent=2) + "\n", folder / "summary.json")
-    write_text(table, folder / "table.md")
+    write_text(json.dumps(document | {"rows": rows}, indent=2) + "\n", folder / SUMMARY)
+    write_text(table, folder / TABLE)
     if figure is not None:
         buffer = io.BytesIO()
         figure.savefig(buffer, format="png", dpi=120)
-        write_bytes(buffer.getvalue(), folder / "plot.png")
+        write_bytes(buffer.getvalue(), folder / PLOT)
 
 
 def markdown_table(header: str, rows: Iterable[Sequence[object]]) -> str:

@@ -10,7 +10,9 @@ from typing import Generic, TypeVar
 
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.journal import Found, Journal
+from semcal_cli.experiments.result_files import FILES
 from semcal_cli.experiments.worker import pack, unpack
+from semcal_cli.files.kinds import check_own_file
 from semcal_cli.jobs.processes import Processes, in_processes
 from semcal_cli.jobs.resume import locked, resume
 
@@ -31,16 +33,18 @@ class Measured(Generic[Case, Found]):
 
 
 def make_folder(out: Path, name: str) -> Path:
-    """Create the folder of an experiment.
+    """Create the folder of an experiment, and check that only files stand where files will be written at the end.
 
     Raises:
-        InputError: the folder cannot be created.
+        InputError: the folder cannot be created, or a link, a pipe or a folder is in the way.
     """
     folder = out / name
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
+    for file in (JOURNAL, *FILES):
+        check_own_file(folder / file)
     return folder
 
 

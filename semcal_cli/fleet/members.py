@@ -8,17 +8,18 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.batch.summary import JSONL
-from semcal_cli.drive.document import Stamp, first_stamp, read_drive
+from semcal_cli.batch.tasks import OutcomeLine
+from semcal_cli.drive.document import first_stamp, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines
 from semcal_cli.files.reading import is_folder
-from semcal_cli.files.validation import FileName, StrictModel, Transform, Vector6, length, validate
+from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.result.provenance import camera_hash
@@ -33,19 +34,10 @@ SAME = 1e-6
 """Largest relative difference between two statements of one figure."""
 
 
-class _Line(StrictModel):
-    """A line of a batch's summary: `batch.tasks.Outcome`, checked."""
+class _Line(OutcomeLine):
+    """A line of the summary of a batch of calibrations."""
 
-    drive: FileName
     status: Literal["trusted", "not_trusted", "not_assessed", "failed"]
-    exit_code: int
-    reasons: Annotated[tuple[str, ...], length(0)]
-    stamp: Stamp | None
-    T_camera_lidar: Transform | None
-    covariance: Annotated[tuple[Vector6, ...], length(6, 6)] | None
-    mutual_information_nats: float | None
-    camera: str | None
-    result: FileName | None
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,13 @@ from time import monotonic
 from typing import Any, TypeVar
 
 CHUNK = 65_536
+FAULTS = frozenset(
+    {
+        *(signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGSEGV),
+        *(signal.SIGSYS, signal.SIGTRAP),
+    }
+)
+"""Signals that a process brings upon itself; all others come from outside."""
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -38,6 +45,8 @@ class Reply:
     failure: str | None = None
     """Cause of a failure; the process has ended then, and answers may be missing. None without a failure."""
     is_timed_out: bool = False
+    is_from_outside: bool = False
+    """Whether the process was ended from outside, or ended before its first answer: the question is not to blame."""
 
 
 def command(module: str) -> tuple[str, ...]:
@@ -68,14 +77,14 @@ class Process:
             self._process.stdin.write(json.dumps(question).encode() + b"\n")
             self._process.stdin.flush()
         except OSError:
-            return Reply(answers, self._end())
+            return self._ended(answers)
         while len(answers) < num_answers:
             line = self._read_line(deadline)
             if line is None:
                 self.kill()
                 return Reply(answers, "timed out", is_timed_out=True)
             if not line:
-                return Reply(answers, self._end())
+                return self._ended(answers)
             try:
                 answers.append(json.loads(line))
             except ValueError:
@@ -97,14 +106,18 @@ class Process:
                 with suppress(OSError):
                     pipe.close()
 
-    def _end(self) -> str:
+    def _ended(self, answers: list[Any]) -> Reply:
         """Describe how the process ended."""
         code = self._process.wait()
         if code >= 0:
-            return f"the process ended with exit code {code}"
-        name = signal.Signals(-code).name
+            failure = f"the process ended with exit code {code}"
+            return Reply(answers, failure, is_from_outside=not answers)
+        try:
+            name = signal.Signals(-code).name
+        except ValueError:  # Real-time signals have numbers only.
+            name = f"signal {-code}"
         more = ", as when memory runs out" if name == "SIGKILL" else ""
-        return f"the process was ended by {name}{more}"
+        return Reply(answers, f"the process was ended by {name}{more}", is_from_outside=-code not in FAULTS)
 
     def _read_line(self, deadline: float | None) -> bytes | None:
         """Read a line; empty at the end of the output, None at the deadline."""

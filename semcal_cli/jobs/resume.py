@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import fcntl
+import os
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from pathlib import Path
-from typing import TypeVar
+from typing import BinaryIO, TypeVar
 
 from semcal_cli.errors import InputError
+from semcal_cli.files.kinds import check_own_file
+from semcal_cli.files.messages import os_reason
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
@@ -29,10 +32,12 @@ def resume(
         read_outcome: Reads the outcome of an item; None if the item is not done yet.
         execute: Works on items, and yields the outcome of each when it is done; closed when the run is stopped.
         on_done: Called with each outcome, and whether it is new.
-        finish: Called with all outcomes at the end, or with those there are when the run is stopped.
+        finish: Called with all outcomes at the end, or with those there are when the run is stopped; it may change
+            the list.
 
     Returns:
-        All outcomes: first those already known, then the new ones in the order of their completion.
+        All outcomes, as `finish` leaves them: first those already known, then the new ones in the order of their
+        completion.
     """
     outcomes: list[Outcome] = []
     missing = []
@@ -55,26 +60,43 @@ def resume(
 
 
 @contextmanager
-def locked(file: Path, run: str) -> Iterator[None]:
+def locked(file: Path, run: str) -> Iterator[int]:
     """Lock a file, and with it its folder, for this run; the lock ends with the process that holds it.
 
     Args:
         file: File to lock; it is created, with its folder, if it is missing.
         run: Kind of the run, for the message.
 
+    Yields:
+        Descriptor of the file, to append to it.
+
     Raises:
-        InputError: another process holds the lock, or the file cannot be written to.
+        InputError: another process holds the lock, or the file is none or cannot be written to.
     """
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        opened = file.open("a")
     except OSError as error:
-        raise InputError(f"{file}: cannot be written: {(error.strerror or str(error)).lower()}") from None
-    with opened:
+        raise InputError(f"{file}: cannot be written: {os_reason(error)}") from None
+    with open_own(file) as opened:
         try:
             fcntl.flock(opened, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
             raise InputError(
                 f"{file.parent}: found another {run} at work there, needed a folder of its own"
             ) from None
-        yield
+        yield opened.fileno()
+
+
+def open_own(file: Path) -> BinaryIO:
+    """Open a file of our own to append to it; it is created if it is missing.
+
+    Raises:
+        InputError: a link, a pipe or a folder stands there, or the file cannot be written to.
+    """
+    check_own_file(file)
+    try:
+        # What takes the file's place now is not followed either, and its opening does not wait for a reader.
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
+        return os.fdopen(os.open(file, flags, 0o666), "ab", buffering=0)
+    except OSError as error:
+        raise InputError(f"{file}: cannot be written: {os_reason(error)}") from None

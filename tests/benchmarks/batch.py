@@ -18,8 +18,10 @@ from time import perf_counter
 
 import click
 
+from semcal_cli.batch.folders import check_made_by_batch, make_folder_of_drive
+from semcal_cli.batch.records import read_inputs, write_record
 from semcal_cli.batch.run import run_batch
-from semcal_cli.batch.tasks import Outcome, Task, read_inputs, write_record
+from semcal_cli.batch.tasks import Outcome, Task
 
 SEMCAL = (sys.executable, "-c", "from semcal_cli.cli import main; main()")
 BARE = """
@@ -46,16 +48,25 @@ def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
     tasks = [
         Task(f"drives/{n:06d}", str(drive), str(folder / f"out/{n:06d}"), "calibrate") for n in range(count)
     ]
-    rows = tuple(tuple(0.1 * (i + j) for j in range(4)) for i in range(4))
+    rows = tuple(tuple(float(i == j) for j in range(4)) for i in range(4))
     covariance = tuple(tuple(0.1 * (i + j) for j in range(6)) for i in range(6))
 
     inputs = read_inputs(tasks[0])
 
     def stub(missing: Sequence[Task]) -> Generator[Outcome, None, None]:
         for task in missing:
-            Path(task.folder).mkdir(parents=True)
+            make_folder_of_drive(task, folder / "out")
             outcome = Outcome(
-                task.drive, "trusted", 0, (), 1.5, rows, covariance, 2.0, "a", "calibration.yaml"
+                task.drive,
+                "trusted",
+                0,
+                (),
+                1.5,
+                rows,
+                covariance,
+                2.0,
+                "a",
+                f"{Path(task.folder).name}/calibration.yaml",
             )
             task.result.write_text("recorded\n")
             write_record(task, outcome, inputs, timed_out=False)
@@ -64,6 +75,7 @@ def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
     times = []
     for _ in range(2):
         start = perf_counter()
+        check_made_by_batch(tasks, folder / "out", folder / "out")
         run_batch(tasks, folder / "out", stub)
         times.append(perf_counter() - start)
     return times[0], times[1], resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

@@ -1,0 +1,171 @@
+"""The record that a batch keeps of each drive.
+
+A record is written as a whole when the drive is done. It names the files that were read, with their hashes. A stopped
+batch can then resume where it was, and run those drives again whose result would change. A record is no second place
+of the truth: it holds the hash of the result that its outcome was made from, and a hash of itself, so that one that was
+edited counts as none.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from contextlib import suppress
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+from pydantic import JsonValue
+
+from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, OutcomeLine, Task
+from semcal_cli.drive.document import drive_file, read_drive
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.kinds import FILE, check_own_file, kind_of
+from semcal_cli.files.reading import read_bytes, read_text
+from semcal_cli.files.validation import StrictModel, Version, validate
+from semcal_cli.files.writing import write_text
+
+SIGNED = ', "sha256": "'
+"""What precedes the hash of a record."""
+EARLIER_KEYS = {"asked", "timed_out_s", "outcome", "files"}
+"""Keys of a record, also of those without a version."""
+
+
+class FileState(StrictModel):
+    """Size, time and hash of a file when it was read."""
+
+    size: int
+    """Size in bytes."""
+    mtime_ns: int
+    """Time of the last change, in nanoseconds since 1970."""
+    sha256: str
+    """Hash of the content."""
+
+
+class Record(StrictModel):
+    """All that a batch knows of a drive that is done."""
+
+    semcal_record: Version
+    """Version of this format."""
+    asked: dict[str, JsonValue]
+    """All that changes the answer, except the files."""
+    timed_out_s: float | None
+    """Limit that the drive exceeded, in seconds; null if it did not."""
+    outcome: OutcomeLine
+    """Outcome of the drive."""
+    result: FileState | None
+    """State of the result; null if there is none."""
+    files: dict[str, FileState | None]
+    """State of each file that was read, by its absolute path; null if the file could not be read."""
+
+
+def read_state(path: Path) -> FileState | None:
+    """Read the state of a file; None if the file cannot be read."""
+    try:
+        content, found = read_bytes(path), path.stat()
+    except (InputError, OSError):
+        return None
+    digest = hashlib.sha256(content).hexdigest()
+    return FileState(size=found.st_size, mtime_ns=found.st_mtime_ns, sha256=digest)
+
+
+def read_inputs(task: Task) -> dict[str, FileState | None]:
+    """Read the state of each file that a task reads, by absolute path; for a broken drive, of its known files."""
+    file = drive_file(Path(task.path))
+    paths = [file, *map(Path, task.also)]
+    with suppress(InputError):
+        drive = read_drive(file)
+        paths += map(drive.resolve, drive.files())
+    return {str(path): read_state(path) for path in paths}
+
+
+def write_record(
+    task: Task, outcome: Outcome, inputs: dict[str, FileState | None], *, timed_out: bool
+) -> None:
+    """Write the record of a drive.
+
+    Raises:
+        InputError: the record cannot be written.
+    """
+    result = None if outcome.result is None else read_state(task.result)
+    document = {
+        "semcal_record": 1,
+        "asked": _asked(task),
+        "timed_out_s": task.timeout_s if timed_out else None,
+        "outcome": vars(outcome),
+        "result": result and vars(result),
+        "files": {path: state and vars(state) for path, state in inputs.items()},
+    }
+    path = Path(task.folder) / RECORD
+    check_own_file(path)
+    write_text(_signed(json.dumps(document)), path)
+
+
+def read_outcome(task: Task) -> Outcome | None:
+    """Read the outcome of a drive; None if it has none, or if a new run could give another one."""
+    path = Path(task.folder) / RECORD
+    if kind_of(path) != FILE:
+        return None
+    try:
+        text = read_text(path)
+        body, _, _ = text.rpartition(SIGNED)
+        if text != _signed(body + "}"):
+            return None
+        record = validate(Record, json.loads(body + "}"), path)
+    except (InputError, ValueError, RecursionError):
+        return None  # It is missing, or of another version.
+    has_more_time = record.timed_out_s is not None and (task.timeout_s or math.inf) > record.timed_out_s
+    if record.asked != _asked(task) or has_more_time:
+        return None
+    if record.outcome.status != FAILED and not _has_result(task, record.result):
+        return None
+    if not all(_is_unchanged(path, state) for path, state in record.files.items()):
+        return None
+    return Outcome(**vars(record.outcome))
+
+
+def has_record(folder: Path) -> bool:
+    """Tell whether a batch of any version left a record in a folder."""
+    path = folder / RECORD
+    try:
+        return kind_of(path) == FILE and read_document(path).keys() >= EARLIER_KEYS
+    except InputError:
+        return False
+
+
+def _signed(text: str) -> str:
+    """Add the hash of a record to its text, as the last key; an edited text does not fit it."""
+    return f'{text[:-1]}{SIGNED}{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
+
+
+def _has_result(task: Task, state: FileState | None) -> bool:
+    """Tell whether the result is still there as it was; a link to it is not."""
+    return state is not None and kind_of(task.result) == FILE and _is_unchanged(str(task.result), state)
+
+
+def _asked(task: Task) -> dict[str, object]:
+    """All that changes the answer, except the files."""
+    asked = {"drive": task.drive, "path": task.path, "command": task.command}
+    return {**asked, "arguments": list(task.arguments), "version": _version()}
+
+
+@cache
+def _version() -> str:
+    """Version of semcal; looking it up takes milliseconds."""
+    return version("semcal")
+
+
+def _is_unchanged(path: str, state: FileState | None) -> bool:
+    try:
+        found = os.stat(path)  # noqa: PTH116 - of many files, whose paths take longer than the call
+    except (OSError, ValueError):
+        return state is None
+    if state is None:
+        return False
+    if (found.st_size, found.st_mtime_ns) == (state.size, state.mtime_ns):
+        return True
+    now = read_state(Path(path))
+    return now is not None and now.sha256 == state.sha256

@@ -1,0 +1,222 @@
+"""Batches that are run again: after the machine failed, after a person edited or removed files, after a kill."""
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from batches import SEMCAL, command, make_drives, run, summary
+
+from semcal_cli.batch.drives import folder_of
+from semcal_cli.formats import read_transform
+from semcal_cli.jobs import processes
+
+NUM_DRIVES = 6
+UNLUCKY = """
+import sys
+sys.path = sys.argv[1:]
+import os, resource, signal
+from semcal_cli.cli import worker
+real = worker.run
+def run(arguments):
+    name = os.path.basename(arguments[1])
+    if name in ends:
+        os.kill(os.getpid(), ends[name])
+    if name == "002":
+        raise MemoryError("Unable to allocate 1 TiB")
+    if name == "005":
+        raise RuntimeError("out of luck")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    if name == "001":
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        return real(arguments)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+ends = {"000": signal.SIGKILL, "003": signal.SIGTERM, "004": signal.SIGSEGV}
+worker.run = run
+worker.main()
+"""
+"""Worker to which something happens at each drive. A limit of size refuses to write as a full disk does."""
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_drives(tmp_path_factory.mktemp("drives"), NUM_DRIVES)
+
+
+@pytest.fixture(scope="module")
+def finished(drives: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Results of the first drive, which tests do not write to."""
+    out = tmp_path_factory.mktemp("finished") / "out"
+    assert run(first(drives, out)).exit_code in (0, 3)
+    return out
+
+
+def first(drives: Path, out: Path) -> list[str]:
+    """The command on the first drive only."""
+    return [*command(drives, out)[:1], str(drives / "000"), *command(drives, out)[2:]]
+
+
+def test_what_the_machine_failed_at_is_done_again(
+    drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = command(drives, tmp_path / "out")
+    with monkeypatch.context() as patch:
+        patch.setattr(processes, "command", lambda module: (sys.executable, "-c", UNLUCKY, *sys.path))
+        assert run(arguments).exit_code == 1
+    reasons = [outcome["reasons"][0] for outcome in summary(tmp_path / "out")]
+    assert reasons[0].startswith("the process was ended by SIGKILL")
+    assert reasons[1].endswith("calibration.yaml: cannot be written: file too large")
+    assert reasons[2] == "MemoryError: Unable to allocate 1 TiB"
+    assert reasons[3:] == [
+        *("the process was ended by SIGTERM", "the process was ended by SIGSEGV", "RuntimeError: out of luck")
+    ]
+    assert run(arguments).exit_code == 1
+    again = summary(tmp_path / "out")
+    assert [outcome["status"] == "failed" for outcome in again] == [False] * 4 + [True] * 2
+    assert [outcome["reasons"][0] for outcome in again[4:]] == reasons[4:]
+    assert run([*arguments[:1], "--force", *arguments[1:]]).exit_code in (0, 3)
+
+
+def test_a_full_disk_is_no_outcome(drives: Path, tmp_path: Path) -> None:
+    """The whole command can write only 1 kB to each file, which is enough for a marker and a log."""
+    limited = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n" + SEMCAL[2]
+    arguments = first(drives, tmp_path / "out")
+    found = subprocess.run(
+        [sys.executable, "-c", limited, *arguments], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert found.returncode == 1
+    assert "calibration.yaml: cannot be written: file too large" in found.stderr
+    assert run(arguments).exit_code in (0, 3)
+
+
+def signed(document: Any) -> str:
+    """A record with the right hash, as only a person who wants to deceive writes it."""
+    text = json.dumps({key: value for key, value in document.items() if key != "sha256"})
+    return f'{text[:-1]}, "sha256": "{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
+
+
+RECORDS: dict[str, Callable[[dict[str, Any]], str]] = {
+    "exit code": lambda record: signed(record | {"outcome": record["outcome"] | {"exit_code": 77}}),
+    "drive": lambda record: signed(record | {"outcome": record["outcome"] | {"drive": 5}}),
+    "status": lambda record: signed(record | {"outcome": record["outcome"] | {"status": "splendid"}}),
+    "no result": lambda record: signed(record | {"result": None}),
+    "path": lambda record: signed(record | {"files": {"a\0b": None, **record["files"]}, "timed_out_s": "a"}),
+    "depth": lambda record: "[" * 100_000,
+    "signed depth": lambda record: signed(record | {"asked": 5}).replace("5", "[" * 900 + "]" * 900),
+    "list": lambda record: "[1]",
+    "pose": lambda record: json.dumps(
+        record | {"outcome": record["outcome"] | {"T_camera_lidar": [[1.0, 0.0, 0.0, 9.0], *IDENTITY[1:]]}}
+    ),
+}
+IDENTITY = [[float(i == j) for j in range(4)] for i in range(4)]
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_an_edited_record_is_none(name: str, drives: Path, finished: Path, tmp_path: Path) -> None:
+    out = Path(shutil.copytree(finished, tmp_path / "out"))
+    (record,) = out.rglob("record.json")
+    record.write_text(RECORDS[name](json.loads(record.read_text())))
+    found = run(first(drives, out))
+    assert found.exit_code in (0, 3), found.output
+    assert (out / "summary.jsonl").read_bytes() == (finished / "summary.jsonl").read_bytes()
+    assert json.loads(record.read_text())["outcome"] == summary(finished)[0]
+
+
+def test_an_edited_calibration_does_not_stay(drives: Path, finished: Path, tmp_path: Path) -> None:
+    out = Path(shutil.copytree(finished, tmp_path / "out"))
+    (outcome,) = summary(out)
+    result = out / outcome["result"]
+    result.write_text(result.read_text().replace("status: ", "status:  "))
+    run(first(drives, out))
+    assert result.read_bytes() == (finished / outcome["result"]).read_bytes()
+    assert read_transform(result).tolist() == summary(out)[0]["T_camera_lidar"]
+
+
+def test_results_that_vanish_are_failures(drives: Path, tmp_path: Path) -> None:
+    """The results folder is moved away during the run."""
+    out = tmp_path / "out"
+    process = subprocess.Popen(
+        [*SEMCAL, *command(drives, out)], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    process.stderr.readline()  # one drive is done
+    out.rename(tmp_path / "gone")
+    _, rest = process.communicate(timeout=300)
+    assert process.returncode == 1, rest
+    outcomes = summary(out)
+    assert len(outcomes) == NUM_DRIVES
+    assert outcomes[0]["reasons"] == [
+        f"{out / folder_of(outcomes[0]['drive'])}/calibration.yaml: found nothing when the run ended, needed the result"
+    ]
+    for outcome in outcomes:
+        assert (outcome["status"] == "failed") == (outcome["result"] is None)
+        assert outcome["result"] is None or (out / outcome["result"]).is_file()
+    failures = sum(outcome["status"] == "failed" for outcome in outcomes)
+    assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: {failures} failed" in rest
+    assert run(command(drives, out)).exit_code in (0, 3)
+
+
+def killed_at_the_marker(out: Path) -> None:
+    shutil.rmtree(out)
+    place = out / "drive"
+    place.mkdir(parents=True)
+    (out / ".lock").write_text("A folder of semcal ba")
+    (place / ".semcal_batch").touch()
+
+
+def of_an_earlier_version(out: Path) -> None:
+    (out / ".lock").write_bytes(b"")
+    for marker in out.rglob(".semcal_batch"):
+        marker.unlink()
+        record = json.loads((marker.parent / "record.json").read_text())
+        kept = {key: record[key] for key in ("asked", "timed_out_s", "outcome", "files")}
+        (marker.parent / "record.json").write_text(json.dumps(kept))
+
+
+def without_a_record(out: Path) -> None:
+    for record in out.rglob("record.json"):
+        record.rename(record.with_name(f".{'0' * 16}.tmp"))
+
+
+@pytest.mark.parametrize(
+    "change", [killed_at_the_marker, of_an_earlier_version, without_a_record], ids=lambda f: f.__name__
+)
+def test_a_batch_knows_its_own_folders(
+    change: Callable[[Path], None], drives: Path, finished: Path, tmp_path: Path
+) -> None:
+    out = Path(shutil.copytree(finished, tmp_path / "out"))
+    change(out)
+    found = run(first(drives, out))
+    assert found.exit_code in (0, 3), found.exception
+    assert (out / "summary.jsonl").read_bytes() == (finished / "summary.jsonl").read_bytes()
+
+
+@pytest.mark.parametrize(
+    "name", ["log.txt", "record.json", "calibration.yaml", "times.json", ".semcal_batch"]
+)
+def test_links_in_finished_folders_are_not_followed(
+    name: str, drives: Path, finished: Path, tmp_path: Path
+) -> None:
+    """What a person puts into the folders of a batch fails one drive, and hard links are cut."""
+    out = Path(shutil.copytree(finished, tmp_path / "out"))
+    place = out / folder_of(str(drives / "000"))
+    precious = tmp_path / "precious"
+    precious.write_text("a year of work\n")
+    (place / name).unlink()
+    (place / name).symlink_to(precious)
+    found = run([*first(drives, out)[:1], "--force", *first(drives, out)[1:]])
+    assert found.exit_code == 1
+    assert summary(out)[0]["reasons"][0] == f"{place / name}: found a link, needed a file or nothing"
+    assert precious.read_text() == "a year of work\n"
+    (place / name).unlink()
+    os.link(precious, place / name)
+    run([*first(drives, out)[:1], "--force", *first(drives, out)[1:]])
+    assert precious.read_text() == "a year of work\n"
