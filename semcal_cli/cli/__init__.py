@@ -9,6 +9,7 @@ import os
 import sys
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
 import click
@@ -74,18 +75,44 @@ def run(arguments: Sequence[str]) -> Ending:
     try:
         for argument in arguments:
             _check_text(argument)
-        semcal(arguments)
-    except SystemExit as end:
-        return Ending(int(end.code or 0))
+        return _invoke(arguments)
     except SemcalError as error:
         failure: Exception = error
         # The message is one line, even if a file's name contains a line break.
         line = " ".join(str(error).splitlines())
+    except BrokenPipeError:
+        _silence_closed_pipe()
+        return Ending(EXIT_FAILURE, "the output was closed before its end")
     except OSError as error:
         failure = error
         line = f"{error.filename or 'standard output'}: {(error.strerror or str(error)).lower()}"
     click.echo(f"semcal: error: {line}", err=True)
     return Ending(EXIT_FAILURE, line, failure)
+
+
+def _invoke(arguments: Sequence[str]) -> Ending:
+    """Invoke the command, and show a wrong usage as click does."""
+    try:
+        return Ending(int(semcal.main(arguments, standalone_mode=False) or 0))
+    except SystemExit as end:
+        return Ending(int(end.code or 0))
+    except click.ClickException as error:
+        error.show()
+        return Ending(error.exit_code, " ".join(error.format_message().split()), error)
+    except click.Abort:
+        click.echo("Aborted!", err=True)
+        return Ending(EXIT_FAILURE, "aborted")
+
+
+def _silence_closed_pipe() -> None:
+    """Let what is still to be flushed at the end go nowhere: who read the output has gone."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+            continue
+        with suppress(OSError, ValueError, AttributeError):
+            os.dup2(nowhere, stream.fileno())
 
 
 def _check_text(argument: str) -> None:

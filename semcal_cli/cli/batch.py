@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from semcal_cli.cli.calibrate import calibrate
+from semcal_cli.cli.calibrate import settings_of as settings_of_calibrate
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     MAX_THREADS,
@@ -21,14 +23,22 @@ from semcal_cli.cli.options import (
     number_option,
     quiet_option,
 )
+from semcal_cli.cli.verify import settings_of as settings_of_verify
 from semcal_cli.cli.verify import verify
 
 if TYPE_CHECKING:
     from semcal_cli.batch.tasks import Task
 
 EXIT_STOPPED = 130
-COMMANDS: dict[str, click.Command] = {"calibrate": calibrate, "verify": verify}
-OURS = {"output", "log", "threads", "quiet", "page", "pictures", "to", "as_json", "junit", "calibration"}
+COMMANDS: dict[str, tuple[click.Command, Callable[[Mapping[str, Any]], object]]] = {
+    "calibrate": (calibrate, settings_of_calibrate),
+    "verify": (verify, settings_of_verify),
+}
+"""The commands, each with the function that checks its options without a drive."""
+OURS = {
+    *("output", "log", "threads", "quiet", "page", "images", "as_json", "junit", "calibration"),
+    *("to", "to_direction", "to_frame", "to_camera", "to_lidar"),
+}
 """Options of these commands that a batch sets itself, or that name one file although there are many drives."""
 REST = "semcal.rest"
 
@@ -115,7 +125,7 @@ def batch(
         )
     num_jobs = jobs or 1
     num_threads = threads or (1 if address is not None else max(len(os.sched_getaffinity(0)) // num_jobs, 1))
-    tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s)
+    tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s, address is None)
     folder = output.absolute()
     with ExitStack() as stack:
         if address is None:
@@ -140,6 +150,7 @@ def _make_tasks(
     calibration: Path | None,
     num_threads: int,
     timeout_s: float | None,
+    is_here: bool,
 ) -> list[Task]:
     """List the tasks: the command on each drive, with its results below the folder.
 
@@ -152,7 +163,7 @@ def _make_tasks(
     from semcal_cli.batch.folders import check_apart, check_distinct, check_made_by_batch
     from semcal_cli.batch.tasks import Task
 
-    rest, also = _take_rest(command, calibration)
+    rest, also = _take_rest(command, calibration, is_here)
     given = find_drives(drives, sys.stdin)
     check_distinct(given)
     check_apart(given, output)
@@ -174,23 +185,23 @@ def _make_tasks(
     return tasks
 
 
-def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[str]]:
+def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[list[str], list[str]]:
     """Check the options that go to the command, once for all drives; return them with absolute paths, and their files.
 
     Raises:
-        click.UsageError: the command has no such option, or the batch sets it.
-        InputError: a transform is invalid.
+        click.UsageError: the command has no such option, options exclude one another, or the batch sets one.
+        InputError: a transform is invalid, or this machine, where the drives are to run, lacks the device.
     """
     from semcal_cli.drive.document import drive_file
     from semcal_cli.formats import read_transform
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
-    arguments = ["DRIVE"] if calibration is None else ["DRIVE", str(calibration)]
-    with COMMANDS[command].make_context(command, [*arguments, *rest]) as context:
-        for parameter in given_parameters(context):
-            if isinstance(parameter, click.Option) and parameter.name in OURS:
-                raise click.UsageError(f"-- {parameter.opts[0]}: is not for many drives")
-        init: Path | None = context.params.get("init")
+    given = _checked_parameters(command, calibration, rest)
+    if is_here and given.get("device") == "cuda":
+        from semcal_cli.refinement.mine import check_device
+
+        check_device("cuda")
+    init: Path | None = given.get("init")
     named = [path for path in (calibration, init) if path is not None]
     for path in named:
         read_transform(path)
@@ -200,3 +211,29 @@ def _take_rest(command: str, calibration: Path | None) -> tuple[list[str], list[
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
     return rest, [str(drive_file(path).absolute()) for path in named]
+
+
+def _checked_parameters(command: str, calibration: Path | None, rest: list[str]) -> dict[str, Any]:
+    """Parse the options that go to the command, and check all that can be said about them without a drive.
+
+    Raises:
+        click.UsageError: the command has no such option, options exclude one another, or the batch sets one.
+        InputError: a transform is invalid.
+    """
+    from semcal_cli.batch.tasks import RESULTS
+
+    if "--" in rest:
+        raise click.UsageError("-- --: found -- once more, needed options of the command")
+    arguments = ["DRIVE"] if calibration is None else ["DRIVE", str(calibration)]
+    run, check = COMMANDS[command]
+    root = click.get_current_context().parent
+    with run.make_context(command, [*arguments, *rest], root) as context:
+        for parameter in given_parameters(context):
+            if isinstance(parameter, click.Option) and parameter.name in OURS:
+                raise click.UsageError(f"-- {parameter.opts[0]}: is not for many drives")
+        try:
+            check(context.params | {"output": Path(RESULTS[command])})
+        except click.UsageError as error:
+            error.ctx = context
+            raise
+    return context.params

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ import click
 
 from semcal_cli.cli.convert import FormatName, open_options, take_format_options
 from semcal_cli.cli.options import (
+    OUTPUT_FILE,
     PATH,
     ResultOptions,
     choice_option,
@@ -23,6 +25,7 @@ from semcal_cli.cli.options import (
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 from semcal_cli.config import LABELS, CalibrationConfig
+from semcal_cli.files.streams import takes_several
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
@@ -68,7 +71,7 @@ WITH_SOIC = (
 )
 @open_options("to-", "what is written with --to")
 @click.option(
-    "--report", "page", type=PATH, metavar="FILE", help="Also write a page about the result: .html."
+    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the result: .html."
 )
 @click.option(
     "--overlay",
@@ -80,12 +83,6 @@ WITH_SOIC = (
 @result_options
 def calibrate(
     drive: Path,
-    method: str,
-    repeat: int | None,
-    split: bool,
-    to: str | None,
-    page: Path | None,
-    images: Path | None,
     **options: Any,
 ) -> None:
     """Calibrate the camera and the LiDAR of DRIVE, a folder with a drive.yaml or the file itself.
@@ -96,34 +93,69 @@ def calibrate(
     DRIVE may be a rig.yaml, which names the drives of several cameras of one LiDAR: all are calibrated, and -o is a
     folder for the result of each and for rig_calibration.yaml, with each camera beside each other.
     """
-    from semcal_cli.cli.outputs import Outputs
     from semcal_cli.rig.document import find_rig
 
-    if method == "soic":
+    settings = settings_of(options)
+    common, config, initial_pose = settings.common, settings.config, settings.initial_pose
+    run = partial(_by_method(settings.method, settings.priors), config=config, initial_pose=initial_pose)
+    if (rig := find_rig(drive)) is not None:
+        from semcal_cli.cli.rig import calibrate_rig
+
+        sys.exit(calibrate_rig(rig, run, common, config))
+    if settings.is_split:
+        from semcal_cli.cli.split import calibrate_parts
+
+        sys.exit(calibrate_parts(drive, run, settings.outputs, common, config, initial_pose))
+    sys.exit(_calibrate_drive(drive, run, settings.outputs, common, config, initial_pose))
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What the options of `calibrate` say, whatever the drive."""
+
+    method: str
+    """`mi` or `soic`."""
+    common: ResultOptions
+    config: CalibrationConfig
+    initial_pose: InitialPose | None
+    priors: tuple[Prior, ...]
+    outputs: Outputs
+    is_split: bool
+    """Whether each part of a drive is calibrated in which the camera was moved."""
+
+
+def settings_of(given: Mapping[str, Any]) -> Settings:
+    """Check all that can be said about the options without the drive, and make settings of them.
+
+    Args:
+        given: Parameters of the current context, which is one of `calibrate`.
+
+    Raises:
+        click.UsageError: two options exclude one another, or one needs another.
+        InputError: the file of `--init` is not a transform, or a pose puts the camera too far from the LiDAR.
+    """
+    from semcal_cli.cli.outputs import Outputs
+
+    options = dict(given)
+    if options["method"] == "soic":
         _check_soic()
     search_config, initial_pose = make_search(options)
-    format_options = take_format_options(options, "to_")
+    to, format_options = options["to"], take_format_options(options, "to_")
     if to is None and any(vars(format_options).values()):
         raise click.UsageError(
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
     max_baseline_m = search_config.alignment.max_baseline_m
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
-    common = ResultOptions(**options)
+    common = ResultOptions(**{field.name: options[field.name] for field in fields(ResultOptions)})
     config = CalibrationConfig(
-        common.seed, common.cues, common.max_frames, search_config, refinement, num_seeds=repeat or 1
+        common.seed, common.cues, common.max_frames, search_config, refinement, options["repeat"] or 1
     )
-    run = partial(_by_method(method, priors), config=config, initial_pose=initial_pose)
-    if (rig := find_rig(drive)) is not None:
-        from semcal_cli.cli.rig import calibrate_rig
-
-        sys.exit(calibrate_rig(rig, run, common, config))
-    outputs = Outputs(common.output, common.log, None if to is None else (to, format_options), page, images)
-    if split:
-        from semcal_cli.cli.split import calibrate_parts
-
-        sys.exit(calibrate_parts(drive, run, outputs, common, config, initial_pose))
-    sys.exit(_calibrate_drive(drive, run, outputs, common, config, initial_pose))
+    formatted = None if to is None else (to, format_options)
+    outputs = Outputs(common.output, common.log, formatted, options["page"], options["images"])
+    if options["split"]:
+        _check_split(outputs, config)
+    return Settings(options["method"], common, config, initial_pose, priors, outputs, options["split"])
 
 
 def _by_method(method: str, priors: tuple[Prior, ...]) -> Callable[..., Calibration]:
@@ -167,3 +199,19 @@ def _check_soic() -> None:
         by_labels = parameter.name == "cues" and context.params["cues"] == LABELS
         if parameter.name not in WITH_SOIC and not by_labels:
             raise click.UsageError(f"{parameter.opts[0]}: is of --method mi")
+
+
+def _check_split(outputs: Outputs, config: CalibrationConfig) -> None:
+    """Check that no option is given that excludes parts.
+
+    Raises:
+        click.UsageError: such an option is given.
+    """
+    if outputs.output is None or takes_several(outputs.output):
+        raise click.UsageError("--split: writes several files: give -o, after which they are named")
+    if outputs.to is not None:
+        raise click.UsageError("--split: writes whole results: leave --to out")
+    if not config.refinement.is_polished or "features" in config.cues:
+        raise click.UsageError(
+            "--split: frames are compared after the polish, which --no-polish and --cue features leave out"
+        )

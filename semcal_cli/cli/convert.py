@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import PATH, Command
+from semcal_cli.cli.options import PATH, Command, file_or_stdout
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
@@ -82,9 +81,7 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
 @click.option(
     "--from", "from_", type=FormatName(), metavar="FORMAT", help="Format of IN, if its content does not tell."
 )
-@click.option(
-    "-o", "--output", type=PATH, metavar="FILE", help="File to write. Standard output if not given."
-)
+@file_or_stdout("File to write. Standard output if it is - or not given.")
 @click.option(
     "--into",
     type=PATH,
@@ -117,12 +114,17 @@ def convert(
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
     from semcal_cli.files.reading import is_same_file
+    from semcal_cli.files.streams import check_descriptor, descriptor
     from semcal_cli.formats import put_transform, read_transform, write_transform
 
     if (to is None) == (into is None):
         raise click.UsageError("give --to FORMAT, or --into FILE")
     if into is not None and output is not None:
         raise click.UsageError("-o: --into changes its own file: leave -o out")
+    if into is not None and descriptor(into) is not None:
+        raise InputError(f"{into}: found a descriptor, needed a file to change")
+    if output is not None:
+        check_descriptor(output)
     written, read = take_format_options(options, "to_"), take_format_options(options)
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
     T_camera_lidar = read_transform(source, from_, replace(read, on_repair=on_repair))
@@ -135,4 +137,4 @@ def convert(
         raise InputError(f"{output}: found the file that is read, needed another name")
     content = write_transform(T_camera_lidar, output, to, written)
     if output is None:
-        sys.stdout.buffer.write(content)
+        click.echo(content, nl=False)

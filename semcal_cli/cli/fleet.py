@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, junit_xml, of_verdict
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options, output_option, quiet_option
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    OUTPUT_FILE,
+    PATH,
+    limit_options,
+    output_option,
+    quiet_option,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -43,12 +50,12 @@ PLOTS = (".png", ".svg")
 )
 @limit_options(may_be_zero=False)
 @click.option(
-    "--report", "page", type=PATH, metavar="FILE", help="Also write a page about the result: .html."
+    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the result: .html."
 )
 @click.option(
-    "--plot", type=PATH, metavar="FILE", help="Also write the page's plot on its own: .png or .svg."
+    "--plot", type=OUTPUT_FILE, metavar="FILE", help="Also write the page's plot on its own: .png or .svg."
 )
-@click.option("--junit", type=PATH, metavar="FILE", help="Also write a JUnit XML file.")
+@click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
 @quiet_option
 def fleet(
     results: tuple[Path, ...],
@@ -63,7 +70,7 @@ def fleet(
 ) -> None:
     """Combine the drives of a rig."""
     from semcal_cli.batch.summary import JSONL
-    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.outputs import check_outputs, folder_of
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
@@ -83,7 +90,7 @@ def fleet(
     T_reference = None if reference is None else read_transform(reference)
 
     found = combine_drives(read_members(results), Limits(max_rotation_deg, max_translation_m), T_reference)
-    place = Path() if output is None else output.parent
+    place = folder_of(output)
     reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
     text = _result_text(found, hash_files(read, place), reference_name, form, output)
     # All content is made before anything is written, and the result is written last.

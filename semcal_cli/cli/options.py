@@ -12,6 +12,7 @@ from typing import Any, TypeVar, get_args
 import click
 
 from semcal_cli.config import LABELS, MAX_BASELINE_M, MAX_FRAMES, MAX_SEED, CalibrationConfig, Cue, Limits
+from semcal_cli.files.streams import STANDARD_OUTPUT, descriptor
 
 
 class FiniteRange(click.FloatRange):
@@ -27,7 +28,17 @@ class FiniteRange(click.FloatRange):
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
+
+class OutputFile(click.Path):
+    """A file to write; `-` is standard output."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Make the path."""
+        return STANDARD_OUTPUT if value == "-" else super().convert(value, param, ctx)
+
+
 PATH = click.Path(path_type=Path)
+OUTPUT_FILE = OutputFile(path_type=Path)
 
 MAX_THREADS = 1024
 MAX_LIMIT = 1e6
@@ -74,15 +85,21 @@ def choice_option(
 
 drive_argument = click.argument("drive", type=PATH)
 
-output_option = click.option(
-    "-o",
-    "--output",
-    type=PATH,
-    metavar="FILE",
-    help="File of the result: .yaml, .yml or .json. Standard output, as YAML, if not given.",
+
+def file_or_stdout(help: str) -> Callable[[Command], Command]:
+    """Make the option -o for the file of a result; standard output, however it is named, is None."""
+
+    def callback(ctx: click.Context, param: click.Parameter, path: Path | None) -> Path | None:
+        return None if path is not None and descriptor(path) == 1 else path
+
+    return click.option("-o", "--output", type=OUTPUT_FILE, callback=callback, metavar="FILE", help=help)
+
+
+output_option = file_or_stdout(
+    "File of the result: .yaml, .yml or .json. Standard output, as YAML, if it is - or not given."
 )
 log_option = click.option(
-    "--log", type=PATH, metavar="FILE", help="Write times, host and threads to a JSON file."
+    "--log", type=OUTPUT_FILE, metavar="FILE", help="Write times, host and threads to a JSON file."
 )
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 seed_option = click.option(

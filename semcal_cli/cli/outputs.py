@@ -18,6 +18,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import output_format
 from semcal_cli.files.reading import is_folder
+from semcal_cli.files.streams import check_descriptor, descriptor, is_standard_stream, takes_several
 from semcal_cli.files.writing import write_text
 from semcal_cli.formats import write_transform
 from semcal_cli.result.calibration import calibration_text, write_calibration
@@ -51,7 +52,7 @@ class Outputs:
     @property
     def folder(self) -> Path:
         """Folder of the result."""
-        return self.output.parent if self.output else Path()
+        return folder_of(self.output)
 
     def of_part(self, number: int) -> Outputs:
         """Name the outputs of a part of the drive: `out_part_1.yaml` beside `out.yaml`, and a log of its own."""
@@ -122,8 +123,15 @@ class Outputs:
                     terminal.print(labelled("picture", str(path)))
 
 
+def folder_of(output: Path | None) -> Path:
+    """Folder that the paths in a result are relative to: that of its file, or the working folder of a stream."""
+    return Path() if output is None or descriptor(output) is not None else output.parent
+
+
 def _of_part(path: Path | None, number: int) -> Path | None:
-    return None if path is None else path.with_stem(f"{path.stem}_part_{number}")
+    if path is None or takes_several(path):
+        return path
+    return path.with_stem(f"{path.stem}_part_{number}")
 
 
 def _check_frame_images(drive: Drive) -> None:
@@ -146,8 +154,13 @@ def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
             raise InputError(f"{path}: found no folder {path.parent}, needed one to write to")
         if is_folder(path):
             raise InputError(f"{path}: is a folder, needed a file to write to")
+        check_descriptor(path)
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads or writes, needed another name")
+        if takes_several(path):
+            continue
+        if is_standard_stream(path):
+            raise InputError(f"{path}: found the file that the shell writes to, needed another name")
         taken.add(os.path.realpath(path))
 
 
@@ -168,10 +181,12 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
 
 
 def check_page(path: Path) -> None:
-    """Check the suffix of a page.
+    """Check the suffix of a page; a descriptor as /dev/stdout needs none.
 
     Raises:
         InputError: the suffix is not that of HTML.
     """
+    if not path.suffix and descriptor(path) is not None:
+        return
     if path.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .html")

@@ -6,7 +6,14 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, drive_argument, quiet_option, threads_option
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    OUTPUT_FILE,
+    PATH,
+    drive_argument,
+    quiet_option,
+    threads_option,
+)
 
 
 @click.command(
@@ -15,7 +22,9 @@ from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, drive_argument, quiet
 )
 @drive_argument
 @click.argument("calibration", type=PATH)
-@click.option("-o", "--output", type=PATH, required=True, metavar="FILE", help="File of the page: .html.")
+@click.option(
+    "-o", "--output", type=OUTPUT_FILE, required=True, metavar="FILE", help="File of the page: .html."
+)
 @click.option(
     "--against",
     type=PATH,

@@ -6,8 +6,6 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-import click
-
 from semcal_cli.assessment.disagreement import MAX_PARTS
 from semcal_cli.cli.drive import loaded_drive
 from semcal_cli.cli.tables import labelled
@@ -48,11 +46,9 @@ def calibrate_parts(
         The exit code: the worst of the parts, or that of the whole drive if it has none.
 
     Raises:
-        click.UsageError: an option that excludes parts is given.
         InputError: the drive, one of its files or an output is wrong.
         CalibrationError: the drive or a part has no answer; the results of the others are written.
     """
-    _check_options(outputs, config)
     of_parts = [outputs.of_part(number) for number in range(1, MAX_PARTS + 1)]
     load = partial(loaded_drive, threads=options.threads, quiet=options.quiet)
     run = partial(calibrate, relative_to=outputs.folder, hashes={})
@@ -92,14 +88,3 @@ def _calibrate_each(
     if failures:
         raise CalibrationError(f"{len(failures)} of {len(parts)} parts failed; {failures[0]}")
     return code
-
-
-def _check_options(outputs: Outputs, config: CalibrationConfig) -> None:
-    if outputs.output is None:
-        raise click.UsageError("--split: writes several files: give -o, after which they are named")
-    if outputs.to is not None:
-        raise click.UsageError("--split: writes whole results: leave --to out")
-    if not config.refinement.is_polished or "features" in config.cues:
-        raise click.UsageError(
-            "--split: frames are compared after the polish, which --no-polish and --cue features leave out"
-        )

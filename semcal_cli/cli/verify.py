@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, junit_xml, of_verdict
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
+    OUTPUT_FILE,
     PATH,
     cue_option,
     drive_argument,
@@ -21,9 +23,10 @@ from semcal_cli.cli.options import (
     threads_option,
 )
 from semcal_cli.cli.search import read_initial_pose
-from semcal_cli.config import CalibrationConfig, Cue, Limits
+from semcal_cli.config import CalibrationConfig, Limits
 
 if TYPE_CHECKING:
+    from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.verification import Verification
 
 
@@ -39,24 +42,14 @@ if TYPE_CHECKING:
 @click.argument("calibration", type=PATH)
 @limit_options(may_be_zero=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-@click.option("--junit", type=PATH, metavar="FILE", help="Also write a JUnit XML file.")
+@click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
 @seed_option
 @threads_option
 @max_frames_option
 @cue_option
 @quiet_option
 def verify(
-    drive: Path,
-    calibration: Path,
-    max_rotation_deg: float,
-    max_translation_m: float,
-    as_json: bool,
-    junit: Path | None,
-    seed: int,
-    threads: int | None,
-    max_frames: int,
-    cues: tuple[Cue, ...],
-    quiet: bool,
+    drive: Path, threads: int | None, as_json: bool, junit: Path | None, quiet: bool, **options: Any
 ) -> None:
     """Verify a transform on a drive."""
     from semcal_cli.cli.drive import loaded_drive
@@ -64,23 +57,33 @@ def verify(
     from semcal_cli.files.writing import write_text
     from semcal_cli.verification import verify as check
 
-    if "features" in cues:
-        raise click.UsageError(
-            "--cue features: verify compares by the exact histogram, which vectors have none of"
-        )
-    initial_pose = read_initial_pose(calibration)
-    config = CalibrationConfig(seed, cues, max_frames)
-    limits = Limits(max_rotation_deg, max_translation_m)
+    initial_pose, config, limits = settings_of(options)
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit)
     with loaded_drive(drive, config, outputs, initial_pose, threads=threads, quiet=quiet) as (data, terminal):
-        found = check(data, initial_pose, limits, seed, terminal.on_event)
+        found = check(data, initial_pose, limits, config.seed, terminal.on_event)
     cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:
         write_text(junit_xml("verify", cases), junit)
     _print(found, as_json)
     annotate("verify", found.verdict, of_verdict(found.verdict, cases), found.reasons)
     sys.exit(EXIT_CODES[found.verdict])
+
+
+def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationConfig, Limits]:
+    """Check all that can be said about the options without the drive, and make settings of them.
+
+    Raises:
+        click.UsageError: features are to be compared.
+        InputError: the calibration is not a transform.
+    """
+    if "features" in options["cues"]:
+        raise click.UsageError(
+            "--cue features: verify compares by the exact histogram, which vectors have none of"
+        )
+    config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"])
+    limits = Limits(options["max_rotation_deg"], options["max_translation_m"])
+    return read_initial_pose(options["calibration"]), config, limits
 
 
 def _print(found: Verification, as_json: bool) -> None:

@@ -51,7 +51,7 @@ def _execute(task: Task) -> dict[str, Any]:
         ending = Ending(1, f"{failure.filename or folder}: {os_reason(failure)}", failure)
     return {
         "exit_code": ending.exit_code,
-        "error": ending.line,
+        "error": ending.line or f"the command ended with exit code {ending.exit_code}",
         "is_of_machine": is_of_machine(ending.failure, folder),
     }
 

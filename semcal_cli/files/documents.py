@@ -7,6 +7,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import FORMATS, Format, parse
 from semcal_cli.files.messages import describe
 from semcal_cli.files.reading import read_text
+from semcal_cli.files.streams import descriptor
 
 
 def read_document(path: Path) -> dict[Any, Any]:
@@ -72,11 +73,13 @@ def _parse(text: str, format: Format, where: str) -> Any:
 
 
 def output_format(path: Path) -> Format:
-    """Choose the output format by the suffix.
+    """Choose the output format by the suffix; a descriptor as /dev/stdout gets YAML.
 
     Raises:
         InputError: the suffix is neither YAML's nor JSON's.
     """
+    if not path.suffix and descriptor(path) is not None:
+        return "yaml"
     try:
         return FORMATS[path.suffix.lower()]
     except KeyError:

@@ -9,6 +9,7 @@ from pathlib import Path
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import os_reason
 from semcal_cli.files.reading import read_reason
+from semcal_cli.files.streams import descriptor, write_to_descriptor, write_to_special
 
 
 def write_text(text: str, path: Path) -> None:
@@ -19,19 +20,26 @@ def write_text(text: str, path: Path) -> None:
 def write_bytes(content: bytes, path: Path) -> None:
     """Write a file as a whole or not at all: to a temporary file beside it, which is then renamed.
 
-    Devices and pipes are written to, not replaced. A replaced file keeps its permissions.
+    Descriptors of this process, as /dev/stdout, devices and pipes are written to, not replaced. A replaced file keeps
+    its permissions.
 
     Raises:
         InputError: the file cannot be written. An existing file stays untouched then.
+        BrokenPipeError: nothing reads the descriptor any more.
     """
-    target = Path(os.path.realpath(path))
+    target, number = Path(os.path.realpath(path)), descriptor(path)
     try:
+        if number is not None:
+            write_to_descriptor(content, number)
+            return
         mode = target.stat().st_mode
         if not stat.S_ISREG(mode) and not stat.S_ISDIR(mode):
-            target.write_bytes(content)
+            write_to_special(content, path)
             return
     except FileNotFoundError:
         mode = None
+    except BrokenPipeError:
+        raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
     temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")

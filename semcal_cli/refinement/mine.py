@@ -71,8 +71,7 @@ class MineEstimator:
         Raises:
             InputError: the device is `cuda` and there is none.
         """
-        if device == "cuda" and not torch.cuda.is_available():
-            raise InputError("--device cuda: PyTorch finds no CUDA device here")
+        check_device(device)
         self.observations, self.config, self.device = observations, config, torch.device(device)
         self.generator = torch.Generator().manual_seed(seed)
         # Alg. 1: initialise theta; learning rates and optimisers are MineConfig's and Adam.
@@ -157,6 +156,16 @@ class MineEstimator:
             drift=float((last - before).norm()),
             num_points=len(points),
         )
+
+
+def check_device(device: str) -> None:
+    """Check that this machine has a device: `cpu` or `cuda`.
+
+    Raises:
+        InputError: the device is `cuda` and there is none.
+    """
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: PyTorch finds no CUDA device here")
 
 
 @contextmanager
