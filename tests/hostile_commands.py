@@ -51,6 +51,8 @@ class Hostile:
     exit_code: int = 1
     stdin: bytes = b""
     """Content of standard input."""
+    said_before: bytes = b""
+    """What the shell has written to the file `.stdout`, the command's standard output, before."""
     check: Callable[[Path], object] = lambda folder: None
     """Asserts what must hold afterwards: files that stay as they were."""
 
@@ -71,11 +73,15 @@ class Answer:
         return (self.stderr.strip().splitlines() or [""])[-1]
 
 
-def run_guarded(arguments: tuple[str, ...], folder: Path, stdin: bytes = b"") -> Answer:
+def run_guarded(
+    arguments: tuple[str, ...], folder: Path, stdin: bytes = b"", said_before: bytes = b""
+) -> Answer:
     """Run semcal in a folder with limits of time and memory."""
     given, out, err, peak = (folder / f".{name}" for name in ("stdin", "stdout", "stderr", "peak"))
     given.write_bytes(stdin)
     with given.open("rb") as read, out.open("wb") as said, err.open("wb") as complained:
+        said.write(said_before)
+        said.flush()
         process = subprocess.Popen(
             [sys.executable, "-c", LAUNCHER, str(peak), str(GUARD_BYTES), *SEMCAL, *arguments],
             cwd=folder,
@@ -96,7 +102,7 @@ def run_guarded(arguments: tuple[str, ...], folder: Path, stdin: bytes = b"") ->
 def check(case: Hostile, folder: Path) -> None:
     """Run a case, and check its answer."""
     case.make(folder)
-    answer = run_guarded(case.command, folder, case.stdin)
+    answer = run_guarded(case.command, folder, case.stdin, case.said_before)
     assert answer.exit_code == case.exit_code, answer
     assert "Traceback" not in answer.stderr, answer.stderr
     assert re.search(case.line, answer.line), answer.stderr

@@ -1,9 +1,312 @@
 """Hostile outputs, numbers and options of single commands."""
 
-from hostile_commands import Hostile
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
-OUTPUTS: dict[str, Hostile] = {
-    "a drive that does not exist": Hostile(
-        lambda folder: None, ("inspect", "none"), r"^semcal: error: none: no such file or folder$"
+import yaml
+from hostile_commands import Hostile
+from test_calibration import POSE, make_calibration
+
+from semcal_cli.result.calibration import write_calibration
+
+NOTHING = r"^$"
+SAID = b"said before\n"
+VERIFY = ("verify", "drive", "drive", "--quiet", "--junit")
+INCONCLUSIVE = 4
+"""Exit code of the small drive's verification."""
+BATCH = ("batch", "drive", "other", "-o", "results", "--")
+LIMIT_OF_COEFFICIENTS = r"camera\.distortion\[0\]: found 1e\+308, needed at most 1000000000000\.0$"
+
+
+def nothing(folder: Path) -> None:
+    """Makes nothing beside the drives."""
+
+
+def stdout_goes_on(*parts: str) -> Callable[[Path], object]:
+    """Asserts that standard output holds what was said before, then these parts, one after the other."""
+
+    def check(folder: Path) -> None:
+        rest = (folder / ".stdout").read_text()
+        for part in (SAID.decode(), *parts):
+            before, found, rest = rest.partition(part)
+            assert found, part
+            assert part != SAID.decode() or not before
+        assert not (folder / "-").exists()
+
+    return check
+
+
+def link_to_stdout(folder: Path) -> None:
+    """Makes a link to a link to standard output."""
+    (folder / "link.xml").symlink_to("/dev/stdout")
+    (folder / "out").symlink_to("link.xml")
+
+
+def drive_with(*keys: str | int, value: object) -> Callable[[Path], object]:
+    """Makes the drive with another value at a key."""
+
+    def make(folder: Path) -> None:
+        path = folder / "drive" / "drive.yaml"
+        document = yaml.safe_load(path.read_text())
+        _set(document, keys, value)
+        path.write_text(yaml.safe_dump(document))
+
+    return make
+
+
+def calibration_with(*keys: str | int, value: object) -> Callable[[Path], object]:
+    """Makes a calibration with another value at a key, in `c.json`."""
+
+    def make(folder: Path) -> None:
+        path = folder / "c.json"
+        write_calibration(make_calibration(POSE), path)
+        document = json.loads(path.read_text())
+        _set(document, keys, value)
+        path.write_text(json.dumps(document))
+
+    return make
+
+
+def _set(document: Any, keys: tuple[str | int, ...], value: object) -> None:
+    for key in keys[:-1]:
+        document = document[key]
+    document[keys[-1]] = value
+
+
+def rig(folder: Path) -> None:
+    """Makes a rig of the drives."""
+    (folder / "rig.yaml").write_text("semcal_rig: 1\ncameras: {a: drive, b: other}\n")
+
+
+def no_results(folder: Path) -> None:
+    """Asserts that no work was begun."""
+    assert not (folder / "results").exists()
+    assert not (folder / "x").exists()
+
+
+def every_failure_has_a_reason(folder: Path) -> None:
+    """Asserts that the summary says why each drive failed."""
+    lines = (folder / "results" / "summary.jsonl").read_text().splitlines()
+    assert all(json.loads(line)["reasons"][0] for line in lines)
+
+
+def is_still_a_pipe(folder: Path) -> None:
+    """Asserts that the pipe was not replaced."""
+    assert (folder / "pipe").is_fifo()
+
+
+def junit(name: str, line: str = NOTHING, exit_code: int = INCONCLUSIVE) -> Hostile:
+    """Verifies with a JUnit file of this name, which is standard output."""
+    check = stdout_goes_on("<?xml", "</testsuite>", "inconclusive")
+    return Hostile(link_to_stdout, (*VERIFY, name), line, exit_code, said_before=SAID, check=check)
+
+
+def wrong_option(line: str, *options: str, exit_code: int = 2) -> Hostile:
+    """Gives options to the command of a batch, which are wrong whatever the drive."""
+    return Hostile(nothing, (*BATCH, *options), line, exit_code, check=no_results)
+
+
+STREAMS: dict[str, Hostile] = {
+    **{f"junit {name}": junit(name) for name in ("/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-", "out")},
+    "several outputs into one stream": Hostile(
+        nothing,
+        ("calibrate", "drive", "-q", "-o", "-", "--log", "-", "--report", "/dev/stdout"),
+        NOTHING,
+        0,
+        said_before=SAID,
+        check=stdout_goes_on('"stages"', "semcal_calibration: 1", "<!doctype html>", "</html>"),
+    ),
+    "a converted transform on standard output": Hostile(
+        nothing,
+        ("convert", "drive", "--to", "opencalib", "-o", "/dev/stdout"),
+        NOTHING,
+        0,
+        said_before=SAID,
+        check=stdout_goes_on("T: "),
+    ),
+    "a page on standard output": Hostile(
+        nothing,
+        ("report", "drive", "drive", "-o", "-"),
+        r"^/dev/stdout$",
+        0,
+        said_before=SAID,
+        check=stdout_goes_on("<!doctype html>", "</html>"),
+    ),
+    "a plot without a suffix": Hostile(
+        calibration_with("status", value="trusted"),
+        ("fleet", "c.json", "--plot", "-"),
+        r"^semcal: error: /dev/stdout: found suffix '', needed \.png or \.svg$",
+    ),
+    "parts in one stream": Hostile(
+        nothing, ("calibrate", "drive", "--split", "-o", "-"), r"--split: writes several files: give -o", 2
+    ),
+    "the file of standard output by its name": Hostile(
+        nothing,
+        (*VERIFY, ".stdout"),
+        r"^semcal: error: \.stdout: found the file that the shell writes to, needed another name$",
+    ),
+    "a descriptor that is not open": Hostile(
+        nothing,
+        (*VERIFY, "/dev/fd/77"),
+        r"/dev/fd/77: found a descriptor that is not open, needed one to write",
+    ),
+    "a descriptor to read from": Hostile(
+        nothing,
+        (*VERIFY, "/dev/stdin"),
+        r"/dev/stdin: found a descriptor that is only read from, needed one to",
+    ),
+    "a descriptor of another process": Hostile(
+        nothing,
+        (*VERIFY, f"/proc/{os.getpid()}/fd/1"),
+        r"/fd/1: found a descriptor of another process, needed a file$",
+    ),
+    "a descriptor to change": Hostile(
+        nothing,
+        ("convert", "drive", "--into", "/dev/stdout"),
+        r"/dev/stdout: found a descriptor, needed a file to change$",
+        said_before=SAID,
+        check=stdout_goes_on(),
+    ),
+    "a pipe that nothing reads": Hostile(
+        lambda folder: os.mkfifo(folder / "pipe"),
+        (*VERIFY, "pipe"),
+        r"^semcal: error: pipe: found a pipe that nothing reads, needed a reader$",
+        check=is_still_a_pipe,
+    ),
+    "a full device": Hostile(
+        nothing, (*VERIFY, "/dev/full"), r"/dev/full: cannot be written: no space left on device$"
     ),
 }
+
+NUMBERS: dict[str, Hostile] = {
+    **{
+        f"huge distortion for {command[0]}": Hostile(
+            drive_with("camera", "distortion", value=[1e308] * 5), command, LIMIT_OF_COEFFICIENTS
+        )
+        for command in (
+            ("calibrate", "drive"),
+            ("inspect", "drive"),
+            ("verify", "drive", "other"),
+            ("report", "drive", "other", "-o", "x.html"),
+        )
+    },
+    "a huge focal length": Hostile(
+        drive_with("camera", "K", 0, 0, value=1e308),
+        ("inspect", "drive"),
+        r"K\[0\]\[0\]: found 1e\+308, needed",
+    ),
+    "a tiny focal length": Hostile(
+        drive_with("camera", "K", 1, 1, value=5e-324),
+        ("inspect", "drive"),
+        r"K: found fy 5e-324, needed at least",
+    ),
+    **{
+        f"a huge covariance for {command[0]}": Hostile(
+            calibration_with("uncertainty", "covariance", 0, 0, value=1e308),
+            command,
+            r"c\.json: uncertainty\.covariance\[0\]\[0\]: found 1e\+308, needed at most 1e\+40$",
+        )
+        for command in (
+            ("report", "drive", "c.json", "-o", "x.html"),
+            ("fleet", "c.json"),
+            ("compare", "c.json", "drive"),
+            ("convert", "c.json", "--to", "opencalib"),
+            ("verify", "drive", "c.json"),
+            ("batch", "drive", "-o", "results", "--", "--init", "c.json"),
+        )
+    },
+    "a covariance that is not symmetric": Hostile(
+        calibration_with("uncertainty", "covariance", 0, 1, value=1e-6),
+        ("compare", "c.json", "drive"),
+        r"uncertainty\.covariance: found entries that differ by 1e-06 across the diagonal, needed a symmetric matrix$",
+    ),
+    "a negative variance": Hostile(
+        calibration_with("uncertainty", "covariance", 2, 2, value=-1e-6),
+        ("compare", "c.json", "drive"),
+        r"uncertainty\.covariance: found a variance of -1e-06, needed at least 0$",
+    ),
+    "a covariance that is none": Hostile(
+        calibration_with(
+            "uncertainty",
+            "covariance",
+            value=[[1.0 if {i, j} == {0, 1} else 0.0 for i in range(6)] for j in range(6)],
+        ),
+        ("compare", "c.json", "drive"),
+        r"uncertainty\.covariance: found an eigenvalue of -1, needed a positive semidefinite matrix$",
+    ),
+    "a huge information": Hostile(
+        calibration_with("quality", "mutual_information_nats", value=1e308),
+        ("report", "drive", "c.json", "-o", "x.html"),
+        r"quality\.mutual_information_nats: found 1e\+308, needed at most 1e\+100$",
+    ),
+    "a tiny standard error": Hostile(
+        calibration_with("uncertainty", "sigma_camera_center_m", value=[5e-324] * 3),
+        ("report", "drive", "c.json", "-o", "x.html", "-q"),
+        NOTHING,
+        0,
+    ),
+    "a lens that folds on its axis": Hostile(
+        lambda folder: (
+            drive_with("camera", "distortion", value=[0.0, 0.0, 1e6, 0.0])(folder),
+            calibration_with("status", value="trusted")(folder),
+        ),
+        ("report", "drive", "c.json", "-o", "x.html", "-q"),
+        NOTHING,
+        0,
+    ),
+}
+
+OPTIONS: dict[str, Hostile] = {
+    "axes of no start": wrong_option(
+        r"--fix: keeps axes of --init or --init-rpy-xyz: give one of", "--fix", "tx"
+    ),
+    "cues of another method": wrong_option(
+        r"--cue: is of --method mi", "--method", "soic", "--cue", "intensity"
+    ),
+    "a second --": wrong_option(r"-- --: found -- once more, needed options of the command", "--"),
+    "parts without the polish": wrong_option(r"--split: frames are compared after", "--split", "--no-polish"),
+    "no start to search around": wrong_option(r"--search-deg: is around --init or", "--search-deg", "5"),
+    "a device of another estimator": wrong_option(r"--device: is where MINE's network", "--device", "cuda"),
+    "features and the histogram": wrong_option(
+        r"--cue features: vectors have no histogram", "--cue", "features"
+    ),
+    "an output of one drive": wrong_option(r"-- -o: is not for many drives", "-o", "x"),
+    "pictures of one drive": wrong_option(r"-- --overlay: is not for many drives", "--overlay", "x"),
+    "a number out of its range": wrong_option(r"'--seed': -1 is not in the range", "--seed", "-1"),
+    "an argument too many": wrong_option(r"unexpected extra argument \(extra\)", "extra"),
+    "an unknown option": wrong_option(r"No such option '--version'", "--version"),
+    "a start that is not there": wrong_option(
+        r"^semcal: error: none.yaml: no such", "--init", "none.yaml", exit_code=1
+    ),
+    "the help of the command": wrong_option(NOTHING, "--help", exit_code=0),
+    "features to verify": Hostile(
+        nothing,
+        (
+            "batch",
+            "drive",
+            "-o",
+            "results",
+            "--command",
+            "verify",
+            "--calibration",
+            "other",
+            "--",
+            "--cue",
+            "features",
+        ),
+        r"--cue features: verify compares by the exact histogram",
+        2,
+        check=no_results,
+    ),
+    "options that one drive does not take": Hostile(
+        rig,
+        ("batch", "rig.yaml", "-o", "results", "--", "--init", "drive"),
+        r"^1 of 1 drives: 1 failed$",
+        check=every_failure_has_a_reason,
+    ),
+}
+
+OUTPUTS: dict[str, Hostile] = STREAMS | NUMBERS | OPTIONS

@@ -8,9 +8,10 @@ from typing import Annotated, Literal, TypeAlias
 
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.files.documents import read_document
-from semcal_cli.files.validation import FileName, StrictModel, Transform, Vector6, length, validate
+from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.result.provenance import camera_hash
+from semcal_cli.result.uncertainty import CovarianceEntries
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
 RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}
@@ -85,8 +86,8 @@ class OutcomeLine(StrictModel):
     reasons: Annotated[tuple[str, ...], length(0)]
     stamp: Stamp | None
     T_camera_lidar: Transform | None
-    covariance: Annotated[tuple[Vector6, ...], length(6, 6)] | None
-    mutual_information_nats: float | None
+    covariance: CovarianceEntries | None
+    mutual_information_nats: Figure | None
     camera: str | None
     result: FileName | None
 

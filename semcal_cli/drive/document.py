@@ -14,7 +14,6 @@ from semcal_cli.files.messages import describe, mismatch
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import (
     FileName,
-    Matrix3,
     StatedTransform,
     StrictModel,
     Version,
@@ -72,6 +71,8 @@ class Interval(NamedTuple):
             raise mismatch(f"{name} {value}", f"{least} {self.low:g} and {most} {self.high:g}")
 
 
+FOCAL_PX = Interval(1e-3, 1e9)
+"""Focal lengths, in pixels or in pixels per radian: beyond any lens and any image."""
 RIGHT_ANGLE = Interval(-math.pi / 2, math.pi / 2, is_open=True)
 
 COEFFICIENTS: dict[CameraModel, dict[int, Interval]] = {
@@ -97,6 +98,11 @@ ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
 """Time in seconds. The limits refuse nanoseconds since 1970."""
 Sigma = Annotated[float, Field(ge=0.0, le=1e6)]
+Pixels = Annotated[float, Field(ge=-1e9, le=1e9)]
+"""Entry of K. The limits are beyond any image."""
+Intrinsics: TypeAlias = Annotated[tuple[Annotated[tuple[Pixels, ...], length(3, 3)], ...], length(3, 3)]
+Coefficient = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""Distortion coefficient. The limits are beyond the sixth power of any telephoto lens, and nothing overflows."""
 Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 
@@ -129,11 +135,11 @@ class Camera(StrictModel):
     """Columns of the image."""
     height: ImageSide
     """Rows of the image."""
-    K: Matrix3
+    K: Intrinsics
     """Intrinsic matrix in pixels, with zero skew; an integer pixel is a pixel centre. The focal lengths of an
     equirectangular image are pixels per radian, width / (2 pi) for a full turn; its principal point is the direction of
     the z axis."""
-    distortion: Annotated[tuple[float, ...], length(0), Field(validate_default=True)] = ()
+    distortion: Annotated[tuple[Coefficient, ...], length(0), Field(validate_default=True)] = ()
     """Distortion coefficients in OpenCV's order; absent means none. The coefficient of fov is w, in radians."""
     parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
     """Parameters of a model beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
@@ -148,7 +154,7 @@ class Camera(StrictModel):
 
     @field_validator("K")
     @classmethod
-    def _check_intrinsics(cls, K: Matrix3) -> Matrix3:
+    def _check_intrinsics(cls, K: Intrinsics) -> Intrinsics:
         (fx, skew, _), (below, fy, _), last_row = K
         if last_row != (0.0, 0.0, 1.0):
             raise mismatch(f"last row {list(last_row)}", "[0, 0, 1]")
@@ -156,6 +162,8 @@ class Camera(StrictModel):
             raise mismatch(f"skew {skew or below}", "0")
         if fx <= 0.0 or fy <= 0.0:
             raise mismatch(f"focal lengths {fx} and {fy}", "both above 0")
+        for name, focal in (("fx", fx), ("fy", fy)):
+            FOCAL_PX.check(name, focal)
         return K
 
     @field_validator("distortion")

@@ -99,7 +99,6 @@ FileName = Annotated[str, AfterValidator(_check_file_name), Field(json_schema_ex
 Vector3: TypeAlias = Annotated[tuple[float, ...], length(3, 3)]
 Vector4: TypeAlias = Annotated[tuple[float, ...], length(4, 4)]
 Vector6: TypeAlias = Annotated[tuple[float, ...], length(6, 6)]
-Matrix3: TypeAlias = Annotated[tuple[Vector3, ...], length(3, 3)]
 StatedTransform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
 """Rigid transform as a file states it, with the rounding of whoever wrote it."""
 Transform: TypeAlias = Annotated[StatedTransform, AfterValidator(_orthonormal)]
@@ -109,6 +108,8 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Count = Annotated[int, Field(ge=0)]
 Width: TypeAlias = Annotated[float, Field(ge=0.0, le=1e100)]
 """Size of an offset: not negative, and small enough not to overflow in other units."""
+Figure: TypeAlias = Annotated[float, Field(ge=-1e100, le=1e100)]
+"""Figure of any sign, small enough not to overflow where it is squared."""
 Widths: TypeAlias = Annotated[tuple[Width, ...], length(3, 3)]
 
 _NEEDED = {

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.priors import EXACT
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
@@ -71,7 +72,8 @@ def information_curves(
     curves = []
     for axis, (name, sigma) in enumerate(zip(NAMES, sigmas, strict=True)):
         span = max(SPAN_M if axis < 3 else SPAN_DEG, SPAN_SIGMAS * (sigma or 0.0))
-        near = NEAR_SIGMAS * (sigma or 0.02 * span)
+        # An axis that is as good as exactly known has no scale of its own.
+        near = NEAR_SIGMAS * (sigma if sigma is not None and sigma > EXACT else 0.02 * span)
         wide = np.linspace(-span, span, NUM_SAMPLES)
         offsets = np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)])
         offsets.sort()

@@ -85,7 +85,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         f"The camera is within {_figure(x)} cm of the stated place to its right or left, {_figure(y)} cm up or down, "
         f"and {_figure(z)} cm forward or back; its rotation is within {_figure(pitch)} degrees in pitch, "
         f"{_figure(yaw)} in yaw and {_figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
-        _in_the_image(found, camera),
+        *_in_the_image(found, camera),
         *(f"Weak {direction}." for direction in found.weak_directions),
     ]
     if found.label_bleed is not None:
@@ -165,8 +165,11 @@ def _why_unknown(record: Calibration) -> str:
     return f"held-out data agree less after the polish{by}, so that the pose before it was kept"
 
 
-def _in_the_image(found: Uncertainty, camera: Camera) -> str:
-    """State where points straight ahead project: longest half axis of the 95 % ellipse, first order in the twist."""
+def _in_the_image(found: Uncertainty, camera: Camera) -> list[str]:
+    """State where points straight ahead project: longest half axis of the 95 % ellipse, first order in the twist.
+
+    Nothing can be said of a lens that folds on its optical axis.
+    """
     covariance = np.array(found.covariance)
     half_widths = np.array(
         [*found.half_width_95_camera_center_m, *np.radians(found.half_width_95_rotation_deg)]
@@ -177,12 +180,14 @@ def _in_the_image(found: Uncertainty, camera: Camera) -> str:
     parts = []
     for depth_m in DEPTHS_M:
         motions = _motions(camera, depth_m)
+        if not np.isfinite(motions).all():
+            return []
         scatter = motions @ covariance @ motions.T
         radius_px = ELLIPSE_95 * wider * math.sqrt(max(float(np.linalg.eigvalsh(scatter)[-1]), 0.0))
         parts.append(f"{_figure(radius_px)} pixels at {depth_m:g} m")
-    return (
+    return [
         f"Points straight ahead land within {' and '.join(parts)} of their place, with the same confidence."
-    )
+    ]
 
 
 def _motions(camera: Camera, depth_m: float) -> npt.NDArray[np.float64]:

@@ -14,6 +14,7 @@ from semcal_cli.files.documents import output_format, read_document
 from semcal_cli.files.messages import mismatch
 from semcal_cli.files.validation import (
     Count,
+    Figure,
     FileName,
     Share,
     StatedTransform,
@@ -43,9 +44,9 @@ Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 class Quality(StrictModel):
     """Agreement of the labels under the transform, over all frames."""
 
-    mutual_information_nats: float
+    mutual_information_nats: Figure
     """Mutual information of point labels and pixel labels, as the plug-in estimate."""
-    bias_nats: float
+    bias_nats: Figure
     """Miller and Madow's estimate of the bias by which the mutual information is too high."""
     label_agreement: Share
     """Share of visible point-pixel pairs with positive pointwise mutual information."""
@@ -55,7 +56,7 @@ class Quality(StrictModel):
     """Number of visible points."""
     num_frames: Count
     """Number of frames used."""
-    runner_up_margin: float | None = None
+    runner_up_margin: Figure | None = None
     """Difference between the mutual information of the initial calibration and that of the runner-up, in its standard
     errors; null if no other mounting direction was compared."""
 
@@ -65,7 +66,7 @@ class Stage(StrictModel):
 
     T_camera_lidar: Transform
     """Transform after the stage, p_camera = T_camera_lidar * p_lidar, in metres."""
-    mutual_information_nats: float
+    mutual_information_nats: Figure
     """Mutual information at this transform, as the plug-in estimate."""
 
 
@@ -75,9 +76,9 @@ class HeldOut(StrictModel):
     accepted: bool
     """Whether the labels agree no worse after the polish, within three standard errors. If not, the pose before it is
     kept."""
-    held_out_gain_nats: float
+    held_out_gain_nats: Figure
     """Mutual information of the held-out data after the polish minus before it."""
-    held_out_sigma_nats: Annotated[float, Field(ge=0.0)] | None
+    held_out_sigma_nats: Width | None
     """Standard error of the gain; null if all points lie in one part of the images."""
 
 

@@ -1,12 +1,10 @@
 """Hypotheses of the initial calibration."""
 
 import math
-from typing import Annotated
 
 import numpy as np
-from pydantic import Field
 
-from semcal_cli.files.validation import Count, Share, StrictModel, Transform, Width
+from semcal_cli.files.validation import Count, Figure, Share, StrictModel, Transform, Width
 from semcal_cli.geometry.poses import Pose
 
 
@@ -15,9 +13,9 @@ class Hypothesis(StrictModel):
 
     T_camera_lidar: Transform
     """Transform of the hypothesis, p_camera = T_camera_lidar * p_lidar, in metres."""
-    mutual_information_nats: float
+    mutual_information_nats: Figure
     """Mutual information at this transform over all frames in full resolution, as the plug-in estimate."""
-    bias_nats: float
+    bias_nats: Figure
     """Miller and Madow's estimate of the bias by which the mutual information is too high. Hypotheses are ranked by the
     mutual information minus the bias."""
     sigma_nats: Width | None
@@ -29,7 +27,7 @@ class Hypothesis(StrictModel):
     without a registration."""
     num_inliers: Count | None
     """Number of inliers of PnP among the pairs of a point and a pixel; null without PnP."""
-    rotation_from_best_deg: Annotated[float, Field(ge=0.0)]
+    rotation_from_best_deg: Width
     """Angle of the rotation between this hypothesis and the first, in degrees."""
 
     @property

@@ -1,13 +1,15 @@
 """Uncertainty of a pose in six degrees of freedom."""
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
 
 from semcal_cli import _core
-from semcal_cli.files.validation import StrictModel, Vector6, Width, Widths, length
+from semcal_cli.files.messages import mismatch
+from semcal_cli.files.validation import StrictModel, Width, Widths, length
 from semcal_cli.geometry.poses import Pose, cross_matrix
 
 WEAK_M = 0.03
@@ -15,8 +17,32 @@ WEAK_M = 0.03
 WEAK_DEG = 0.15
 """Half width of a 95 % interval of the rotation, in degrees, beyond which a direction is weak."""
 
+MAX_VARIANCE = 1e40
+"""Largest entry of a covariance, in square metres and square radians: beyond any result, and no sum overflows."""
+COVARIANCE_TOLERANCE = 1e-6
+"""Largest departure from a symmetric, positive semidefinite matrix, as a share of its largest entry: round-off."""
+
 AXES = ("sideways", "up and down", "along the optical axis")
 ROTATIONS = ("in pitch", "in yaw", "in roll")
+
+
+def _check_covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    covariance = np.array(rows)
+    tolerance = COVARIANCE_TOLERANCE * np.abs(covariance).max()
+    if (skew := np.abs(covariance - covariance.T).max()) > tolerance:
+        raise mismatch(f"entries that differ by {skew:.3g} across the diagonal", "a symmetric matrix")
+    if (variance := np.diag(covariance).min()) < 0.0:
+        raise mismatch(f"a variance of {variance:.3g}", "at least 0")
+    if (least := np.linalg.eigvalsh(0.5 * (covariance + covariance.T)).min()) < -tolerance:
+        raise mismatch(f"an eigenvalue of {least:.3g}", "a positive semidefinite matrix")
+    return rows
+
+
+Variance = Annotated[float, Field(ge=-MAX_VARIANCE, le=MAX_VARIANCE)]
+CovarianceEntries: TypeAlias = Annotated[
+    tuple[Annotated[tuple[Variance, ...], length(6, 6)], ...], length(6, 6)
+]
+Covariance: TypeAlias = Annotated[CovarianceEntries, AfterValidator(_check_covariance)]
 
 
 class PoseChange(StrictModel):
@@ -55,7 +81,7 @@ class IntrinsicsCost(StrictModel):
 class Uncertainty(StrictModel):
     """Uncertainty of the pose, as that of a twist xi = (rho, phi) in the camera frame, exp(xi) T_camera_lidar."""
 
-    covariance: Annotated[tuple[Vector6, ...], length(6, 6)]
+    covariance: Covariance
     """Covariance of xi, in metres and radians."""
     degrees_of_freedom: Annotated[tuple[Width, ...], length(6, 6)]
     """Degrees of freedom of Student's t for each component of xi. They are about the number of independent parts of the
