@@ -78,7 +78,8 @@ def _set(document: Any, keys: tuple[str | int, ...], value: object) -> None:
 
 def rig(folder: Path) -> None:
     """Makes a rig of the drives."""
-    (folder / "rig.yaml").write_text("semcal_rig: 1\ncameras: {a: drive, b: other}\n")
+    (folder / "rig").mkdir()
+    (folder / "rig" / "rig.yaml").write_text("semcal_rig: 1\ncameras: {a: ../drive, b: ../other}\n")
 
 
 def no_results(folder: Path) -> None:
@@ -303,7 +304,7 @@ OPTIONS: dict[str, Hostile] = {
     ),
     "options that one drive does not take": Hostile(
         rig,
-        ("batch", "rig.yaml", "-o", "results", "--", "--init", "drive"),
+        ("batch", "rig/rig.yaml", "-o", "results", "--", "--init", "drive"),
         r"^1 of 1 drives: 1 failed$",
         check=every_failure_has_a_reason,
     ),

@@ -98,7 +98,6 @@ Version = Annotated[int, AfterValidator(_check_version), Field(json_schema_extra
 FileName = Annotated[str, AfterValidator(_check_file_name), Field(json_schema_extra={"minLength": 1})]
 Vector3: TypeAlias = Annotated[tuple[float, ...], length(3, 3)]
 Vector4: TypeAlias = Annotated[tuple[float, ...], length(4, 4)]
-Vector6: TypeAlias = Annotated[tuple[float, ...], length(6, 6)]
 StatedTransform: TypeAlias = Annotated[tuple[Vector4, ...], length(4, 4), AfterValidator(_check_rigid)]
 """Rigid transform as a file states it, with the rounding of whoever wrote it."""
 Transform: TypeAlias = Annotated[StatedTransform, AfterValidator(_orthonormal)]
