@@ -54,7 +54,7 @@ def calibrate_parts(
     """
     _check_options(outputs, config)
     of_parts = [outputs.of_part(number) for number in range(1, MAX_PARTS + 1)]
-    load = partial(loaded_drive, threads=options.threads, quiet=options.quiet)
+    load = partial(loaded_drive, threads=options.threads, quiet=options.quiet, max_points=options.max_points)
     run = partial(calibrate, relative_to=outputs.folder, hashes={})
     with load(drive, config, outputs, initial_pose, of_parts) as (data, terminal):
         whole = run(data, on_event=terminal.on_event)

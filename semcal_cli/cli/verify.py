@@ -16,6 +16,7 @@ from semcal_cli.cli.options import (
     drive_argument,
     limit_options,
     max_frames_option,
+    max_points_option,
     quiet_option,
     seed_option,
     threads_option,
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 @seed_option
 @threads_option
 @max_frames_option
+@max_points_option
 @cue_option
 @quiet_option
 def verify(
@@ -55,6 +57,7 @@ def verify(
     seed: int,
     threads: int | None,
     max_frames: int,
+    max_points: int,
     cues: tuple[Cue, ...],
     quiet: bool,
 ) -> None:
@@ -73,7 +76,10 @@ def verify(
     limits = Limits(max_rotation_deg, max_translation_m)
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit)
-    with loaded_drive(drive, config, outputs, initial_pose, threads=threads, quiet=quiet) as (data, terminal):
+    opened = loaded_drive(
+        drive, config, outputs, initial_pose, threads=threads, quiet=quiet, max_points=max_points
+    )
+    with opened as (data, terminal):
         found = check(data, initial_pose, limits, seed, terminal.on_event)
     cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:

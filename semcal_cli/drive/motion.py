@@ -13,7 +13,7 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import read_text
+from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion
 
 MAX_SWEEP_S = 1.0
@@ -137,7 +137,7 @@ def _steady(motion: Motion, moment: float) -> _core.Trajectory:
 def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
     path = drive.resolve(name)
     stamps, poses = [], []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
+    for number, line in enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1):
         if line.strip() and not line.lstrip().startswith("#"):
             try:
                 stamp, pose = _parse_pose(line)

@@ -90,8 +90,11 @@ def _orthonormal(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...]
 
 
 def length(minimum: int, maximum: int | None = None) -> Any:
-    """Annotate a tuple that is read from a list, the only sequence of YAML and JSON, with limits on its length."""
-    return Field(strict=False, min_length=minimum, max_length=maximum)
+    """Annotate a tuple that is read from a list, the only sequence of YAML and JSON, with limits on its length.
+
+    The first wrong item is complained of, so errors of millions of others need not be kept.
+    """
+    return Field(strict=False, min_length=minimum, max_length=maximum, fail_fast=True)
 
 
 Version = Annotated[int, AfterValidator(_check_version), Field(json_schema_extra={"const": 1})]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -119,7 +121,7 @@ def _first_stage(record: Calibration) -> tuple[str, Pose] | None:
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     """Take the frames that a calibration was computed from, if the drive has them, and name what has changed."""
     names = {_key(frame) for frame in record.input.frames}
-    named = tuple(frame for frame in drive.frames if _key(frame) in names)
+    named = _distinct(drive, [frame for frame in drive.frames if _key(frame) in names])
     used = drive.model_copy(update={"frames": named})
     known, found = record.input.sha256, describe_input(used, None, Path()).sha256
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
@@ -130,11 +132,21 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
         )
         return None, [notice]
     notices = []
-    if len(named) != len(names):
-        notices.append(f"Of the {len(names)} frames it was computed from, {len(named)} are in {drive.path}.")
+    num_found = len({_key(frame) for frame in drive.frames} & names)
+    if num_found != len(names):
+        notices.append(f"Of the {len(names)} frames it was computed from, {num_found} are in {drive.path}.")
     if changed:
         notices.append(f"Since it was computed, files were changed: {listed(sorted(changed))}.")
     return used, notices
+
+
+def _distinct(drive: Drive, frames: Sequence[Frame]) -> tuple[Frame, ...]:
+    """Take frames with the same files once: a calibration uses none twice, and each takes time and memory."""
+    distinct: dict[tuple[str | None, ...], Frame] = {}
+    for frame in frames:
+        files = tuple(name and os.path.realpath(drive.resolve(name)) for name in _key(frame))
+        distinct.setdefault(files, frame)
+    return tuple(distinct.values())
 
 
 def _cues(record: Calibration | None) -> tuple[Cue, ...]:
