@@ -17,14 +17,19 @@ READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 """Readers of the headers of each version. The third is that of records with names beyond Latin-1."""
 
 
-def map_array(path: Path, max_bytes: int) -> npt.NDArray[Any]:
+def map_array(path: Path, max_bytes: int, needed_for: str = "") -> npt.NDArray[Any]:
     """Map the array of a `.npy` file of at most `max_bytes` bytes, which is read where it is used.
+
+    Args:
+        path: The file.
+        max_bytes: Largest size.
+        needed_for: Words that say what the limit is that of.
 
     Raises:
         InputError: the file is missing, is larger, or holds no array.
     """
     with open_file(path) as file:
-        check_size(path, size_of(file), max_bytes)
+        check_size(path, size_of(file), max_bytes, needed_for)
         try:
             return _mapped(file)
         except Exception:  # The header of the file is Python, so it can fail in many ways.

@@ -63,7 +63,7 @@ def check_texts(document: object) -> None:
 
 def compose_yaml(text: str) -> yaml.Node:
     """Find the nodes of a YAML text that `parse` accepts, with their places in it."""
-    node = yaml.compose(text, yaml.SafeLoader)
+    node = yaml.compose(text, yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader)
     assert node is not None
     return node
 

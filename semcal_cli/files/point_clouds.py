@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 BYTES_A_POINT = 64
 """Bytes that a point may take in a file; see `rust/point_cloud/limit.rs`."""
-AS_ASKED = ", {} a point: see --max-points"
+A_POINT = f", {BYTES_A_POINT} a point: see --max-points"
+"""What a limit in bytes is that of."""
 CHUNK = 1_000_000
 """Points unpacked at a time, so that a header that promises too many costs nothing."""
 MAX_INFLATION = 100
@@ -109,7 +110,7 @@ def _check_las(path: Path, max_points: int) -> None:
     except ImportError:
         raise InputError(f"{path}: LAS and LAZ need laspy: pip install 'semcal[las]'") from None
     with open_file(path) as stream:
-        check_size(path, size_of(stream), BYTES_A_POINT * max_points, AS_ASKED.format(BYTES_A_POINT))
+        check_size(path, size_of(stream), BYTES_A_POINT * max_points, A_POINT)
         _check_header(path, stream, max_points)
 
 
