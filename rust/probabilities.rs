@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use npyz::{DType, Order, TypeChar};
 use rayon::prelude::*;
-use zip::ZipArchive;
 
+use crate::archive;
 use crate::class_shares::ClassShares;
 use crate::error::{Error, Result};
 use crate::file::Opened;
@@ -42,7 +42,7 @@ pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
     let num_items: u64 = shape.iter().map(|&n| n as u64).product();
     let limit = num_items.saturating_mul(MAX_ITEM_BYTES).saturating_add(MORE_BYTES);
     let file = Opened::open(path)?.at_most(limit, &format!(" for {num_items} items"))?;
-    let mut archive = ZipArchive::new(file.stream()).map_err(invalid)?;
+    let mut archive = archive::open(file.stream()).map_err(invalid)?;
     if archive.len() != 1 {
         return Err(Error::file(path, format!("holds {} arrays, needs one", archive.len())));
     }

@@ -4,6 +4,7 @@ Large files are sparse, and pictures of many pixels are written line by line: no
 """
 
 import json
+import math
 import os
 import re
 import struct
@@ -121,12 +122,8 @@ def bomb(name: str, content: bytes, num_zeros: int) -> bytes:
 
 def lzf_bomb(folder: Path) -> None:
     """A PCD of 45 MB that claims to unpack to 3.9 GB."""
-    named(
-        "points",
-        "a.pcd",
-        pcd(325_000_000, "binary_compressed", struct.pack("<II", 45_000_000, 3_900_000_000)),
-    )(folder)
-    os.truncate(folder / "drive" / "a.pcd", 45_000_500)
+    sizes = struct.pack("<II", 45_000_000, 3_900_000_000)
+    named("points", "a.pcd", pcd(325_000_000, "binary_compressed", sizes), 45_000_500)(folder)
 
 
 def of_pixels(width: int, height: int) -> Callable[[Path], None]:
@@ -140,33 +137,23 @@ def of_pixels(width: int, height: int) -> Callable[[Path], None]:
     return edited(edit)
 
 
-def whole(content: str, name: str = "drive/drive.yaml") -> Callable[[Path], None]:
-    """A maker of one document."""
-    return lambda folder: (folder / name).write_text(content)
+def text(
+    name: str, unit: str, count: int, *, before: str = "", after: str = ""
+) -> Callable[[Path], object]:
+    """A maker of a document of many equal parts."""
+    return lambda folder: (folder / name).write_text(before + unit * count + after)
 
 
-def many_frames(folder: Path, num_frames: int = 40) -> None:
-    """A drive with as many large sweeps, of which the last is too large."""
-
-    def edit(document: dict[str, Any], drive: Path) -> None:
-        frame = document["frames"][0]
-        document["frames"] = [frame | {"points": f"{index}.bin"} for index in range(num_frames)]
-        for index in range(num_frames):
-            sparse(drive / f"{index}.bin", size=160_000_000 if index < num_frames - 1 else HUGE)
-
-    edited(edit)(folder)
-
-
-def zeros_of_many_frames(folder: Path, num_frames: int = 40) -> None:
-    """A drive with as many sweeps of ten million points, all of them at zero."""
+def many_sweeps(last: int, num_frames: int = 40) -> Callable[[Path], None]:
+    """A maker of a drive with as many sweeps of ten million points, all at zero, and the size of the last one."""
 
     def edit(document: dict[str, Any], drive: Path) -> None:
         frame = document["frames"][0]
         document["frames"] = [frame | {"points": f"{index}.bin"} for index in range(num_frames)]
         for index in range(num_frames):
-            sparse(drive / f"{index}.bin", size=160_000_000)
+            sparse(drive / f"{index}.bin", size=160_000_000 if index < num_frames - 1 else last)
 
-    edited(edit)(folder)
+    return edited(edit)
 
 
 def repeated(folder: Path, num_frames: int = 2000) -> None:
@@ -202,20 +189,36 @@ def pipe(key: str, name: str) -> Callable[[Path], None]:
     return edited(edit)
 
 
-def features(key: str, make: Callable[[Path], None]) -> Callable[[Path], None]:
-    """A maker of a drive with features, of which one side is hostile."""
-
-    def edit(document: dict[str, Any], drive: Path) -> None:
-        for side, shape in (("point_features", (12_027, 2)), ("image_features", (180, 320, 2))):
-            document["frames"][0].setdefault(side, f"{side}.npy")
-            size = len(npy("<f4", *shape)) + 4 * shape[0] * shape[1] * (shape[2] if len(shape) > 2 else 1)
-            sparse(drive / f"{side}.npy", npy("<f4", *shape), size)
-
-    return lambda folder: (edited(edit)(folder), make(folder))[-1]
+def with_features(document: dict[str, Any], drive: Path) -> None:
+    """Give the frame features, all zero."""
+    for side, *shape in (("point_features", 12_027, 2), ("image_features", 180, 320, 2)):
+        document["frames"][0][side] = f"{side}.npy"
+        header = npy("<f4", *shape)
+        sparse(drive / f"{side}.npy", header, len(header) + 4 * math.prod(shape))
 
 
-def moving(document: dict[str, Any], drive: Path) -> None:
+def with_poses(document: dict[str, Any], drive: Path) -> None:
     document["motion"] = {"poses": "poses.txt"}
+
+
+def all_of(*makers: Callable[[Path], object]) -> Callable[[Path], None]:
+    """A maker that does one thing after the other."""
+
+    def make(folder: Path) -> None:
+        for each in makers:
+            each(folder)
+
+    return make
+
+
+def zeros(name: str, content: bytes = b"", size: int = HUGE) -> Callable[[Path], None]:
+    """A maker of a sparse file."""
+    return lambda folder: sparse(folder / name, content, size)
+
+
+def instead(name: str) -> Callable[[Path], None]:
+    """A maker of a pipe that takes a file's place."""
+    return all_of(lambda folder: (folder / name).unlink(), lambda folder: os.mkfifo(folder / name))
 
 
 def error(text: str) -> str:
@@ -293,49 +296,47 @@ PICTURES = {
 }
 DOCUMENTS = {
     "a sparse drive.yaml": Hostile(
-        lambda folder: sparse(folder / "drive" / "drive.yaml", size=HUGE),
+        zeros("drive/drive.yaml"),
         ("inspect", "drive"),
         error(f"drive/drive.yaml: {TOO_LARGE} 16,777,216"),
     ),
     "a sparse rig": Hostile(
-        lambda folder: sparse(folder / "rig.yaml", b"semcal_rig: 1\n", HUGE),
+        zeros("rig.yaml", b"semcal_rig: 1\n"),
         ("calibrate", "rig.yaml", "-o", "out"),
         error(f"rig.yaml: {TOO_LARGE} 16,777,216"),
     ),
     "a list of drives of 2 GB": Hostile(
-        lambda folder: sparse(folder / "list.txt", b"drive\n", 2 << 30),
+        zeros("list.txt", b"drive\n", 2 << 30),
         ("batch", "list.txt", "-o", "out"),
         error("list.txt: found 2,147,483,648 bytes, needed at most 16,777,216"),
     ),
     "a sparse calibration": Hostile(
-        lambda folder: sparse(folder / "c.yaml", b"semcal_calibration: 1\n", HUGE),
+        zeros("c.yaml", b"semcal_calibration: 1\n"),
         ("verify", "drive", "c.yaml"),
         error(f"c.yaml: {TOO_LARGE} 16,777,216"),
     ),
     "a drive.yaml of twelve million tiny values": Hostile(
-        whole("- a\n- []\n" * 1_500_000),
+        text("drive/drive.yaml", "- a\n- []\n", 1_500_000),
         ("inspect", "drive"),
         r"^semcal: error: drive/drive.yaml: found a list of 3000000, needed a mapping$",
     ),
     "a drive.yaml of empty lists": Hostile(
-        whole(f"[{'[],' * 4_000_000}]"),
+        text("drive/drive.yaml", "[],", 4_000_000, before="[", after="]"),
         ("inspect", "drive"),
         error("drive/drive.yaml: found more than 8,000,000 values, needed fewer"),
     ),
     "a drive of wrong frames": Hostile(
-        lambda folder: (folder / "drive.json").write_text(
-            f'{{"semcal_drive": 1, "frames": [{"{}," * 5_000_000}{{}}]}}'
-        ),
+        text("drive.json", "{},", 5_000_000, before='{"semcal_drive": 1, "frames": [', after="{}]}"),
         ("inspect", "drive.json"),
         r"^semcal: error: drive.json: camera: found nothing, needed a value$",
     ),
     "a rig of blank lines": Hostile(
-        whole("\n" * 8_000_000 + "semcal_rig", "rig.yaml"),
+        text("rig.yaml", "\n", 8_000_000, after="semcal_rig"),
         ("calibrate", "rig.yaml", "-o", "out"),
         error("rig.yaml: found 'semcal_rig', needed a mapping"),
     ),
     "a camera file of blank lines": Hostile(
-        whole("%YAML:1.0\n" + "\n" * 900_000 + "CameraExtrinsicMat: 1\n", "T.yml"),
+        text("T.yml", "\n", 900_000, before="%YAML:1.0\n", after="CameraExtrinsicMat: 1\n"),
         ("convert", "T.yml", "--from", "opencv", "--direction", "lidar-to-camera", "--to", "kitti-odometry"),
         r"^semcal: error: T.yml: CameraExtrinsicMat: found 1 numbers, needed 16 by rows, or 12$",
     ),
@@ -349,12 +350,22 @@ DOCUMENTS = {
         error("drive.json: classes: found a mapping of 1,000,001 entries, needed at most 500,000"),
     ),
     "poses of 3 GB": Hostile(
-        lambda folder: (edited(moving)(folder), sparse(folder / "drive" / "poses.txt", b"", HUGE))[-1],
+        all_of(edited(with_poses), zeros("drive/poses.txt")),
         CALIBRATE,
         error(f"drive/poses.txt: {TOO_LARGE} 67,108,864"),
     ),
 }
 PIPES = {
+    "a pipe for a drive": Hostile(
+        instead("drive/drive.yaml"),
+        ("inspect", "drive"),
+        error("drive/drive.yaml: found no regular file, needed a file"),
+    ),
+    "a pipe for poses": Hostile(
+        all_of(edited(with_poses), lambda folder: os.mkfifo(folder / "drive" / "poses.txt")),
+        CALIBRATE,
+        error("drive/poses.txt: found no regular file, needed a file"),
+    ),
     f"a pipe for {key} {name}": Hostile(pipe(key, name), command, error(f"drive/{name}: {line}"))
     for key, name, command, line in (
         ("points", "a.las", CALIBRATE, "found no regular file, needed a file"),
@@ -399,25 +410,19 @@ SIZES: dict[str, Hostile] = {
         CALIBRATE,
         r"^semcal: error: drive/a.npz: array points found 268,435,\d+ bytes, needed at most 2\d,\d+,\d+$",
     ),
-    "a sweep beside many others": Hostile(many_frames, CALIBRATE, error(f"drive/39.bin: {OF_SWEEP}")),
+    "a sweep beside many others": Hostile(many_sweeps(HUGE), CALIBRATE, error(f"drive/39.bin: {OF_SWEEP}")),
     "many sweeps of zeros": Hostile(
-        zeros_of_many_frames,
+        many_sweeps(160_000_000),
         CALIBRATE,
         error("drive/0.bin: holds no returns: every point is zero or not finite"),
     ),
     "sparse features": Hostile(
-        features("point_features", lambda folder: sparse(folder / "drive" / "point_features.npy", b"", HUGE)),
+        all_of(edited(with_features), zeros("drive/point_features.npy")),
         FEATURES,
         error(f"drive/point_features.npy: {OF_SWEEP}"),
     ),
     "features behind a pipe": Hostile(
-        features(
-            "image_features",
-            lambda folder: (
-                (folder / "drive" / "image_features.npy").unlink(),
-                os.mkfifo(folder / "drive" / "image_features.npy"),
-            ),
-        ),
+        all_of(edited(with_features), instead("drive/image_features.npy")),
         FEATURES,
         error("drive/image_features.npy: found no regular file, needed a file"),
     ),

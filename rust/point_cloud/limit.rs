@@ -9,6 +9,8 @@ use crate::file::{check_bytes, grouped};
 pub const MAX_POINTS: usize = 10_000_000;
 /// Bytes that a point may take in a file, or unpacked from it: 16 numbers of four bytes.
 const BYTES_A_POINT: u64 = 64;
+/// Bytes that any file may have: those of headers count little beside those of many points.
+const LEAST_BYTES: u64 = 1 << 20;
 /// Bytes of the files that are read at a time.
 const GROUP_BYTES: u64 = 1 << 29;
 
@@ -29,7 +31,7 @@ impl Limit {
     /// Bytes of the largest file of a sweep, and of what it may unpack to.
     #[must_use]
     pub fn max_bytes(self) -> u64 {
-        (self.max_points as u64).saturating_mul(BYTES_A_POINT)
+        (self.max_points as u64).saturating_mul(BYTES_A_POINT).max(LEAST_BYTES)
     }
 
     pub(super) fn check_points(self, found: usize) -> Parsed<()> {

@@ -103,7 +103,7 @@ pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)], limit: Limit) -> Result<Ve
 /// those who read them.
 fn judge((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) -> Result<u64> {
     let mut sum = 0;
-    for path in labels.iter().chain([points]) {
+    for path in [points].into_iter().chain(labels) {
         let size = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
         limit.check_bytes(size).map_err(|reason| Error::file(path, reason))?;
         sum += size;

@@ -10,6 +10,7 @@ use super::limit::Limit;
 use super::npy;
 use super::parsed::{Parsed, shown};
 use super::table::Table;
+use crate::archive;
 use crate::file::Opened;
 use crate::npy::read_array;
 
@@ -57,13 +58,13 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>> {
 
 /// What the arrays of a file unpack to, as its table of contents says.
 pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
-    let mut archive = ZipArchive::new(Opened::open(path).ok()?.stream()).ok()?;
+    let mut archive = archive::open(Opened::open(path).ok()?.stream()).ok()?;
     (0..archive.len()).map(|index| Some(archive.by_index_raw(index).ok()?.size())).sum()
 }
 
 impl<R: Read + Seek> Arrays<R> {
     fn new(file: R, left: u64) -> Parsed<Self> {
-        let mut archive = ZipArchive::new(file).map_err(|e| invalid(&e))?;
+        let mut archive = archive::open(file).map_err(|e| invalid(&e))?;
         let count = archive.len();
         let name = |index| {
             let file = archive.by_index(index).map_err(|e| invalid(&e))?;

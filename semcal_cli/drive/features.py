@@ -23,7 +23,7 @@ from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observat
 from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.arrays import map_array
-from semcal_cli.files.point_clouds import A_POINT, BYTES_A_POINT, Sweeps
+from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
 
 Vectors = npt.NDArray[np.float16]
 
@@ -100,7 +100,7 @@ def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
     if name is None:
         raise InputError(f"{drive.path}: {frame.key(key)}: found nothing, needed a .npy file of features")
     path = drive.resolve(name)
-    vectors = map_array(path, BYTES_A_POINT * drive.max_points, A_POINT)
+    vectors = map_array(path, max_bytes(drive.max_points), A_POINT)
     if vectors.dtype.kind not in "fiu":
         raise InputError(f"{path}: found {vectors.dtype}, needed an array of numbers")
     if not vectors.ndim or not 1 <= vectors.shape[-1] <= MAX_CHANNELS:

@@ -24,6 +24,8 @@ BYTES_A_POINT = 64
 """Bytes that a point may take in a file; see `rust/point_cloud/limit.rs`."""
 A_POINT = f", {BYTES_A_POINT} a point: see --max-points"
 """What a limit in bytes is that of."""
+LEAST_BYTES = 1 << 20
+"""Bytes that any file may have."""
 CHUNK = 1_000_000
 """Points unpacked at a time, so that a header that promises too many costs nothing."""
 MAX_INFLATION = 100
@@ -76,6 +78,11 @@ def read_point_clouds(
     return [_read_las(*file, max_points) if _is_las(file[0]) else next(others) for file in files]
 
 
+def max_bytes(max_points: int) -> int:
+    """Size of the largest file of a sweep, or of labels or features of its points."""
+    return max(BYTES_A_POINT * max_points, LEAST_BYTES)
+
+
 class Sweeps:
     """Reads each sweep with its labels once, for all cameras and cues, and keeps it."""
 
@@ -110,7 +117,7 @@ def _check_las(path: Path, max_points: int) -> None:
     except ImportError:
         raise InputError(f"{path}: LAS and LAZ need laspy: pip install 'semcal[las]'") from None
     with open_file(path) as stream:
-        check_size(path, size_of(stream), BYTES_A_POINT * max_points, A_POINT)
+        check_size(path, size_of(stream), max_bytes(max_points), A_POINT)
         _check_header(path, stream, max_points)
 
 

@@ -18,6 +18,8 @@ MAX_ROWS_BYTES = 4 << 30
 """Largest size of a list of rows. The largest table of nuScenes has 1.2 GB."""
 MAX_ROW = 1 << 20
 """Longest row, in characters."""
+PIECE = 1 << 20
+"""Characters that are read at a time."""
 _BLANKS = re.compile(r"[ \t\n\r]*")
 
 
@@ -92,6 +94,6 @@ class _Pieces:
 
     def _read_on(self) -> bool:
         self.num_lines += self._text.count("\n", 0, self._place)
-        more = self._read(MAX_ROW)
+        more = self._read(PIECE)
         self._text, self._place = self._text[self._place :] + more, 0
         return bool(more)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -121,9 +120,11 @@ def _first_stage(record: Calibration) -> tuple[str, Pose] | None:
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     """Take the frames that a calibration was computed from, if the drive has them, and name what has changed."""
     names = {_key(frame) for frame in record.input.frames}
-    named = _distinct(drive, [frame for frame in drive.frames if _key(frame) in names])
+    named = tuple(frame for frame in drive.frames if _key(frame) in names)
+    num_found = len({_key(frame) for frame in named})
     used = drive.model_copy(update={"frames": named})
     known, found = record.input.sha256, describe_input(used, None, Path()).sha256
+    used = drive.model_copy(update={"frames": _distinct(named, found)})
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
     if all(changed & set(filter(None, _key(frame))) for frame in named):
         notice = (
@@ -132,7 +133,6 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
         )
         return None, [notice]
     notices = []
-    num_found = len({_key(frame) for frame in drive.frames} & names)
     if num_found != len(names):
         notices.append(f"Of the {len(names)} frames it was computed from, {num_found} are in {drive.path}.")
     if changed:
@@ -140,12 +140,11 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     return used, notices
 
 
-def _distinct(drive: Drive, frames: Sequence[Frame]) -> tuple[Frame, ...]:
+def _distinct(frames: Sequence[Frame], sha256: Mapping[str, str]) -> tuple[Frame, ...]:
     """Take frames with the same files once: a calibration uses none twice, and each takes time and memory."""
     distinct: dict[tuple[str | None, ...], Frame] = {}
     for frame in frames:
-        files = tuple(name and os.path.realpath(drive.resolve(name)) for name in _key(frame))
-        distinct.setdefault(files, frame)
+        distinct.setdefault(tuple(name and sha256[name] for name in _key(frame)), frame)
     return tuple(distinct.values())
 
 
