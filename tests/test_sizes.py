@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from hostile_sizes import bmp, jpeg, npy, pcd, png, sparse
+from hostile_files import bmp, jpeg, npy, pcd, png, sparse
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
