@@ -1,7 +1,6 @@
 //! Label images: one class id a pixel.
 
 use std::collections::HashMap;
-use std::io::Cursor;
 use std::path::{Path, PathBuf};
 
 use png::{BitDepth, ColorType, Transformations};
@@ -9,8 +8,8 @@ use rayon::prelude::*;
 
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
-use crate::file::{extension, read_bytes};
-use crate::npy::{self, class_ids};
+use crate::file::{Opened, extension};
+use crate::npy::read_ids;
 use crate::probabilities;
 
 /// A row-major image of ids: raw (`u16`) as read, dense (`u8`) in the pipeline.
@@ -41,6 +40,10 @@ pub struct Encoding {
     /// [`NO_ID`].
     pub palette: Option<HashMap<[u8; 3], u16>>,
 }
+
+/// Bytes that a pixel takes in a file at most, and bytes beside those of the pixels.
+const BYTES_A_PIXEL: u64 = 16;
+const MORE_BYTES: u64 = 1 << 20;
 
 /// The id of pixels that no class of the encoding has.
 pub const NO_ID: u16 = u16::MAX;
@@ -108,13 +111,19 @@ fn check_size(path: &Path, found: (usize, usize), camera: (usize, usize)) -> Res
     Err(Error::file(path, reason))
 }
 
+/// Opens a file that is no larger than one of the camera's pictures can be.
+fn open(path: &Path, (width, height): (usize, usize)) -> Result<Opened> {
+    let limit = (width as u64 * height as u64).saturating_mul(BYTES_A_PIXEL).saturating_add(MORE_BYTES);
+    Opened::open(path)?.at_most(limit, &format!(" for {width} x {height} pixels"))
+}
+
 fn read_npy(path: &Path, size: (usize, usize)) -> Result<Vec<u16>> {
-    let array = npy::read(path)?;
-    let [height, width] = array.shape[..] else {
-        return Err(Error::file(path, format!("has shape {:?}, needs H x W ids", array.shape)));
-    };
-    check_size(path, (width, height), size)?;
-    class_ids(path, &array.values)
+    read_ids(path, open(path, size)?, |shape| {
+        let [height, width] = *shape else {
+            return Err(Error::file(path, format!("has shape {shape:?}, needs H x W ids")));
+        };
+        check_size(path, (width as usize, height as usize), size)
+    })
 }
 
 fn read_npz(path: &Path, (width, height): (usize, usize)) -> Result<Vec<u16>> {
@@ -154,7 +163,7 @@ fn decode_png(
     transformations: Transformations,
 ) -> Result<(png::OutputInfo, Vec<u8>)> {
     let invalid = |e: png::DecodingError| Error::file(path, format!("is no readable PNG: {e}"));
-    let mut decoder = png::Decoder::new(Cursor::new(read_bytes(path)?));
+    let mut decoder = png::Decoder::new(open(path, size)?.stream());
     decoder.set_transformations(transformations);
     let mut reader = decoder.read_info().map_err(invalid)?;
     check_size(path, (reader.info().width as usize, reader.info().height as usize), size)?;

@@ -4,6 +4,7 @@
 
 pub mod agreement;
 pub mod alignment;
+pub mod archive;
 pub mod camera;
 pub mod class_shares;
 pub mod classes;

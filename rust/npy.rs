@@ -6,18 +6,11 @@ use std::path::Path;
 use npyz::{DType, Deserialize, NpyFile, NpyHeader, Order, TypeChar};
 
 use crate::error::{Error, Result};
-use crate::file::read_bytes;
+use crate::file::{Opened, check_bytes};
 
-/// A C-ordered array whose values are exact in f64 (integers up to 2^53).
-pub struct Array {
-    /// Length along each axis.
-    pub shape: Vec<usize>,
-    /// The values, last axis fastest.
-    pub values: Vec<f64>,
-}
-
-/// NumPy's own limit, and the deepest that arrays of plain numbers and of records of them go.
-const LONGEST_HEADER: usize = 10_000;
+/// NumPy's own limit of bytes.
+pub const LONGEST_HEADER: usize = 10_000;
+/// The deepest that headers of arrays of plain numbers and of records of them go.
 const DEEPEST_HEADER: usize = 6;
 
 /// An array's header and its data, which has the length that the header promises.
@@ -27,17 +20,41 @@ const DEEPEST_HEADER: usize = 6;
 pub fn split_header(bytes: &[u8]) -> std::result::Result<(NpyHeader, &[u8]), String> {
     let mut data = bytes;
     let header = read_header(&mut data)?;
-    let item_bytes = header.dtype().num_bytes().map(|n| n as u64);
-    let needed = header.shape().iter().try_fold(item_bytes, |product, &n| Some(product?.checked_mul(n)));
-    if needed.flatten() != Some(data.len() as u64) {
-        let item = match header.dtype() {
-            DType::Plain(dtype) => dtype.to_string(),
-            _ => "records".into(),
-        };
-        let promise = format!("shape {:?} of {item}", header.shape());
-        return Err(format!("holds {} bytes of data, its header needs {promise}", data.len()));
-    }
+    check_data(&header, data.len() as u64)?;
     Ok((header, data))
+}
+
+fn check_data(header: &NpyHeader, found: u64) -> std::result::Result<(), String> {
+    if data_bytes(header) == Some(found) {
+        return Ok(());
+    }
+    let item = match header.dtype() {
+        DType::Plain(dtype) => dtype.to_string(),
+        _ => "records".into(),
+    };
+    Err(format!("holds {found} bytes of data, its header needs shape {:?} of {item}", header.shape()))
+}
+
+/// Bytes of data that a header promises; `None` where no memory has room for them.
+fn data_bytes(header: &NpyHeader) -> Option<u64> {
+    let item_bytes = header.dtype().num_bytes().map(|n| n as u64)?;
+    header.shape().iter().try_fold(item_bytes, |product, &n| product.checked_mul(n))
+}
+
+/// The bytes of an array, header and data, of a stream that is no longer than the header promises.
+///
+/// # Errors
+/// It is no `.npy`, promises more bytes than `limit`, or has others than it promises: in words.
+pub fn read_array(file: &mut impl Read, limit: u64) -> std::result::Result<Vec<u8>, String> {
+    let mut bytes = read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?;
+    let (header, start) = (parse_header(&bytes)?, bytes.len());
+    let promised = data_bytes(&header).unwrap_or(u64::MAX);
+    check_bytes(promised.saturating_add(start as u64), limit, "")?;
+    bytes.reserve_exact(promised as usize + 1);
+    let unreadable = |e: std::io::Error| format!("is no readable array: {}", e.to_string().escape_debug());
+    file.take(promised + 1).read_to_end(&mut bytes).map_err(unreadable)?;
+    check_data(&header, (bytes.len() - start) as u64)?;
+    Ok(bytes)
 }
 
 /// An array's header; what follows in the file is its data.
@@ -45,14 +62,17 @@ pub fn split_header(bytes: &[u8]) -> std::result::Result<(NpyHeader, &[u8]), Str
 /// # Errors
 /// It is no `.npy`: in words.
 pub fn read_header(file: &mut impl Read) -> std::result::Result<NpyHeader, String> {
-    let header = read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?;
+    parse_header(&read_checked(file).map_err(|reason| format!("is no .npy array: {reason}"))?)
+}
+
+fn parse_header(header: &[u8]) -> std::result::Result<NpyHeader, String> {
     // Its complaint may go on with a picture of the place.
     let first_line = |e: std::io::Error| {
         let reason = e.to_string();
         let line = reason.lines().next().unwrap_or_default().escape_debug().to_string();
         format!("is no .npy array: {line}")
     };
-    NpyHeader::from_reader(header.as_slice()).map_err(first_line)
+    NpyHeader::from_reader(header).map_err(first_line)
 }
 
 /// The bytes of a header, without what its parser takes on trust: that the length is true, and that brackets are few. It
@@ -92,65 +112,55 @@ fn read_checked(file: &mut impl Read) -> std::result::Result<Vec<u8>, &'static s
     Ok(bytes)
 }
 
-/// Reads an array of any integer or float type.
+/// Reads an H x W array of class ids: numbers of any integer or float type that are integers from 0 to 65,535.
 ///
 /// # Errors
-/// The file cannot be read, is no `.npy`, holds no plain numbers, is Fortran-ordered, or its header promises another
-/// number of bytes than it has.
-pub fn read(path: &Path) -> Result<Array> {
-    let bytes = read_bytes(path)?;
-    let (header, rest) = split_header(&bytes).map_err(|reason| Error::file(path, reason))?;
+/// The file cannot be read, is no `.npy`, holds no plain numbers, is Fortran-ordered, its header promises another number
+/// of bytes than it has or a shape that `check_shape` refuses, or a number is no class id.
+pub fn read_ids(
+    path: &Path,
+    file: Opened,
+    check_shape: impl FnOnce(&[u64]) -> Result<()>,
+) -> Result<Vec<u16>> {
+    let complain = |reason: String| Error::file(path, reason);
+    let (size, mut stream) = (file.size(), file.stream());
+    let bytes =
+        read_checked(&mut stream).map_err(|reason| complain(format!("is no .npy array: {reason}")))?;
+    let header = parse_header(&bytes).map_err(complain)?;
+    check_data(&header, size.saturating_sub(bytes.len() as u64)).map_err(complain)?;
     let DType::Plain(dtype) = header.dtype() else {
-        return Err(Error::file(path, "holds records, needs an array of numbers"));
+        return Err(complain("holds records, needs an array of numbers".into()));
     };
     if header.order() != Order::C {
-        return Err(Error::file(path, "is Fortran-ordered, needs C order"));
+        return Err(complain("is Fortran-ordered, needs C order".into()));
     }
-    let shape: Vec<usize> = header.shape().iter().map(|&n| n as usize).collect();
-    let file = NpyFile::with_header(header, rest);
-    let values = match (dtype.type_char(), dtype.size_field()) {
-        (TypeChar::Float, 4) => convert::<f32>(file),
-        (TypeChar::Float, 8) => convert::<f64>(file),
-        (TypeChar::Uint, 1) => convert::<u8>(file),
-        (TypeChar::Uint, 2) => convert::<u16>(file),
-        (TypeChar::Uint, 4) => convert::<u32>(file),
-        (TypeChar::Int, 1) => convert::<i8>(file),
-        (TypeChar::Int, 2) => convert::<i16>(file),
-        (TypeChar::Int, 4) => convert::<i32>(file),
-        (TypeChar::Uint, 8) => widen(file, |x: u64| x as f64),
-        (TypeChar::Int, 8) => widen(file, |x: i64| x as f64),
-        _ => {
-            return Err(Error::file(path, format!("holds type {dtype}, needs integers, float32 or float64")));
-        }
-    };
-    let values = values.map_err(|e| Error::file(path, e.to_string()))?;
-    Ok(Array { shape, values })
+    check_shape(header.shape())?;
+    let file = NpyFile::with_header(header, stream);
+    match (dtype.type_char(), dtype.size_field()) {
+        (TypeChar::Float, 4) => ids(path, file, |x: f32| x.into()),
+        (TypeChar::Float, 8) => ids(path, file, |x: f64| x),
+        (TypeChar::Uint, 1) => ids(path, file, |x: u8| x.into()),
+        (TypeChar::Uint, 2) => ids(path, file, |x: u16| x.into()),
+        (TypeChar::Uint, 4) => ids(path, file, |x: u32| x.into()),
+        (TypeChar::Int, 1) => ids(path, file, |x: i8| x.into()),
+        (TypeChar::Int, 2) => ids(path, file, |x: i16| x.into()),
+        (TypeChar::Int, 4) => ids(path, file, |x: i32| x.into()),
+        (TypeChar::Uint, 8) => ids(path, file, |x: u64| x as f64),
+        (TypeChar::Int, 8) => ids(path, file, |x: i64| x as f64),
+        _ => Err(complain(format!("holds type {dtype}, needs integers, float32 or float64"))),
+    }
 }
 
-fn convert<T: Deserialize + Into<f64>>(file: NpyFile<&[u8]>) -> std::io::Result<Vec<f64>> {
-    widen(file, T::into)
+fn ids<T: Deserialize>(path: &Path, file: NpyFile<impl Read>, to_f64: impl Fn(T) -> f64) -> Result<Vec<u16>> {
+    let unreadable = |e: std::io::Error| Error::file(path, e.to_string());
+    let data = file.data::<T>().map_err(|e| unreadable(std::io::Error::other(e)))?;
+    data.map(|value| class_id(path, to_f64(value.map_err(unreadable)?))).collect()
 }
 
-fn widen<T: Deserialize>(file: NpyFile<&[u8]>, to_f64: impl Fn(T) -> f64) -> std::io::Result<Vec<f64>> {
-    let data = file.data::<T>().map_err(std::io::Error::other)?;
-    data.map(|x| x.map(&to_f64)).collect()
-}
-
-/// Class ids from numbers: integers from 0 to 65,535.
-///
-/// # Errors
-/// A number is not such an id.
-pub fn class_ids(path: &Path, values: &[f64]) -> Result<Vec<u16>> {
-    let id = |&x: &f64| {
-        let id = x as u16;
-        (f64::from(id) == x).then_some(id)
-    };
-    values
-        .iter()
-        .map(|x| {
-            id(x).ok_or_else(|| {
-                Error::file(path, format!("holds {x}, a class id is an integer from 0 to 65535"))
-            })
-        })
-        .collect()
+fn class_id(path: &Path, value: f64) -> Result<u16> {
+    let id = value as u16;
+    if f64::from(id) == value {
+        return Ok(id);
+    }
+    Err(Error::file(path, format!("holds {value}, a class id is an integer from 0 to 65535")))
 }

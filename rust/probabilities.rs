@@ -1,20 +1,23 @@
 //! Class probabilities as networks write them: the only array of an `.npz`, with the classes along the last axis; float16,
 //! float32, float64 or uint8, on any scale.
 
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufReader, Read};
 use std::path::{Path, PathBuf};
 
 use npyz::{DType, Order, TypeChar};
 use rayon::prelude::*;
-use zip::ZipArchive;
 
+use crate::archive;
 use crate::class_shares::ClassShares;
 use crate::error::{Error, Result};
-use crate::file::read_bytes;
-use crate::npy::read_header;
+use crate::file::Opened;
+use crate::npy::{LONGEST_HEADER, read_header};
 
 /// Largest number of classes; raw ids are the places along the last axis.
 const MAX_CLASSES: usize = 255;
+/// Bytes of the probabilities of an item at most, and bytes of an archive beside them.
+const MAX_ITEM_BYTES: u64 = 8 * MAX_CLASSES as u64;
+const MORE_BYTES: u64 = 4 * LONGEST_HEADER as u64;
 /// Largest mean number of classes that an item has a share of: a wider spread carries no information, and a small file
 /// could fill the memory with it.
 const MAX_SPREAD: usize = 32;
@@ -36,7 +39,10 @@ pub fn read_all(paths: &[PathBuf], shape: &[usize]) -> Result<Vec<ClassShares>> 
 /// The file cannot be read, holds no such array or several, or a value is negative or not finite.
 pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
     let invalid = |e: zip::result::ZipError| Error::file(path, format!("is no readable .npz: {e}"));
-    let mut archive = ZipArchive::new(Cursor::new(read_bytes(path)?)).map_err(invalid)?;
+    let num_items: u64 = shape.iter().map(|&n| n as u64).product();
+    let limit = num_items.saturating_mul(MAX_ITEM_BYTES).saturating_add(MORE_BYTES);
+    let file = Opened::open(path)?.at_most(limit, &format!(" for {num_items} items"))?;
+    let mut archive = archive::open(file.stream()).map_err(invalid)?;
     if archive.len() != 1 {
         return Err(Error::file(path, format!("holds {} arrays, needs one", archive.len())));
     }

@@ -448,15 +448,20 @@ def set_num_threads(num_threads: int) -> None:
 
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],
+    max_points: int = 10_000_000,
 ) -> list[PointCloud]:
     """Read sweeps, each with its file of labels or, without one, with the labels of its own label field, if any.
 
     Raises:
-        InputError: a file cannot be read or is not what its format promises, or counts differ.
+        InputError: a file cannot be read, is too large or is not what its format promises, a sweep has more than
+            `max_points` points, or counts differ.
     """
 
 def parse_point_cloud(
-    path: str | PathLike[str], npy: bytes, labels: str | PathLike[str] | None
+    path: str | PathLike[str],
+    npy: bytes,
+    labels: str | PathLike[str] | None,
+    max_points: int = 10_000_000,
 ) -> PointCloud:
     """Read the sweep at `path` from records (N,) of named fields that it was turned into, an array of NumPy's format.
 

@@ -1,5 +1,246 @@
 """Hostile sizes: files that are or claim to be too large, and files whose opening would never end."""
 
-from hostile_commands import Hostile
+import json
+import os
+import re
+from functools import partial
 
-SIZES: dict[str, Hostile] = {}
+from hostile_commands import Hostile
+from hostile_files import (
+    HUGE,
+    all_of,
+    bmp,
+    bomb,
+    edited,
+    instead,
+    jpeg,
+    las,
+    lzf_bomb,
+    many_sweeps,
+    named,
+    npy,
+    of_pixels,
+    pcd,
+    pipe,
+    ply,
+    png,
+    repeated,
+    text,
+    with_features,
+    with_poses,
+    zeros,
+)
+
+
+def error(text: str) -> str:
+    """The pattern of a line that is this error about a file of the drive."""
+    return f"^semcal: error: {re.escape(text)}$"
+
+
+CALIBRATE = ("calibrate", "drive", "-q")
+INTENSITY = (*CALIBRATE, "--cue", "intensity")
+FEATURES = (*CALIBRATE, "--cue", "features", "--estimator", "mine")
+TOO_LARGE = "found 3,221,225,472 bytes, needed at most"
+OF_SWEEP = f"{TOO_LARGE} 640,000,000, 64 a point: see --max-points"
+NO_FILE = "is no regular file, needs a file"
+
+SWEEPS = {
+    f"a sparse {name}": Hostile(
+        named("points", name, content, HUGE), CALIBRATE, error(f"drive/{name}: {OF_SWEEP}")
+    )
+    for name, content in {
+        "a.bin": b"",
+        "a.pcd.bin": b"",
+        "a.pcd": pcd(200_000_000, "binary"),
+        "a.ply": ply(200_000_000),
+        "a.npy": npy("<f4", 200_000_000, 4),
+        "a.npz": b"PK\3\4",
+        "a.las": las(150_000_000),
+        "a.laz": las(150_000_000),
+    }.items()
+}
+COUNTS = {
+    f"too many points of {name}": Hostile(
+        named("points", name, content, size),
+        CALIBRATE,
+        error(f"drive/{name}: found {count} points, needed at most 10,000,000: see --max-points"),
+    )
+    for name, content, size, count in (
+        ("a.bin", b"", 320_000_000, "20,000,000"),
+        ("a.pcd", pcd(40_000_000, "binary"), 480_000_300, "40,000,000"),
+        ("a.ply", ply(40_000_000), 480_000_300, "40,000,000"),
+        ("a.las", las(30_000_000), 600_000_227, "30,000,000"),
+    )
+}
+LABELS = {
+    f"sparse labels {name}": Hostile(
+        named("point_labels", name, content, HUGE), CALIBRATE, error(f"drive/{name}: {OF_SWEEP}")
+    )
+    for name, content in {
+        "a.label": b"",
+        "a.npy": npy("<i8", 400_000_000),
+        "a.npz": b"PK\3\4",
+    }.items()
+}
+LABEL_IMAGES = {
+    f"a sparse label image {name}": Hostile(
+        named("image_labels", name, content, HUGE),
+        CALIBRATE,
+        f"^semcal: error: drive/{name}: {TOO_LARGE} .*57.?600",
+    )
+    for name, content in {
+        "a.png": png(320, 180),
+        "a.npy": npy("<i8", 180, 320),
+        "a.npz": b"PK\3\4",
+    }.items()
+}
+PICTURES = {
+    f"a picture {name} of 20,000 squared pixels": Hostile(
+        named("image", name, content, size),
+        INTENSITY,
+        error(f"drive/{name}: found 20000 x 20000 pixels, needed 320 x 180"),
+    )
+    for name, content, size in (
+        ("a.jpg", jpeg(20_000, 20_000), 0),
+        ("a.bmp", bmp(20_000, 20_000), 1_200_000_054),
+    )
+}
+DOCUMENTS = {
+    "a sparse drive.yaml": Hostile(
+        zeros("drive/drive.yaml"),
+        ("inspect", "drive"),
+        error(f"drive/drive.yaml: {TOO_LARGE} 16,777,216"),
+    ),
+    "a sparse rig": Hostile(
+        zeros("rig.yaml", b"semcal_rig: 1\n"),
+        ("calibrate", "rig.yaml", "-o", "out"),
+        error(f"rig.yaml: {TOO_LARGE} 16,777,216"),
+    ),
+    "a list of drives of 2 GB": Hostile(
+        zeros("list.txt", b"drive\n", 2 << 30),
+        ("batch", "list.txt", "-o", "out"),
+        error("list.txt: found more than 16 MiB, needed a list of drives"),
+    ),
+    "a sparse calibration": Hostile(
+        zeros("c.yaml", b"semcal_calibration: 1\n"),
+        ("verify", "drive", "c.yaml"),
+        error(f"c.yaml: {TOO_LARGE} 16,777,216"),
+    ),
+    "a drive.yaml of twelve million tiny values": Hostile(
+        text("drive/drive.yaml", "- a\n- []\n", 1_500_000),
+        ("inspect", "drive"),
+        r"^semcal: error: drive/drive.yaml: found a list of 3000000, needed a mapping$",
+    ),
+    "a drive.yaml of empty lists": Hostile(
+        text("drive/drive.yaml", "[],", 4_000_000, before="[", after="]"),
+        ("inspect", "drive"),
+        error("drive/drive.yaml: found more than 8,000,000 values, needed fewer"),
+    ),
+    "a drive of wrong frames": Hostile(
+        text("drive.json", "{},", 5_000_000, before='{"semcal_drive": 1, "frames": [', after="{}]}"),
+        ("inspect", "drive.json"),
+        r"^semcal: error: drive.json: camera: found nothing, needed a value$",
+    ),
+    "a rig of blank lines": Hostile(
+        text("rig.yaml", "\n", 8_000_000, after="semcal_rig"),
+        ("calibrate", "rig.yaml", "-o", "out"),
+        error("rig.yaml: found 'semcal_rig', needed a mapping"),
+    ),
+    "a camera file of blank lines": Hostile(
+        text("T.yml", "\n", 900_000, before="%YAML:1.0\n", after="CameraExtrinsicMat: 1\n"),
+        ("convert", "T.yml", "--from", "opencv", "--direction", "lidar-to-camera", "--to", "kitti-odometry"),
+        r"^semcal: error: T.yml: CameraExtrinsicMat: found 1 numbers, needed 16 by rows, or 12$",
+    ),
+    "a drive of a million names of classes": Hostile(
+        lambda folder: (folder / "drive.json").write_text(
+            json.dumps(
+                {"semcal_drive": 1, "classes": {"points": {str(name): 0 for name in range(1_000_000)}}}
+            )
+        ),
+        ("inspect", "drive.json"),
+        error("drive.json: classes: found a mapping of 1,000,001 entries, needed at most 500,000"),
+    ),
+    "poses of 3 GB": Hostile(
+        all_of(edited(with_poses), zeros("drive/poses.txt")),
+        CALIBRATE,
+        error(f"drive/poses.txt: {TOO_LARGE} 67,108,864"),
+    ),
+}
+OF_FRAMES = {
+    f"a pipe for {key} {name}": Hostile(pipe(key, name), command, error(f"drive/{name}: {line}"))
+    for key, name, command, line in (
+        ("points", "a.las", CALIBRATE, "found no regular file, needed a file"),
+        ("points", "a.pcd", CALIBRATE, NO_FILE),
+        ("points", "a.npz", CALIBRATE, NO_FILE),
+        ("point_labels", "a.npz", CALIBRATE, NO_FILE),
+        ("image_labels", "a.png", CALIBRATE, NO_FILE),
+        ("image", "a.png", INTENSITY, "found no regular file, needed a file"),
+    )
+}
+PIPES = {
+    "a pipe for a drive": Hostile(
+        instead("drive/drive.yaml"),
+        ("inspect", "drive"),
+        error("drive/drive.yaml: found no regular file, needed a file"),
+    ),
+    "a pipe for poses": Hostile(
+        all_of(edited(with_poses), lambda folder: os.mkfifo(folder / "drive" / "poses.txt")),
+        CALIBRATE,
+        error("drive/poses.txt: found no regular file, needed a file"),
+    ),
+    **OF_FRAMES,
+}
+
+SIZES: dict[str, Hostile] = {
+    **SWEEPS,
+    **COUNTS,
+    **LABELS,
+    **LABEL_IMAGES,
+    **PICTURES,
+    **DOCUMENTS,
+    **PIPES,
+    "a label image of 65,535 squared pixels": Hostile(
+        of_pixels(65_535, 65_535),
+        CALIBRATE,
+        error("drive/drive.yaml: camera.height: found 65,535 x 65,535 pixels, needed at most 100,000,000"),
+    ),
+    "a label image of 20,000 squared pixels": Hostile(
+        named("image_labels", "a.png", partial(png, 20_000, 20_000)),
+        CALIBRATE,
+        error("drive/a.png: is 20000 x 20000, the camera is 320 x 180"),
+    ),
+    "a picture of 20,000 squared pixels": Hostile(
+        named("image", "a.png", partial(png, 20_000, 20_000)),
+        INTENSITY,
+        error("drive/a.png: found 20000 x 20000 pixels, needed 320 x 180"),
+    ),
+    "compressed points that claim 3.9 GB": Hostile(
+        lzf_bomb,
+        CALIBRATE,
+        error("drive/a.pcd: found 325,000,000 points, needed at most 10,000,000: see --max-points"),
+    ),
+    "an archive of points that inflates to 256 MB": Hostile(
+        named("points", "a.npz", partial(bomb, "points.npy", npy("<f4", 16_777_216, 4), 256 << 20)),
+        CALIBRATE,
+        r"^semcal: error: drive/a.npz: array points found 268,435,\d+ bytes, needed at most 2\d,\d+,\d+$",
+    ),
+    "a sweep beside many others": Hostile(many_sweeps(HUGE), CALIBRATE, error(f"drive/39.bin: {OF_SWEEP}")),
+    "many sweeps of zeros": Hostile(
+        many_sweeps(160_000_000),
+        CALIBRATE,
+        error("drive/0.bin: holds no returns: every point is zero or not finite"),
+    ),
+    "sparse features": Hostile(
+        all_of(edited(with_features), zeros("drive/point_features.npy")),
+        FEATURES,
+        error(f"drive/point_features.npy: {OF_SWEEP}"),
+    ),
+    "features behind a pipe": Hostile(
+        all_of(edited(with_features), instead("drive/image_features.npy")),
+        FEATURES,
+        error("drive/image_features.npy: found no regular file, needed a file"),
+    ),
+    "a calibration of a drive that repeats its frame": Hostile(
+        repeated, ("report", "drive", "c.yaml", "-o", "page.html"), r"^page\.html$|^$", exit_code=0
+    ),
+}

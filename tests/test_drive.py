@@ -241,7 +241,7 @@ def test_distortion_counts(tmp_path: Path, document: dict[str, Any], model: str)
         ("semcal_drive 1", "found 'semcal_drive 1', needed a mapping"),
         (
             "a: 1\nb: [1, 2\n",
-            "line 3: while parsing a flow sequence, expected ',' or ']', but got '<stream end>'",
+            "line 3: while parsing a flow sequence, did not find expected ',' or ']'",
         ),
         ("a: 1\nb:\n  c: 1\n  c: 2\n", "line 4: key 'c' is given twice"),
         ("a: 1\nb: &x [1]\n", "line 2: anchors, aliases and tags are not used here"),

@@ -129,6 +129,7 @@ fn words(text: &str) -> Vec<(usize, &str)> {
 #[test]
 fn promises_of_a_million_million_points() {
     const MANY: &str = "1000000000000";
+    const TOO_MANY: &str = "found 1,000,000,000,000 points, needed at most 10,000,000: see --max-points";
     let pcd = |encoding: &str| {
         let header =
             PCD.replace("WIDTH 2", &format!("WIDTH {MANY}")).replace("POINTS 2", &format!("POINTS {MANY}"));
@@ -140,11 +141,11 @@ fn promises_of_a_million_million_points() {
     };
     let shape = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({MANY}, 3)}}");
     let cases = [
-        (pcd("ascii"), "holds 19 bytes of data, too few for 1000000000000 points"),
-        (pcd("binary"), "holds 19 bytes of data, its header promises 1000000000000 points of 22 bytes"),
-        (pcd("binary_compressed"), "unpacks to 540287027 bytes, its header promises 22000000000000"),
-        (ply("ascii"), "holds 9 bytes of data, too few for 1000000000000 points"),
-        (ply("binary_big_endian"), "ends before the 1000000000000 elements that its header promises"),
+        (pcd("ascii"), TOO_MANY),
+        (pcd("binary"), TOO_MANY),
+        (pcd("binary_compressed"), TOO_MANY),
+        (ply("ascii"), TOO_MANY),
+        (ply("binary_big_endian"), TOO_MANY),
         (
             (Format::Npy, npy(&shape, &[0; 12])),
             "holds 12 bytes of data, its header needs shape [1000000000000, 3] of <f4",

@@ -4,12 +4,14 @@
 
 use super::column::{Column, Scalar};
 use super::fields::Fields;
+use super::limit::Limit;
 use super::parsed::Parsed;
 use super::table::Table;
 
 /// 4 or 5 float32 columns.
-pub(super) fn parse(bytes: &[u8], num_columns: usize) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], num_columns: usize, limit: Limit) -> Parsed<Table<'_>> {
     let num_records = count_records(bytes, 4 * num_columns)?;
+    limit.check_points(num_records)?;
     let column = |index: usize| Column::little_endian(4 * index, 4 * num_columns, Scalar::F32);
     let columns = Fields {
         xyz: [column(0), column(1), column(2)],

@@ -8,6 +8,7 @@ mod column;
 mod fields;
 mod kitti;
 mod labels;
+mod limit;
 pub mod lzf;
 mod npy;
 mod npz;
@@ -21,12 +22,13 @@ use std::path::{Path, PathBuf};
 use rayon::prelude::*;
 
 use crate::error::{Error, Result};
-use crate::file::{extension, read_bytes};
+use crate::file::{Opened, extension};
 use crate::probabilities;
 use parsed::Parsed;
 use table::Table;
 
 pub use cloud::PointCloud;
+pub use limit::{Limit, MAX_POINTS};
 
 /// How a point cloud lies in a file.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -67,46 +69,79 @@ impl Format {
         }
     }
 
-    fn parse(self, bytes: &[u8]) -> Parsed<Table<'_>> {
+    fn parse(self, bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
         match self {
-            Self::Kitti => kitti::parse(bytes, 4),
-            Self::NuScenes => kitti::parse(bytes, 5),
-            Self::Pcd => pcd::parse(bytes),
-            Self::Ply => ply::parse(bytes),
-            Self::Npy => npy::parse(bytes),
-            Self::Npz => npz::parse(bytes),
+            Self::Kitti => kitti::parse(bytes, 4, limit),
+            Self::NuScenes => kitti::parse(bytes, 5, limit),
+            Self::Pcd => pcd::parse(bytes, limit),
+            Self::Ply => ply::parse(bytes, limit),
+            Self::Npy => npy::parse(bytes, limit),
+            Self::Npz => npz::parse(bytes, limit),
         }
     }
 }
 
-/// Reads many sweeps with their labels, in parallel; the first failing frame's error wins.
+/// Reads many sweeps with their labels, in parallel; the first failing frame's error wins. The sizes of all files are
+/// judged before the first is read, and large ones are not read all at once.
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)]) -> Result<Vec<PointCloud>> {
-    let clouds: Vec<Result<PointCloud>> =
-        paths.par_iter().map(|(points, labels)| read(points, labels.as_deref())).collect();
-    clouds.into_iter().collect()
+pub fn read_all(paths: &[(PathBuf, Option<PathBuf>)], limit: Limit) -> Result<Vec<PointCloud>> {
+    let sizes = paths.iter().map(|files| judge(files, limit)).collect::<Result<Vec<u64>>>()?;
+    let mut clouds = Vec::with_capacity(paths.len());
+    for group in limit::groups(&sizes) {
+        let read = |(points, labels): &(PathBuf, Option<PathBuf>)| read(points, labels.as_deref(), limit);
+        let found: Vec<Result<PointCloud>> = paths[group].par_iter().map(read).collect();
+        for cloud in found {
+            clouds.push(cloud?);
+        }
+    }
+    Ok(clouds)
+}
+
+/// Judges the size of a sweep's files, and tells how many bytes its content takes. Files that are not there are left to
+/// those who read them.
+fn judge((points, labels): &(PathBuf, Option<PathBuf>), limit: Limit) -> Result<u64> {
+    let mut sum = 0;
+    for path in [points].into_iter().chain(labels) {
+        let size = std::fs::metadata(path).map_or(0, |metadata| metadata.len());
+        limit.check_bytes(size).map_err(|reason| Error::file(path, reason))?;
+        sum += size;
+    }
+    let unpacked = match Format::of(points) {
+        Ok(Format::Pcd) => pcd::unpacked_bytes(points),
+        Ok(Format::Npz) => npz::unpacked_bytes(points),
+        _ => None,
+    };
+    Ok(sum.saturating_add(unpacked.unwrap_or_default()))
 }
 
 /// Reads one sweep and one label for each of its entries: from `labels`, or else from the cloud's own label field if it
 /// has one.
 ///
 /// # Errors
-/// A file cannot be read, its size or content is not its format's, the counts of points and labels differ, a label is
-/// no class id, or there is no return in it.
-pub fn read(points: &Path, labels: Option<&Path>) -> Result<PointCloud> {
-    let bytes = read_bytes(points)?;
-    read_as(Format::of(points)?, points, &bytes, labels)
+/// A file cannot be read or is too large, its size or content is not its format's, the counts of points and labels
+/// differ, a label is no class id, or there is no return in it.
+pub fn read(points: &Path, labels: Option<&Path>, limit: Limit) -> Result<PointCloud> {
+    let file = Opened::open(points)?;
+    limit.check_bytes(file.size()).map_err(|reason| Error::file(points, reason))?;
+    let bytes = file.bytes()?;
+    read_as(Format::of(points)?, points, &bytes, labels, limit)
 }
 
 /// The same from the bytes of a sweep; `points` is the name that complaints give it.
 ///
 /// # Errors
 /// As [`read`].
-pub fn read_as(format: Format, points: &Path, bytes: &[u8], labels: Option<&Path>) -> Result<PointCloud> {
+pub fn read_as(
+    format: Format,
+    points: &Path,
+    bytes: &[u8],
+    labels: Option<&Path>,
+    limit: Limit,
+) -> Result<PointCloud> {
     let complain = |reason: String| Error::file(points, reason);
-    let table = format.parse(bytes).map_err(complain)?;
+    let table = format.parse(bytes, limit).map_err(complain)?;
     let Some(path) = labels else {
         return decode_table(&table).map_err(complain);
     };
@@ -117,13 +152,11 @@ pub fn read_as(format: Format, points: &Path, bytes: &[u8], labels: Option<&Path
         cloud.label_shares = Some(shares.kept(returns.keep()));
         return Ok(cloud);
     }
-    let label_bytes = read_bytes(path)?;
+    let file = Opened::open(path)?;
+    labels::check_size(path, file.size(), table.num_records(), points)?;
+    let label_bytes = file.bytes()?;
     let labels = labels::parse(path, &label_bytes).map_err(|reason| Error::file(path, reason))?;
-    if labels.num_records() != table.num_records() {
-        let (found, needed) = (labels.num_records(), table.num_records());
-        let reason = format!("{found} labels for the {needed} points of {}", points.display());
-        return Err(Error::file(path, reason));
-    }
+    labels::check_count(path, labels.num_records(), table.num_records(), points)?;
     cloud.labels = Some(labels.ids(&returns).map_err(|reason| Error::file(path, reason))?);
     Ok(cloud)
 }
@@ -133,7 +166,7 @@ pub fn read_as(format: Format, points: &Path, bytes: &[u8], labels: Option<&Path
 /// # Errors
 /// The size or content is not the format's, a label is no class id, or there is no return: in words, without a name.
 pub fn decode(format: Format, bytes: &[u8]) -> std::result::Result<PointCloud, String> {
-    decode_table(&format.parse(bytes)?)
+    decode_table(&format.parse(bytes, Limit::default())?)
 }
 
 fn decode_table(table: &Table<'_>) -> Parsed<PointCloud> {

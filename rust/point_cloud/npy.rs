@@ -4,6 +4,7 @@ use npyz::{DType, Endianness, NpyHeader, Order, TypeChar, TypeStr};
 
 use super::column::{Column, Kind, Scalar};
 use super::fields::{Fields, find, seconds_per_tick};
+use super::limit::Limit;
 use super::parsed::{Parsed, shown};
 use super::table::{Table, Values};
 use crate::npy::split_header;
@@ -11,13 +12,15 @@ use crate::npy::split_header;
 /// An array with more columns is no table of points but a picture.
 const MAX_COLUMNS: u64 = 16;
 
-pub(super) fn parse(bytes: &[u8]) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
     let (header, data) = split_header(bytes)?;
-    match header.dtype() {
+    let table = match header.dtype() {
         DType::Record(fields) => parse_records(&header, &fields, data),
         DType::Plain(dtype) => parse_columns(&header, &dtype, data),
         DType::Array(..) => Err("holds arrays of arrays, needs numbers or records".into()),
-    }
+    }?;
+    limit.check_points(table.num_records())?;
+    Ok(table)
 }
 
 /// Of any shape: an organised cloud's rows follow one another.

@@ -3,12 +3,20 @@
 //! Sources: PCL's description of the format and `pcd_io.cpp`. Without SIZE and TYPE, as in the oldest files, every field is a
 //! float32. `binary_compressed` holds one field after another, LZF-packed.
 
+use std::io::Read;
+use std::path::Path;
+
 use super::ascii::{self, Token};
 use super::column::{Column, Kind, Scalar};
 use super::fields::{find, seconds_per_tick};
+use super::limit::Limit;
 use super::lzf;
 use super::parsed::{Parsed, shown};
 use super::table::Table;
+use crate::file::Opened;
+
+/// Bytes in which a header of usual length ends.
+const HEADER_BYTES: u64 = 4096;
 
 struct Header {
     fields: Vec<Field>,
@@ -30,8 +38,9 @@ enum Encoding {
     Compressed,
 }
 
-pub(super) fn parse(bytes: &[u8]) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
     let (header, data) = parse_header(bytes)?;
+    limit.check_points(header.num_points)?;
     let names: Vec<&str> = header.fields.iter().map(|field| field.name.as_str()).collect();
     let found = find(&names)?;
     let scalars = found.try_map(|index| header.fields[index].scalar())?;
@@ -47,9 +56,18 @@ pub(super) fn parse(bytes: &[u8]) -> Parsed<Table<'_>> {
         }
         Encoding::Compressed => {
             let column = |index| header.column_of_blocks(index);
+            limit.check_bytes(header.data_bytes()? as u64)?;
             Table::new(header.unpack(data)?, header.num_points, found.try_map(column)?, tick)
         }
     }
+}
+
+/// What the data of a file unpacks to, where it is compressed and the file starts with a header of usual length.
+pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
+    let mut start = Vec::new();
+    Opened::open(path).ok()?.stream().take(HEADER_BYTES).read_to_end(&mut start).ok()?;
+    let (header, _) = parse_header(&start).ok()?;
+    matches!(header.encoding, Encoding::Compressed).then(|| header.data_bytes().ok().map(|n| n as u64))?
 }
 
 impl Field {

@@ -5,6 +5,7 @@
 use super::ascii::{self, Line, Token};
 use super::column::{Column, Kind, Scalar};
 use super::fields::{find, seconds_per_tick};
+use super::limit::Limit;
 use super::parsed::{Parsed, shown};
 use super::table::Table;
 
@@ -33,10 +34,11 @@ enum Layout {
     List(Scalar, Scalar),
 }
 
-pub(super) fn parse(bytes: &[u8]) -> Parsed<Table<'_>> {
+pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
     let (encoding, elements, mut data) = parse_header(bytes)?;
     for element in &elements {
         if element.is_vertex {
+            limit.check_points(element.count)?;
             return element.vertices(encoding, data);
         }
         data = element.skip(encoding, data)?;

@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 
 use super::labels::PyClassShares;
 use super::threads::detached;
-use crate::point_cloud::{self, PointCloud};
+use crate::point_cloud::{self, Limit, MAX_POINTS, PointCloud};
 
 #[pyclass(name = "PointCloud", frozen, get_all)]
 pub(super) struct PyPointCloud {
@@ -41,22 +41,26 @@ impl PyPointCloud {
 }
 
 #[pyfunction]
+#[pyo3(signature = (paths, max_points=MAX_POINTS))]
 pub(super) fn read_point_clouds(
     py: Python<'_>,
     paths: Vec<(PathBuf, Option<PathBuf>)>,
+    max_points: usize,
 ) -> PyResult<Vec<PyPointCloud>> {
-    let clouds = detached(py, || point_cloud::read_all(&paths))?;
+    let clouds = detached(py, || point_cloud::read_all(&paths, Limit { max_points }))?;
     clouds.into_iter().map(|cloud| PyPointCloud::new(py, cloud)).collect()
 }
 
 #[pyfunction]
+#[pyo3(signature = (path, npy, labels, max_points=MAX_POINTS))]
 pub(super) fn parse_point_cloud(
     py: Python<'_>,
     path: PathBuf,
     npy: &[u8],
     labels: Option<PathBuf>,
+    max_points: usize,
 ) -> PyResult<PyPointCloud> {
-    let format = point_cloud::Format::Npy;
-    let cloud = detached(py, || point_cloud::read_as(format, &path, npy, labels.as_deref()))?;
+    let (format, limit) = (point_cloud::Format::Npy, Limit { max_points });
+    let cloud = detached(py, || point_cloud::read_as(format, &path, npy, labels.as_deref(), limit))?;
     PyPointCloud::new(py, cloud)
 }

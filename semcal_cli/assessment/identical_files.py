@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections import defaultdict
 from collections.abc import Sequence
 from itertools import chain
@@ -11,7 +10,7 @@ from pathlib import Path
 from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.reading import hash_file
 
 KINDS = {
     "points": "points",
@@ -50,7 +49,7 @@ def _identical(paths: dict[int, Path]) -> list[Group]:
     by_content: dict[str, list[int]] = defaultdict(list)
     for index in chain.from_iterable(group for group in by_size.values() if len(group) > 1):
         try:
-            by_content[hashlib.sha256(read_bytes(paths[index])).hexdigest()].append(index)
+            by_content[hash_file(paths[index])].append(index)
         except InputError:
             continue
     return [tuple(group) for group in by_content.values() if len(group) > 1]

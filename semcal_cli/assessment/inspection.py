@@ -24,6 +24,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
+from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.initialization.search import initialize
 
 MAX_GAP_S = 0.05
@@ -261,16 +262,17 @@ def _check_scale(points: Sequence[npt.NDArray[np.float32]], few: Observations | 
 
 def _check_images(drive: Drive) -> list[str]:
     named = [frame.image for frame in drive.frames if frame.image is not None]
-    found = []
+    found, needed = [], (drive.camera.width, drive.camera.height)
     for name in evenly_spaced(named, NUM_PROBED):
         try:
-            height, width, _ = read_image(drive.resolve(name)).shape
+            width, height = read_size(drive.resolve(name))
+            if (width, height) == needed:
+                read_image(drive.resolve(name), needed)
+            else:
+                size = f"{needed[0]} x {needed[1]}"
+                found.append(f"{name} is {width} x {height}, the camera's pictures are {size}")
         except InputError as error:
             found.append(str(error))
-            continue
-        if (width, height) != (drive.camera.width, drive.camera.height):
-            size = f"{drive.camera.width} x {drive.camera.height}"
-            found.append(f"{name} is {width} x {height}, the camera's pictures are {size}")
     return found
 
 

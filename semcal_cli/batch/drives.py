@@ -11,7 +11,7 @@ from typing import TextIO
 
 from semcal_cli.drive.document import DRIVE_FILE, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import is_folder, read_bytes
+from semcal_cli.files.reading import is_folder, read_start
 
 LISTS = (".txt", ".list")
 MAGIC = "*?["
@@ -58,7 +58,7 @@ def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
         return _listed(stdin.buffer.read(MAX_LIST_BYTES + 1), "standard input")
     path = Path(argument)
     if path.suffix.lower() in LISTS and not is_folder(path):
-        return _listed(read_bytes(path, MAX_LIST_BYTES + 1), argument)
+        return _listed(read_start(path, MAX_LIST_BYTES + 1), argument)
     return [_checked(name) for name in _matches(argument)]
 
 

@@ -19,7 +19,7 @@ from semcal_cli.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task
 from semcal_cli.errors import InputError
 from semcal_cli.files.kinds import FILE, FOLDER, LINK, check_own_file, kind_of
 from semcal_cli.files.messages import os_reason
-from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.reading import read_start
 from semcal_cli.jobs.resume import locked, open_own
 
 LOCK, MARKER = ".lock", ".semcal_batch"
@@ -192,7 +192,7 @@ def _is_safe(entry: os.DirEntry[str]) -> bool:
 
 def _mark(path: Path) -> bytes:
     """Read a marker; empty if there is none."""
-    return read_bytes(path, len(MARK) + 1) if kind_of(path) == FILE else b""
+    return read_start(path, len(MARK) + 1) if kind_of(path) == FILE else b""
 
 
 def _write_mark(marker: int, path: Path) -> None:

@@ -24,7 +24,7 @@ from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.kinds import FILE, check_own_file, kind_of
-from semcal_cli.files.reading import read_bytes, read_text
+from semcal_cli.files.reading import MAX_TABLE_BYTES, hash_file, read_text
 from semcal_cli.files.validation import StrictModel, Version, validate
 from semcal_cli.files.writing import write_text
 
@@ -65,10 +65,9 @@ class Record(StrictModel):
 def read_state(path: Path) -> FileState | None:
     """Read the state of a file; None if the file cannot be read."""
     try:
-        content, found = read_bytes(path), path.stat()
+        digest, found = hash_file(path), path.stat()
     except (InputError, OSError):
         return None
-    digest = hashlib.sha256(content).hexdigest()
     return FileState(size=found.st_size, mtime_ns=found.st_mtime_ns, sha256=digest)
 
 
@@ -110,7 +109,7 @@ def read_outcome(task: Task) -> Outcome | None:
     if kind_of(path) != FILE:
         return None
     try:
-        text = read_text(path)
+        text = read_text(path, limit=MAX_TABLE_BYTES)
         body, _, _ = text.rpartition(SIGNED)
         if text != _signed(body + "}"):
             return None

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 WITH_SOIC = (
     *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),
-    *("max_baseline_m", "page", "images", "output", "threads", "quiet", "log", "max_frames"),
+    *("max_baseline_m", "page", "images", "output", "threads", "quiet", "log", "max_frames", "max_points"),
 )
 """Parameters of `calibrate` that do not concern mutual information."""
 
@@ -180,7 +180,15 @@ def _calibrate_drive(
     """Calibrate one camera, write the result, and return the exit code."""
     from semcal_cli.cli.drive import loaded_drive
 
-    opened = loaded_drive(drive, config, outputs, initial_pose, threads=common.threads, quiet=common.quiet)
+    opened = loaded_drive(
+        drive,
+        config,
+        outputs,
+        initial_pose,
+        threads=common.threads,
+        quiet=common.quiet,
+        max_points=common.max_points,
+    )
     with opened as (data, terminal):
         calibration = run(data, relative_to=outputs.folder, on_event=terminal.on_event)
     code = outputs.write(calibration, terminal, common.threads)

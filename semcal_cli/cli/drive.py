@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from semcal_cli.cli.outputs import Outputs
 from semcal_cli.cli.terminal import Terminal
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.jobs.threads import set_num_threads
@@ -28,6 +29,7 @@ def loaded_drive(
     *,
     threads: int | None,
     quiet: bool,
+    max_points: int = MAX_POINTS,
 ) -> Iterator[tuple[LoadedDrive, Terminal]]:
     """Load a drive, and show the progress of all that is done with it.
 
@@ -39,12 +41,13 @@ def loaded_drive(
         parts: Output files of the parts of the drive, which are checked with the others.
         threads: Number of threads of the Rust stages; None takes all.
         quiet: Whether only errors are shown.
+        max_points: Points of the largest sweep that is read.
 
     Raises:
         InputError: the drive, one of its files or an output is wrong.
         CalibrationError: one side's labels carry no information.
     """
-    spec = read_drive(drive)
+    spec = read_drive(drive, max_points)
     outputs.check(spec, initial_pose, parts)
     set_num_threads(threads)
     with Terminal(quiet=quiet) as terminal:

@@ -15,6 +15,7 @@ from semcal_cli.cli.options import (
     Command,
     drive_argument,
     max_frames_option,
+    max_points_option,
     number_option,
 )
 from semcal_cli.config import MAX_SEED
@@ -228,9 +229,16 @@ _rivals_command(
     help="Frame that the pictures show, numbered from 0 among those used.",
 )
 @max_frames_option
+@max_points_option
 @out_option
 def table(
-    drive: Path, reference: Path | None, init: Path | None, frame: int, max_frames: int, out: Path
+    drive: Path,
+    reference: Path | None,
+    init: Path | None,
+    frame: int,
+    max_frames: int,
+    max_points: int,
+    out: Path,
 ) -> None:
     """Compare methods on DRIVE, from the same start, with its reference.
 
@@ -248,7 +256,7 @@ def table(
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
 
-    spec = read_drive(drive)
+    spec = read_drive(drive, max_points)
     T_reference = read_transform(reference or drive)
     initial_pose = None if init is None else read_initial_pose(init)
     if initial_pose is not None:

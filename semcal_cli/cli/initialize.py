@@ -33,7 +33,15 @@ def initialize(drive: Path, **options: Any) -> None:
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)
     outputs = Outputs(asked.output, asked.log)
-    opened = loaded_drive(drive, config, outputs, initial_pose, threads=asked.threads, quiet=asked.quiet)
+    opened = loaded_drive(
+        drive,
+        config,
+        outputs,
+        initial_pose,
+        threads=asked.threads,
+        quiet=asked.quiet,
+        max_points=asked.max_points,
+    )
     with opened as (data, terminal):
         found = search(data, config.initialization, config.seed, initial_pose, on_event=terminal.on_event)
         terminal.print(*hypothesis_lines(found.hypotheses))

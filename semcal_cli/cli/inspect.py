@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import PATH
+from semcal_cli.cli.options import PATH, max_points_option
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,8 @@ WIDE = 240
 @click.command()
 @click.argument("drive", type=PATH)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
-def inspect(drive: Path, as_json: bool) -> None:
+@max_points_option
+def inspect(drive: Path, as_json: bool, max_points: int) -> None:
     """Show what DRIVE holds, frame by frame, and what looks wrong with it.
 
     Among others it looks for mirrored clouds, a K of another picture size, labels that are shifted against their points
@@ -35,7 +36,7 @@ def inspect(drive: Path, as_json: bool) -> None:
     from semcal_cli.assessment.inspection import inspect as look_through
     from semcal_cli.drive.document import read_drive
 
-    report = look_through(read_drive(drive))
+    report = look_through(read_drive(drive, max_points))
     if as_json:
         click.echo(json.dumps(asdict(report), indent=2))
         return

@@ -11,7 +11,16 @@ from typing import Any, TypeVar, get_args
 
 import click
 
-from semcal_cli.config import LABELS, MAX_BASELINE_M, MAX_FRAMES, MAX_SEED, CalibrationConfig, Cue, Limits
+from semcal_cli.config import (
+    LABELS,
+    MAX_BASELINE_M,
+    MAX_FRAMES,
+    MAX_POINTS,
+    MAX_SEED,
+    CalibrationConfig,
+    Cue,
+    Limits,
+)
 from semcal_cli.files.streams import STANDARD_OUTPUT, descriptor
 
 
@@ -41,6 +50,8 @@ PATH = click.Path(path_type=Path)
 OUTPUT_FILE = OutputFile(path_type=Path)
 
 MAX_THREADS = 1024
+MAX_MAX_POINTS = 2**32 - 1
+"""Largest limit of the points of a sweep."""
 MAX_LIMIT = 1e6
 """Largest limit in metres or degrees: no two transforms are farther apart."""
 
@@ -118,6 +129,12 @@ max_frames_option = number_option(
     "--max-frames",
     default=MAX_FRAMES,
     help="Use at most N frames of a longer drive, those whose label images differ most.",
+)
+max_points_option = number_option(
+    "--max-points",
+    most=MAX_MAX_POINTS,
+    default=MAX_POINTS,
+    help="Refuse sweeps of more than N points, and their files if they have more than 64 bytes a point.",
 )
 
 
@@ -203,6 +220,7 @@ class ResultOptions:
     threads: int | None
     quiet: bool
     max_frames: int
+    max_points: int
     cues: tuple[Cue, ...]
 
 
@@ -210,6 +228,7 @@ def result_options(command: Command) -> Command:
     """Add the options of every command that computes a calibration."""
     for option in (
         cue_option,
+        max_points_option,
         max_frames_option,
         log_option,
         quiet_option,

@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, choice_option, number_option, quiet_option
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    PATH,
+    choice_option,
+    max_points_option,
+    number_option,
+    quiet_option,
+)
 
 if TYPE_CHECKING:
     from semcal_cli.report.overlay import Coloring
@@ -38,6 +45,7 @@ COLORINGS = ("class", "depth", "agreement")
     "its class and the pixel's go together.",
 )
 @number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
+@max_points_option
 @quiet_option
 def overlay(
     drive: Path,
@@ -46,6 +54,7 @@ def overlay(
     against: Path | None,
     by: Coloring,
     max_frames: int,
+    max_points: int,
     quiet: bool,
 ) -> None:
     """Draw points on pictures."""
@@ -60,7 +69,7 @@ def overlay(
     given = [path for path in (against, calibration) if path is not None]
     poses = {str(path): read_transform(path) for path in given}
     paths = map(drive_file, given)
-    spec = read_drive(drive)
+    spec = read_drive(drive, max_points)
     frames = evenly_spaced(spec.frames, max_frames)
     check_image_folder(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
     spec = spec.model_copy(update={"frames": tuple(frames)})

@@ -11,6 +11,7 @@ from semcal_cli.cli.options import (
     OUTPUT_FILE,
     PATH,
     drive_argument,
+    max_points_option,
     quiet_option,
     threads_option,
 )
@@ -31,10 +32,17 @@ from semcal_cli.cli.options import (
     metavar="FILE",
     help="Transform to show beside it; if not given, that of the calibration's first stage.",
 )
+@max_points_option
 @threads_option
 @quiet_option
 def report(
-    drive: Path, calibration: Path, output: Path, against: Path | None, threads: int | None, quiet: bool
+    drive: Path,
+    calibration: Path,
+    output: Path,
+    against: Path | None,
+    max_points: int,
+    threads: int | None,
+    quiet: bool,
 ) -> None:
     """Write a page about a transform."""
     from semcal_cli.cli.outputs import check_outputs, check_page
@@ -43,7 +51,7 @@ def report(
     from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.report import read_report_input, write_report
 
-    spec = read_drive(drive)
+    spec = read_drive(drive, max_points)
     given = [drive_file(path) for path in (calibration, against) if path is not None]
     check_page(output)
     check_outputs([spec.path, *map(spec.resolve, spec.files()), *given], [output])

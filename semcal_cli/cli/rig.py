@@ -66,7 +66,7 @@ def calibrate_rig(
             f"-o: {path} is a rig, whose results are several files: give a folder for them"
         )
     rig = read_rig(path)
-    drives = rig.read_drives()
+    drives = rig.read_drives(options.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
         _check_outputs(rig, drives, outputs, folder / f"{RESULT}.yaml", options.log)

@@ -18,6 +18,7 @@ from semcal_cli.cli.options import (
     drive_argument,
     limit_options,
     max_frames_option,
+    max_points_option,
     quiet_option,
     seed_option,
     threads_option,
@@ -46,10 +47,17 @@ if TYPE_CHECKING:
 @seed_option
 @threads_option
 @max_frames_option
+@max_points_option
 @cue_option
 @quiet_option
 def verify(
-    drive: Path, threads: int | None, as_json: bool, junit: Path | None, quiet: bool, **options: Any
+    drive: Path,
+    threads: int | None,
+    as_json: bool,
+    junit: Path | None,
+    max_points: int,
+    quiet: bool,
+    **options: Any,
 ) -> None:
     """Verify a transform on a drive."""
     from semcal_cli.cli.drive import loaded_drive
@@ -60,7 +68,10 @@ def verify(
     initial_pose, config, limits = settings_of(options)
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit)
-    with loaded_drive(drive, config, outputs, initial_pose, threads=threads, quiet=quiet) as (data, terminal):
+    opened = loaded_drive(
+        drive, config, outputs, initial_pose, threads=threads, quiet=quiet, max_points=max_points
+    )
+    with opened as (data, terminal):
         found = check(data, initial_pose, limits, config.seed, terminal.on_event)
     cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:

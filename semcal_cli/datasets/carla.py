@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli import _core
 from semcal_cli.datasets.files import inside, need_file, numbered_files, pick
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
@@ -22,6 +21,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import describe
+from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.formats.values import MAX_MOUNT_M, image_side, number
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
 
@@ -202,7 +202,7 @@ def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
 
 def _convert(path: Path) -> Cloud:
     """Mirror a cloud into a right-handed frame; `ObjTag` becomes the label of a point."""
-    (cloud,) = _core.read_point_clouds([(need_file(path), None)])
+    (cloud,) = read_point_clouds([(need_file(path), None)])
     points = np.zeros((len(cloud.points), 4), dtype=np.float32)
     points[:, :3] = cloud.points * np.array([1.0, -1.0, 1.0], np.float32)
     if cloud.intensity is not None:

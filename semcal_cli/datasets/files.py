@@ -8,7 +8,7 @@ from pathlib import Path
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, one_of, os_reason
-from semcal_cli.files.reading import is_folder, read_bytes
+from semcal_cli.files.reading import is_folder, read_start
 
 
 def need_file(path: Path) -> Path:
@@ -17,7 +17,7 @@ def need_file(path: Path) -> Path:
     Raises:
         InputError: the file does not exist or cannot be read.
     """
-    read_bytes(path, 0)
+    read_start(path, 0)
     return path
 
 

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, TypeAlias, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, RootModel
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import describe
+from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import FileName, Vector3, Vector4, length, validate
 from semcal_cli.formats.values import MAX_STAMP_S, MAX_WORLD_M
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion
+
+ROWS_AT_A_TIME = 10_000
+"""Rows that are checked at a time, of tables of a gigabyte."""
 
 Metres: TypeAlias = Annotated[float, Field(ge=-MAX_WORLD_M, le=MAX_WORLD_M)]
 
@@ -104,8 +108,11 @@ class Tables:
         Raises:
             InputError: the table does not exist, or one of its rows is wrong.
         """
-        path = self.path(table)
-        return validate(RootModel[list[model]], read_list(path), path).root  # type: ignore[valid-type]
+        path, found = self.path(table), list[Model]()
+        numbered = enumerate(read_rows(path))
+        while some := dict(islice(numbered, ROWS_AT_A_TIME)):
+            found += validate(RootModel[dict[int, model]], some, path).root.values()  # type: ignore[valid-type]
+        return found
 
     def poses(self, table: str, model: type[PlacedModel], tokens: Collection[str]) -> dict[str, Pose]:
         """Read the transforms (4, 4) of the rows with these tokens, metres.

@@ -15,10 +15,12 @@ import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.reading import read_bytes, read_start
 
 END = re.compile(rb"\nend_header\r?\n")
 MAX_HEADER = 65536
+MAX_BYTES = 512 << 20
+"""Largest size of a file."""
 FORMATS = {"binary_little_endian": "<", "binary_big_endian": ">"}
 TYPES = {
     **dict.fromkeys(("char", "int8"), "i1"),
@@ -38,12 +40,12 @@ def read_vertices(path: Path) -> npt.NDArray[Any]:
     Raises:
         InputError: the file does not exist, is too short, or does not begin with vertices of plain numbers.
     """
-    content = read_bytes(path)
-    end = END.search(content, 0, MAX_HEADER)
-    if not content.startswith(b"ply") or not end:
+    start = read_start(path, MAX_HEADER)
+    end = END.search(start)
+    if not start.startswith(b"ply") or not end:
         raise InputError(f"{path}: found no PLY header, needed one")
-    count, dtype = _parse_header(path, content[: end.start()].decode("latin-1").splitlines())
-    body = memoryview(content)[end.end() :]
+    count, dtype = _parse_header(path, start[: end.start()].decode("latin-1").splitlines())
+    body = memoryview(read_bytes(path, limit=MAX_BYTES))[end.end() :]
     if count * dtype.itemsize > len(body):
         raise InputError(f"{path}: found {len(body):,} bytes after the header, needed {count:,} vertices")
     return np.frombuffer(body, dtype, count)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.files.reading import read_text
+from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.formats.values import MAX_WORLD_M, number, parse_numbers
 
 KITTI_PERIOD_S = 0.1
@@ -20,7 +20,7 @@ def read_positions(path: Path) -> npt.NDArray[np.float64]:
     Raises:
         InputError: the file does not exist, or a line does not hold 12 numbers.
     """
-    lines = [line for line in read_text(path).splitlines() if line.strip()]
+    lines = [line for line in read_text(path, limit=MAX_TABLE_BYTES).splitlines() if line.strip()]
     return np.array([_position(path, f"line {i}", line) for i, line in enumerate(lines, start=1)]).reshape(
         -1, 3
     )

@@ -8,9 +8,11 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.messages import describe, mismatch
+from semcal_cli.files.picture_sizes import MAX_PIXELS
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import (
     FileName,
@@ -151,6 +153,14 @@ class Camera(StrictModel):
         """Make the same camera with its focal lengths multiplied by a factor."""
         (fx, _, cx), (_, fy, cy), last_row = self.K
         return self.model_copy(update={"K": ((scale * fx, 0.0, cx), (0.0, scale * fy, cy), last_row)})
+
+    @field_validator("height")
+    @classmethod
+    def _check_pixels(cls, height: int, info: ValidationInfo) -> int:
+        width: int = info.data.get("width", 0)
+        if width * height > MAX_PIXELS:
+            raise mismatch(f"{width:,} x {height:,} pixels", f"at most {MAX_PIXELS:,}")
+        return height
 
     @field_validator("K")
     @classmethod
@@ -309,7 +319,7 @@ class Drive(StrictModel):
     """Ids that carry no information."""
     classes: Classes | None = None
     """Names of classes and the raw ids merged into each."""
-    palette: Annotated[dict[str, Color], length(1, 255)] | None = None
+    palette: Annotated[dict[str, Color], Field(min_length=1, max_length=255)] | None = None
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
     """Motion of the LiDAR during a sweep, for clouds with a time for each point."""
@@ -317,6 +327,7 @@ class Drive(StrictModel):
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 
     _path: Path = PrivateAttr(default=Path(DRIVE_FILE))
+    _max_points: int = PrivateAttr(default=MAX_POINTS)
 
     @field_validator("palette")
     @classmethod
@@ -333,6 +344,11 @@ class Drive(StrictModel):
     def root(self) -> Path:
         """The folder that the paths in the file are relative to."""
         return self._path.parent
+
+    @property
+    def max_points(self) -> int:
+        """Points of the largest sweep that is read."""
+        return self._max_points
 
     def input_files(self) -> Iterator[str]:
         """List the names of all files that a calibration by labels reads."""
@@ -363,8 +379,12 @@ def drive_file(path: Path) -> Path:
     return path / DRIVE_FILE if is_folder(path) else path
 
 
-def read_drive(path: Path | str) -> Drive:
+def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     """Read and check a drive, given by its folder or by its drive.yaml.
+
+    Args:
+        path: The folder or the file.
+        max_points: Points of the largest sweep that is read from its files, wherever that happens.
 
     Raises:
         InputError: the drive is wrong; the message names the file, the key, what was found and what was needed.
@@ -377,5 +397,5 @@ def read_drive(path: Path | str) -> Drive:
     if RIG in document:
         raise InputError(f"{file}: {OF_CALIBRATE}")
     drive = validate(Drive, document, file)
-    drive._path = file
+    drive._path, drive._max_points = file, max_points
     return drive

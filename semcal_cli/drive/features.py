@@ -22,7 +22,8 @@ from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.files.arrays import map_array
+from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
 
 Vectors = npt.NDArray[np.float16]
 
@@ -99,20 +100,9 @@ def _read(drive: Drive, frame: Frame, key: str) -> tuple[Path, Vectors]:
     if name is None:
         raise InputError(f"{drive.path}: {frame.key(key)}: found nothing, needed a .npy file of features")
     path = drive.resolve(name)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            vectors = np.load(path, mmap_mode="r", allow_pickle=False)
-    except OSError as error:
-        raise InputError(
-            f"{path}: {(error.strerror or 'is damaged').lower()}, needed a NumPy array"
-        ) from None
-    except Exception:  # The header of the file is Python, so it can fail in many ways.
-        raise InputError(f"{path}: found no NumPy array, needed one") from None
-    if not isinstance(vectors, np.ndarray) or vectors.dtype.kind not in "fiu":
-        raise InputError(
-            f"{path}: found {getattr(vectors, 'dtype', 'several arrays')}, needed an array of numbers"
-        )
+    vectors = map_array(path, max_bytes(drive.max_points), A_POINT)
+    if vectors.dtype.kind not in "fiu":
+        raise InputError(f"{path}: found {vectors.dtype}, needed an array of numbers")
     if not vectors.ndim or not 1 <= vectors.shape[-1] <= MAX_CHANNELS:
         raise InputError(f"{path}: found shape {vectors.shape}, needed 1 to {MAX_CHANNELS} channels")
     return path, vectors

@@ -13,13 +13,15 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, Frame, Motion
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import read_text
+from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.geometry.poses import Pose, pose_from_quaternion
 
 MAX_SWEEP_S = 1.0
 """Largest time between a point and its sweep's stamp; farther apart, they have different clocks or units."""
 MIN_SWEEP_S = 0.005
 """Shortest time of a sweep; times that span less have another unit, for no LiDAR turns that fast."""
+MAX_POSES = 1_000_000
+"""Most poses of a file. Their reading takes some ten seconds."""
 MIN_RANGE_M = 0.1
 MEAN_SINE = math.pi / 4.0
 """Mean sine of the angle between a motion of unknown direction and a line of sight."""
@@ -137,14 +139,17 @@ def _steady(motion: Motion, moment: float) -> _core.Trajectory:
 def _read_trajectory(drive: Drive, name: str) -> _core.Trajectory:
     path = drive.resolve(name)
     stamps, poses = [], []
-    for number, line in enumerate(read_text(path).splitlines(), start=1):
-        if line.strip() and not line.lstrip().startswith("#"):
-            try:
-                stamp, pose = _parse_pose(line)
-            except ValueError as error:
-                raise InputError(f"{path}: line {number}: {error}") from None
-            stamps.append(stamp)
-            poses.append(pose)
+    numbered = enumerate(read_text(path, limit=MAX_TABLE_BYTES).splitlines(), start=1)
+    lines = [(number, line) for number, line in numbered if line.strip() and line.lstrip()[0] != "#"]
+    if len(lines) > MAX_POSES:
+        raise InputError(f"{path}: found {len(lines):,} poses, needed at most {MAX_POSES:,}")
+    for number, line in lines:
+        try:
+            stamp, pose = _parse_pose(line)
+        except ValueError as error:
+            raise InputError(f"{path}: line {number}: {error}") from None
+        stamps.append(stamp)
+        poses.append(pose)
     try:
         return _core.Trajectory.through(stamps, poses)
     except InputError as error:

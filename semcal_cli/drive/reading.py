@@ -142,12 +142,7 @@ def read_frame_image(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8] | None
     """
     if frame.image is None:
         return None
-    path, camera = drive.resolve(frame.image), drive.camera
-    image = read_image(path)
-    found, needed = image.shape[1::-1], (camera.width, camera.height)
-    if found != needed:
-        raise InputError(f"{path}: found {found[0]} x {found[1]} pixels, needed {needed[0]} x {needed[1]}")
-    return image
+    return read_image(drive.resolve(frame.image), (drive.camera.width, drive.camera.height))
 
 
 def _ids(labels: Labels) -> npt.NDArray[np.uint16]:
@@ -191,7 +186,8 @@ def read_clouds(drive: Drive, sweeps: Sweeps | None = None) -> list[_core.PointC
     """
     labels = [drive.resolve(f.point_labels) if f.point_labels else None for f in drive.frames]
     points = [drive.resolve(frame.points) for frame in drive.frames]
-    return (Sweeps() if sweeps is None else sweeps).read(list(zip(points, labels, strict=True)))
+    files = list(zip(points, labels, strict=True))
+    return (Sweeps() if sweeps is None else sweeps).read(files, drive.max_points)
 
 
 def _point_labels(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Labels]:

@@ -13,6 +13,8 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
 from semcal_cli.files.writing import write_text
 
+MAX_BYTES = 256 << 20
+"""Largest size of the file of results."""
 Found = TypeVar("Found")
 """Result of a case: a dataclass of numbers and strings."""
 
@@ -59,7 +61,7 @@ class Journal(Generic[Found]):
             write_text(self._before + "".join(ordered), self.file)
 
     def _cut_off_half_a_line(self) -> str:
-        text = read_text(self.file)
+        text = read_text(self.file, limit=MAX_BYTES)
         whole = text[: text.rfind("\n") + 1]
         if half := text[len(whole) :]:
             # The file is cut in place, since it is locked: a new file of the same name would not be.

@@ -12,39 +12,13 @@ from typing import Any, Literal, TypeAlias
 import yaml
 
 from semcal_cli.files.messages import describe
+from semcal_cli.files.yaml_values import CORE_SCHEMA, parse_yaml, plain_value
 
 Format: TypeAlias = Literal["yaml", "json"]
 FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
 
 
-_SCALARS = {  # YAML 1.2.2, section 10.3.2
-    "null": (r"~|null|Null|NULL|", [*"~nN", ""]),
-    "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF"),
-    "int": (r"[-+]?(0|[1-9][0-9]*)", "-+0123456789"),
-    "float": (
-        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
-        "-+0123456789.",
-    ),
-}
-
-
-class _Loader(yaml.SafeLoader):
-    yaml_implicit_resolvers: dict[str, Any] = {}
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        if isinstance(event, yaml.AliasEvent) or event.anchor or getattr(event, "tag", None):
-            problem = "anchors, aliases and tags are not used here"
-            raise yaml.composer.ComposerError(problem=problem, problem_mark=event.start_mark)
-        return super().compose_node(parent, index)
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
-        mapping = super().construct_mapping(node, deep=deep)
-        keys = [self.construct_object(key) for key, _ in node.value]
-        if (index := _repeated(keys)) is not None:
-            mark = node.value[index][0].start_mark
-            raise yaml.constructor.ConstructorError(problem=_given_twice(keys[index]), problem_mark=mark)
-        return mapping
+_SURROGATE = re.compile("[\ud800-\udfff]")
 
 
 class _Dumper(yaml.SafeDumper):
@@ -56,9 +30,8 @@ class _Dumper(yaml.SafeDumper):
         return self.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=flow_style)
 
 
-for _name, (_pattern, _first) in _SCALARS.items():
-    for _class in (_Loader, _Dumper):
-        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", re.compile(f"^(?:{_pattern})$"), _first)
+for _name, (_pattern, _first) in CORE_SCHEMA.items():
+    _Dumper.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", re.compile(f"^(?:{_pattern})$"), _first)
 _Dumper.add_representer(list, _Dumper.represent_list)
 
 
@@ -69,29 +42,35 @@ def parse(text: str, format: Format) -> Any:
         ValueError: the text is not well-formed; the message names the place and the error.
     """
     try:
-        document = _parse_json(text) if format == "json" else yaml.load(text, _Loader)
-        # A lone surrogate can only come from an escape.
-        texts = _texts(document) if "\\" in text else iter(())
-        text_found = next(filter(_is_no_text, texts), None)
-    except RecursionError:
-        raise ValueError("nested too deeply") from None
-    except (yaml.YAMLError, ValueError, OverflowError) as error:
-        raise ValueError(_reason(error)) from None
-    if text_found is not None:
-        raise ValueError(f"found {ascii(text_found)[:60]}, needed text without lone surrogates")
-    return document
+        document = JSON.decode(text) if format == "json" else parse_yaml(text)
+        if "\\" in text:
+            check_texts(document)
+        return document
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError) as error:
+        raise ValueError(reason(error)) from None
+
+
+def check_texts(document: object) -> None:
+    """Check that a document has no lone surrogates, which no file can hold. They can only come from an escape.
+
+    Raises:
+        ValueError: a key or a value has one.
+    """
+    text = next(filter(_SURROGATE.search, _texts(document)), None)
+    if text is not None:
+        raise ValueError(f"found {ascii(text)[:60]}, needed text without lone surrogates")
 
 
 def compose_yaml(text: str) -> yaml.Node:
     """Find the nodes of a YAML text that `parse` accepts, with their places in it."""
-    node = yaml.compose(text, _Loader)
+    node = yaml.compose(text, yaml.CSafeLoader if yaml.__with_libyaml__ else yaml.SafeLoader)
     assert node is not None
     return node
 
 
 def scalar_of(node: yaml.Node) -> Any:
     """Give the value of a scalar of `compose_yaml`, as `parse` gives it."""
-    return _Loader("").construct_object(node)
+    return node.value if getattr(node, "style", None) else plain_value(node.value)
 
 
 def document_text(document: Mapping[str, Any], format: Format) -> str:
@@ -100,10 +79,6 @@ def document_text(document: Mapping[str, Any], format: Format) -> str:
     if format == "json":
         return json.dumps(plain, indent=2, allow_nan=False) + "\n"
     return yaml.dump(plain, Dumper=_Dumper, sort_keys=False, width=float("inf"))
-
-
-def _parse_json(text: str) -> Any:
-    return json.loads(text, object_pairs_hook=_mapping, parse_constant=_refuse_constant)
 
 
 def _texts(document: object) -> Iterator[str]:
@@ -116,11 +91,6 @@ def _texts(document: object) -> Iterator[str]:
     elif isinstance(document, list | tuple):
         for item in document:
             yield from _texts(item)
-
-
-def _is_no_text(text: str) -> bool:
-    """Tell whether a text contains a lone surrogate, which no file can hold."""
-    return any("\ud800" <= character <= "\udfff" for character in text)
 
 
 def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -148,10 +118,17 @@ def _given_twice(key: object) -> str:
     return f"key {describe(key)} is given twice"
 
 
-def _reason(error: Exception) -> str:
+JSON = json.JSONDecoder(object_pairs_hook=_mapping, parse_constant=_refuse_constant)
+"""The parser of JSON's dialect."""
+
+
+def reason(error: Exception, num_lines: int = 0) -> str:
+    """Say in a few words why a text is not well-formed; `num_lines` stand before the text that was parsed."""
     match error:
+        case RecursionError():
+            return "nested too deeply"
         case json.JSONDecodeError():
-            return f"line {error.lineno}: {error.msg}"
+            return f"line {num_lines + error.lineno}: {error.msg}"
         case yaml.MarkedYAMLError():
             line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
             return line + ", ".join(filter(None, (error.context, error.problem)))

@@ -6,7 +6,7 @@ from typing import Any
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import FORMATS, Format, parse
 from semcal_cli.files.messages import describe
-from semcal_cli.files.reading import read_text
+from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.files.streams import descriptor
 
 
@@ -52,7 +52,7 @@ def read_json_lines(path: Path) -> list[Any]:
     Raises:
         InputError: the file is missing or not UTF-8, or a line is not well-formed.
     """
-    lines = enumerate(read_text(path).split("\n"), start=1)
+    lines = enumerate(read_text(path, limit=MAX_TABLE_BYTES).split("\n"), start=1)
     return [_parse(line, "json", f"{path}: line {number}") for number, line in lines if line.strip()]
 
 

@@ -7,18 +7,25 @@ import os
 import struct
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.reading import check_size, open_file, size_of
 
 if TYPE_CHECKING:
     import laspy
 
+BYTES_A_POINT = 64
+"""Bytes that a point may take in a file; see `rust/point_cloud/limit.rs`."""
+A_POINT = f", {BYTES_A_POINT} a point: see --max-points"
+"""What a limit in bytes is that of."""
+LEAST_BYTES = 1 << 20
+"""Bytes that any file may have."""
 CHUNK = 1_000_000
 """Points unpacked at a time, so that a header that promises too many costs nothing."""
 MAX_INFLATION = 100
@@ -49,14 +56,31 @@ FIELDS = {
 """Fields of a LAS file that are used, with their names in a cloud."""
 
 
-def read_point_clouds(files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
+def read_point_clouds(
+    files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
+) -> list[_core.PointCloud]:
     """Read sweeps, each with its file of labels, or else with its own field of labels, if it has one.
 
+    The sizes of all files are judged before the first is read.
+
+    Args:
+        files: The files of each sweep.
+        max_points: Points of the largest sweep that is read, no-returns included.
+
     Raises:
-        InputError: a file cannot be read, is not what its name says, or has another number of points than labels.
+        InputError: a file cannot be read, is too large, is not what its name says, or has another number of points
+            than labels.
     """
-    others = iter(_core.read_point_clouds([file for file in files if not _is_las(file[0])]))
-    return [_read_las(*file) if _is_las(file[0]) else next(others) for file in files]
+    for points, _ in files:
+        if _is_las(points):
+            _check_las(points, max_points)
+    others = iter(_core.read_point_clouds([file for file in files if not _is_las(file[0])], max_points))
+    return [_read_las(*file, max_points) if _is_las(file[0]) else next(others) for file in files]
+
+
+def max_bytes(max_points: int) -> int:
+    """Size of the largest file of a sweep, or of labels or features of its points."""
+    return max(BYTES_A_POINT * max_points, LEAST_BYTES)
 
 
 class Sweeps:
@@ -65,14 +89,16 @@ class Sweeps:
     def __init__(self) -> None:
         self._clouds: dict[tuple[str, str | None], _core.PointCloud] = {}
 
-    def read(self, files: Sequence[tuple[Path, Path | None]]) -> list[_core.PointCloud]:
+    def read(
+        self, files: Sequence[tuple[Path, Path | None]], max_points: int = MAX_POINTS
+    ) -> list[_core.PointCloud]:
         """Read sweeps as `read_point_clouds` does, with the same arguments and errors."""
         keys = [
             (os.path.realpath(points), None if labels is None else os.path.realpath(labels))
             for points, labels in files
         ]
         missing = {key: file for key, file in zip(keys, files, strict=True) if key not in self._clouds}
-        self._clouds.update(zip(missing, read_point_clouds(list(missing.values())), strict=True))
+        self._clouds.update(zip(missing, read_point_clouds(list(missing.values()), max_points), strict=True))
         return [self._clouds[key] for key in keys]
 
     @property
@@ -85,15 +111,26 @@ def _is_las(path: Path) -> bool:
     return path.suffix.lower() in (".las", ".laz")
 
 
-def _read_las(path: Path, labels: Path | None) -> _core.PointCloud:
+def _check_las(path: Path, max_points: int) -> None:
     try:
-        import laspy
+        import laspy  # noqa: F401
     except ImportError:
         raise InputError(f"{path}: LAS and LAZ need laspy: pip install 'semcal[las]'") from None
-    _check_header(path)
+    with open_file(path) as stream:
+        check_size(path, size_of(stream), max_bytes(max_points), A_POINT)
+        _check_header(path, stream, max_points)
+
+
+def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCloud:
+    import laspy
+
     try:
-        with laspy.open(path, read_evlrs=False) as file:
-            chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
+        with open_file(path) as stream:
+            _check_header(path, stream, max_points)
+            with laspy.open(stream, read_evlrs=False, closefd=False) as file:
+                chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
+    except InputError:
+        raise
     except (
         BaseException
     ) as error:  # laspy lets struct's, NumPy's and lazrs's errors through, and lazrs's panics
@@ -105,13 +142,12 @@ def _read_las(path: Path, labels: Path | None) -> _core.PointCloud:
         raise InputError(f"{path}: holds no points")
     contents = io.BytesIO()
     np.save(contents, np.concatenate(chunks))
-    return _core.parse_point_cloud(path, contents.getvalue(), labels)
+    return _core.parse_point_cloud(path, contents.getvalue(), labels, max_points)
 
 
-def _check_header(path: Path) -> None:
-    """Refuse counts of points, records and chunks that laspy and lazrs would trust."""
-    start = read_bytes(path, COUNT_1_4.size)
-    size = path.stat().st_size
+def _check_header(path: Path, file: BinaryIO, max_points: int) -> None:
+    """Refuse counts of points, records and chunks that laspy and lazrs would trust; the file is left at its start."""
+    start, size = file.read(COUNT_1_4.size), size_of(file)
     if len(start) < HEADER.size or not start.startswith(b"LASF"):
         raise InputError(f"{path}: is no readable LAS: it does not start like one")
     _, major, minor, header_bytes, offset, num_vlrs, point_format, record_bytes, count = HEADER.unpack_from(
@@ -125,14 +161,18 @@ def _check_header(path: Path) -> None:
         )
     is_packed = bool(point_format & PACKED)
     if is_packed:
-        _check_packing(path, read_bytes(path, offset + 8)[header_bytes:], num_vlrs, offset, size)
+        file.seek(header_bytes)
+        _check_packing(path, file, file.read(offset + 8 - header_bytes), num_vlrs, offset)
     if count * record_bytes > (MAX_INFLATION * size if is_packed else size - offset):
         raise InputError(f"{path}: promises {count} points of {record_bytes} bytes in {size} bytes")
+    if count > max_points:
+        raise InputError(f"{path}: found {count:,} points, needed at most {max_points:,}: see --max-points")
+    file.seek(0)
 
 
-def _check_packing(path: Path, records: bytes, num_vlrs: int, offset: int, size: int) -> None:
+def _check_packing(path: Path, file: BinaryIO, records: bytes, num_vlrs: int, offset: int) -> None:
     """Check LASzip's record, and the table of chunks."""
-    begin, laszip = 0, None
+    begin, laszip, size = 0, None, size_of(file)
     for _ in range(num_vlrs):
         _, user, record_id, length, _ = VLR.unpack_from(records, min(begin, max(len(records) - VLR.size, 0)))
         begin += VLR.size + length
@@ -144,9 +184,8 @@ def _check_packing(path: Path, records: bytes, num_vlrs: int, offset: int, size:
     (table,) = struct.unpack("<q", records[-8:])
     if not offset < table <= size - 8:
         raise InputError(f"{path}: promises a table of chunks at byte {table} of {size}")
-    with path.open("rb") as file:
-        file.seek(table + 4)
-        (num_chunks,) = struct.unpack("<I", file.read(4))
+    file.seek(table + 4)
+    (num_chunks,) = struct.unpack("<I", file.read(4))
     if chunk_points < MIN_CHUNK_POINTS or num_items == 0 or num_chunks > size:
         raise InputError(
             f"{path}: promises {num_chunks} chunks of {chunk_points} points of {num_items} items in {size} bytes"

@@ -1,12 +1,27 @@
-"""Reading of regular files as a whole, and tests of paths."""
+"""Reading of regular files as a whole, up to a limit, and tests of paths."""
 
+import errno
+import hashlib
 import os
 import stat
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import os_reason
+from semcal_cli.files.messages import mismatch, os_reason
+
+MAX_DOCUMENT_BYTES = 16 << 20
+"""Largest size of a document: a YAML, JSON or XML file, a list of names, or a short text. YAML of this size parses in
+some ten seconds and takes half a gigabyte at worst."""
+MAX_TABLE_BYTES = 64 << 20
+"""Largest size of a text with numbers, one pose or one result on each line."""
+
+_WITHOUT_WAITING = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+"""Flags with which the opening of a pipe does not wait for a writer."""
+_PIECE_BYTES = 1 << 20
+"""Bytes of which hashes are computed at a time."""
 
 
 def is_folder(path: Path) -> bool:
@@ -21,32 +36,92 @@ def is_same_file(a: Path, b: Path) -> bool:
     return os.path.realpath(a) == os.path.realpath(b)
 
 
-def read_bytes(path: Path, count: int | None = None) -> bytes:
-    """Read a regular file, or its first `count` bytes; pipes and devices are refused, since reading them may not end.
+@contextmanager
+def open_file(path: Path) -> Iterator[BinaryIO]:
+    """Open a regular file for reading; pipes and devices are refused, since reading them may not end.
+
+    The kind of file is tested before it is opened, since opening a device may have effects, and again afterwards, since
+    something else may then have its name.
+
+    Raises:
+        InputError: the file is missing, cannot be read, or is not a regular one.
+    """
+    try:
+        _check_regular(path, path.stat())
+        with os.fdopen(os.open(path, _WITHOUT_WAITING), "rb") as file:
+            _check_regular(path, os.fstat(file.fileno()))
+            yield file
+    except OSError as error:
+        if error.errno == errno.ENXIO:
+            raise _no_file(path, "no regular file") from None
+        raise InputError(f"{path}: {read_reason(error)}") from None
+
+
+def size_of(file: BinaryIO) -> int:
+    """Size of an open file in bytes."""
+    return os.fstat(file.fileno()).st_size
+
+
+def check_size(path: Path, size: int, limit: int, needed_for: str = "") -> None:
+    """Check the size of a file in bytes; `needed_for` says what the limit is that of.
+
+    Raises:
+        InputError: the file is larger than the limit.
+    """
+    if size > limit:
+        raise InputError(f"{path}: {mismatch(f'{size:,} bytes', f'at most {limit:,}{needed_for}')}")
+
+
+def read_bytes(path: Path, *, limit: int = MAX_DOCUMENT_BYTES) -> bytes:
+    """Read a regular file of at most `limit` bytes.
+
+    Raises:
+        InputError: the file is missing, cannot be read, or is larger.
+    """
+    with open_file(path) as file:
+        size = size_of(file)
+        check_size(path, size, limit)
+        content = file.read(size + 1)
+        # The size of a file that the system makes up, as in /proc, is 0.
+        while len(content) <= limit and (more := file.read(min(_PIECE_BYTES, limit + 1))):
+            content += more
+        check_size(path, len(content), limit)
+        return content
+
+
+def read_start(path: Path, count: int) -> bytes:
+    """Read the first `count` bytes of a regular file.
 
     Raises:
         InputError: the file is missing, or cannot be read.
     """
-    try:
-        if not stat.S_ISREG(path.stat().st_mode):
-            found = "a folder" if path.is_dir() else "no regular file"
-            raise InputError(f"{path}: found {found}, needed a file")
-        with path.open("rb") as file:
-            return file.read() if count is None else file.read(count)
-    except OSError as error:
-        raise InputError(f"{path}: {read_reason(error)}") from None
+    with open_file(path) as file:
+        return file.read(count)
 
 
-def read_text(path: Path) -> str:
-    """Read a UTF-8 file, with or without a byte order mark.
+def read_text(path: Path, *, limit: int = MAX_DOCUMENT_BYTES) -> str:
+    """Read a UTF-8 file of at most `limit` bytes, with or without a byte order mark.
 
     Raises:
-        InputError: the file is missing, or is not UTF-8.
+        InputError: the file is missing, is larger, or is not UTF-8.
     """
     try:
-        return read_bytes(path).decode("utf-8-sig")
+        return read_bytes(path, limit=limit).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise InputError(f"{path}: byte {error.start} is not UTF-8 text") from None
+
+
+def hash_file(path: Path) -> str:
+    """Compute the SHA-256 of a regular file of any size, in hexadecimal digits.
+
+    Raises:
+        InputError: the file is missing, or cannot be read.
+    """
+    digest = hashlib.sha256()
+    with open_file(path) as file:
+        while piece := file.read(_PIECE_BYTES):
+            digest.update(piece)
+    return digest.hexdigest()
 
 
 def read_reason(error: OSError) -> str:
@@ -54,3 +129,12 @@ def read_reason(error: OSError) -> str:
     if isinstance(error, FileNotFoundError | NotADirectoryError):
         return "no such file or folder"
     return os_reason(error)
+
+
+def _check_regular(path: Path, found: os.stat_result) -> None:
+    if not stat.S_ISREG(found.st_mode):
+        raise _no_file(path, "a folder" if stat.S_ISDIR(found.st_mode) else "no regular file")
+
+
+def _no_file(path: Path, found: str) -> InputError:
+    return InputError(f"{path}: found {found}, needed a file")

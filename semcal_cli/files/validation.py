@@ -17,6 +17,10 @@ MAX_TRANSLATION_M = 1e6
 """Largest translation: no LiDAR is farther from its camera, whatever the unit."""
 
 
+MAX_ENTRIES = 500_000
+"""Most entries of a mapping, with those of mappings in it: pydantic keeps a kilobyte for each that is wrong."""
+
+
 class StrictModel(BaseModel):
     """Immutable model without conversions, except from a whole number to a float; unknown keys are errors."""
 
@@ -28,10 +32,13 @@ class StrictModel(BaseModel):
     @classmethod
     def _name_nearest_key(cls, document: object) -> object:
         known = [str(field.validation_alias or name) for name, field in cls.model_fields.items()]
-        for key in document if isinstance(document, dict) else ():
+        for key, value in document.items() if isinstance(document, dict) else ():
             if key not in known:
                 nearest = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
                 raise ValueError(f"unknown key {describe(key)}; the nearest known key is {nearest!r}")
+            if isinstance(value, dict) and (found := _num_entries(value)) > MAX_ENTRIES:
+                problem = mismatch(f"a mapping of {found:,} entries", f"at most {MAX_ENTRIES:,}")
+                raise ValueError(f"{key}: {problem}")
         return document
 
 
@@ -65,6 +72,11 @@ def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
                 raise mismatch(f"{value} under {describe(owner)} and {describe(name)}", "it under one name")
 
 
+def _num_entries(mapping: dict[Any, Any]) -> int:
+    """Count the entries of a mapping, and of the mappings in it."""
+    return len(mapping) + sum(len(value) for value in mapping.values() if isinstance(value, dict))
+
+
 def _check_version(version: int) -> int:
     if version != 1:
         raise mismatch(describe(version), "1, the only version there is")
@@ -90,8 +102,11 @@ def _orthonormal(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...]
 
 
 def length(minimum: int, maximum: int | None = None) -> Any:
-    """Annotate a tuple that is read from a list, the only sequence of YAML and JSON, with limits on its length."""
-    return Field(strict=False, min_length=minimum, max_length=maximum)
+    """Annotate a tuple that is read from a list, the only sequence of YAML and JSON, with limits on its length.
+
+    The first wrong item is complained of, so errors of millions of others need not be kept.
+    """
+    return Field(strict=False, min_length=minimum, max_length=maximum, fail_fast=True)
 
 
 Version = Annotated[int, AfterValidator(_check_version), Field(json_schema_extra={"const": 1})]

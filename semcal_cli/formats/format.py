@@ -77,10 +77,7 @@ class Source:
         Raises:
             InputError: the file is missing, or too large to hold a transform.
         """
-        content = read_bytes(path, MAX_BYTES + 1)
-        if len(content) > MAX_BYTES:
-            raise InputError(f"{path}: found more than {MAX_BYTES:,} bytes, needed a file with a transform")
-        return cls(path, content)
+        return cls(path, read_bytes(path))
 
     @property
     def text(self) -> str:
@@ -127,8 +124,8 @@ class Source:
             return None
 
 
-MAX_BYTES, MAX_YAML_BYTES = 50_000_000, 1_000_000
-"""Largest size of a file with a transform, and of a YAML file, whose parser takes ten seconds for that size."""
+MAX_YAML_BYTES = 1_000_000
+"""Largest size of a YAML file with a transform."""
 
 FRAMES = ("frame", "camera", "lidar")
 """Options that files with named frames leave open."""

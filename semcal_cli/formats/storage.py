@@ -21,8 +21,8 @@ from semcal_cli.formats.values import image_side, number
 from semcal_cli.formats.xml import parse_xml
 
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
-MATRIX_TAG = re.compile(r"!!opencv-\w+|!<tag:[^>\n]*>")
-TIGHT_COLON = re.compile(r"^(\s*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE)
+MATRIX_TAG = re.compile(r"!!opencv-\w+|!<tag:[^>\n]{0,200}>")
+TIGHT_COLON = re.compile(r"^([ \t]*[A-Za-z_]\w*):(?=[^\s])", re.MULTILINE)
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 

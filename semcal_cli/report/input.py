@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -120,8 +121,10 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     """Take the frames that a calibration was computed from, if the drive has them, and name what has changed."""
     names = {_key(frame) for frame in record.input.frames}
     named = tuple(frame for frame in drive.frames if _key(frame) in names)
+    num_found = len({_key(frame) for frame in named})
     used = drive.model_copy(update={"frames": named})
     known, found = record.input.sha256, describe_input(used, None, Path()).sha256
+    used = drive.model_copy(update={"frames": _distinct(named, found)})
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
     if all(changed & set(filter(None, _key(frame))) for frame in named):
         notice = (
@@ -130,11 +133,19 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
         )
         return None, [notice]
     notices = []
-    if len(named) != len(names):
-        notices.append(f"Of the {len(names)} frames it was computed from, {len(named)} are in {drive.path}.")
+    if num_found != len(names):
+        notices.append(f"Of the {len(names)} frames it was computed from, {num_found} are in {drive.path}.")
     if changed:
         notices.append(f"Since it was computed, files were changed: {listed(sorted(changed))}.")
     return used, notices
+
+
+def _distinct(frames: Sequence[Frame], sha256: Mapping[str, str]) -> tuple[Frame, ...]:
+    """Take frames with the same files once: a calibration uses none twice, and each takes time and memory."""
+    distinct: dict[tuple[str | None, ...], Frame] = {}
+    for frame in frames:
+        distinct.setdefault(tuple(name and sha256[name] for name in _key(frame)), frame)
+    return tuple(distinct.values())
 
 
 def _cues(record: Calibration | None) -> tuple[Cue, ...]:

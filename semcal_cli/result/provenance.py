@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from semcal_cli.drive.document import Camera, Drive, drive_file
-from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.reading import hash_file
 from semcal_cli.result.calibration import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
@@ -71,7 +71,7 @@ def hash_files(
 def _sha256(path: Path, known: dict[str, str]) -> str:
     real = os.path.realpath(path)
     if real not in known:
-        known[real] = hashlib.sha256(read_bytes(path)).hexdigest()
+        known[real] = hash_file(path)
     return known[real]
 
 

@@ -9,6 +9,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from semcal_cli.drive.document import Drive
+from semcal_cli.files.reading import open_file, size_of
 
 SAMPLE_BYTES = 65_536
 """Bytes in the middle of a file by which copies are recognised, with the file's size. No two sweeps agree in them."""
@@ -48,8 +49,8 @@ def _files(drive: Drive) -> set[Path]:
 
 def _content(path: Path) -> tuple[int, bytes]:
     """Identify the content of a cloud: the size of its file, and the hash of the bytes in its middle."""
-    size = path.stat().st_size
-    with path.open("rb") as file:
+    with open_file(path) as file:
+        size = size_of(file)
         file.seek(max((size - SAMPLE_BYTES) // 2, 0))
         return size, sha256(file.read(SAMPLE_BYTES)).digest()
 

@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, PrivateAttr, field_validator, model_validator
 
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import DRIVE_FILE, RIG, RIG_FILE, Drive, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
@@ -20,8 +21,6 @@ from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, 
 from semcal_cli.geometry.poses import Pose, inverse, nearest_rigid
 from semcal_cli.rig.clouds import connected_cameras
 
-RIG_KEY = re.compile(rb"""(?:^(?:\xef\xbb\xbf)?|[\r{,])\s*["']?semcal_rig["']?\s*:""", re.MULTILINE)
-"""Pattern of a rig's version key. A file without it need not be parsed, which takes seconds for a long drive."""
 RESULT = "rig_calibration"
 """Name of the result of the whole rig, beside the results of its cameras."""
 NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
@@ -78,14 +77,18 @@ class Rig(StrictModel):
         """The file that was read."""
         return self._path
 
-    def read_drives(self) -> dict[str, Drive]:
+    def read_drives(self, max_points: int = MAX_POINTS) -> dict[str, Drive]:
         """Read and check the drive of each camera.
+
+        Args:
+            max_points: Points of the largest sweep that is read.
 
         Raises:
             InputError: a drive is wrong, two cameras have the same drive, two drives describe different LiDARs, or
                 cameras share no clouds.
         """
-        drives = {name: read_drive(self._path.parent / drive) for name, drive in self.cameras.items()}
+        folder = self._path.parent
+        drives = {name: read_drive(folder / drive, max_points) for name, drive in self.cameras.items()}
         owners: dict[Path, str] = {}
         for name, drive in drives.items():
             owner = owners.setdefault(drive.path.resolve(), name)
@@ -137,7 +140,8 @@ def find_rig(path: Path) -> Path | None:
     if is_folder(path):
         file = path / RIG_FILE
         return file if file.exists() and not (path / DRIVE_FILE).exists() else None
-    return path if RIG_KEY.search(read_bytes(path)) and RIG in read_document(path) else None
+    # A file without the word need not be parsed, which takes time for a long drive.
+    return path if RIG.encode() in read_bytes(path) and RIG in read_document(path) else None
 
 
 def read_rig(path: Path) -> Rig:

@@ -13,7 +13,7 @@ from semcal_cli.drive.document import DRIVE_FILE, Drive, Frame
 from semcal_cli.drive.reading import read_clouds, read_label_images
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.images import write_image
-from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
 from semcal_cli.files.writing import write_bytes, write_text
 from semcal_cli.geometry.poses import Pose, inverse
 
@@ -142,7 +142,7 @@ def write_raw_drive(raw: RawDrive, folder: Path) -> Path:
         write_bytes(frame.point_labels.astype("<u4").tobytes(), folder / f"{frame.name}.label")
         write_image(frame.image_labels, folder / f"{frame.name}_labels.png")
         if isinstance(frame.image, Path):
-            write_bytes(read_bytes(frame.image), folder / f"{frame.name}.png")
+            write_bytes(read_bytes(frame.image, limit=MAX_TABLE_BYTES), folder / f"{frame.name}.png")
         elif frame.image is not None:
             write_image(frame.image, folder / f"{frame.name}.png")
     document = raw.drive.model_copy(update={"frames": tuple(map(_listed, raw.frames))})

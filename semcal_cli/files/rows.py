@@ -1,0 +1,99 @@
+"""Rows of a JSON file that may be larger than the memory: a list of mappings, read piece by piece."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Iterator
+from json import JSONDecodeError
+from pathlib import Path
+from typing import Any
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.dialect import JSON, check_texts, reason
+from semcal_cli.files.messages import describe
+from semcal_cli.files.reading import check_size, open_file, size_of
+
+MAX_ROWS_BYTES = 4 << 30
+"""Largest size of a list of rows. The largest table of nuScenes has 1.2 GB."""
+MAX_ROW = 1 << 20
+"""Longest row, in characters."""
+PIECE = 1 << 20
+"""Characters that are read at a time."""
+_BLANKS = re.compile(r"[ \t\n\r]*")
+
+
+def read_rows(path: Path) -> Iterator[dict[Any, Any]]:
+    """Read the rows of a JSON list of mappings, one after the other.
+
+    Raises:
+        InputError: the file is missing, not UTF-8, too large or not well-formed, or is not a list of mappings.
+    """
+    with open_file(path) as file:
+        check_size(path, size_of(file), MAX_ROWS_BYTES)
+        pieces = _Pieces(io.TextIOWrapper(file, "utf-8-sig", newline="").read)
+        try:
+            for index, row in enumerate(pieces.items()):
+                if not isinstance(row, dict):
+                    raise InputError(f"{path}: [{index}]: found {describe(row)}, needed a mapping")
+                yield row
+        except UnicodeDecodeError:
+            raise InputError(f"{path}: found bytes that are not UTF-8, needed text") from None
+        except (ValueError, RecursionError) as error:
+            raise InputError(f"{path}: {reason(error, pieces.num_lines)}") from None
+
+
+class _Pieces:
+    """A text that is read as it is needed, and forgotten afterwards."""
+
+    def __init__(self, read: Callable[[int], str]) -> None:
+        self._read = read
+        self._text, self._place = "", 0
+        self.num_lines = 0
+        """Number of lines that are forgotten."""
+
+    def items(self) -> Iterator[Any]:
+        """Parse the items of a list.
+
+        Raises:
+            ValueError: the text is no list, or is not well-formed.
+        """
+        if self._next() != "[":
+            raise ValueError(f"found {describe(self._value())}, needed a list of mappings")
+        self._place += 1
+        if self._next() != "]":
+            yield self._value()
+            while self._next() == ",":
+                self._place += 1
+                self._next()
+                yield self._value()
+        self._expect("]", "Expecting ',' delimiter")
+        self._place += 1
+        self._expect("", "Extra data")
+
+    def _value(self) -> Any:
+        while len(self._text) - self._place < MAX_ROW and self._read_on():
+            pass
+        start = self._place
+        value, self._place = JSON.raw_decode(self._text, start)
+        if self._text.find("\\", start, self._place) >= 0:
+            check_texts(value)
+        return value
+
+    def _next(self) -> str:
+        """Go to the next character that is no blank; an empty text at the end."""
+        while True:
+            blanks = _BLANKS.match(self._text, self._place)
+            self._place = blanks.end() if blanks else self._place
+            if self._place < len(self._text) or not self._read_on():
+                return self._text[self._place : self._place + 1]
+
+    def _expect(self, character: str, complaint: str) -> None:
+        if self._next() != character:
+            raise JSONDecodeError(complaint, self._text, self._place)
+
+    def _read_on(self) -> bool:
+        self.num_lines += self._text.count("\n", 0, self._place)
+        more = self._read(PIECE)
+        self._text, self._place = self._text[self._place :] + more, 0
+        return bool(more)

@@ -1,0 +1,157 @@
+"""Plain values of a YAML text, composed directly from the events of the parser.
+
+PyYAML's own way, a tree of nodes first, takes ten times the time and the memory. The parser is libyaml's where PyYAML
+was built with it, and otherwise PyYAML's own, which is slower.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Hashable
+from typing import Any, TypeAlias
+
+import yaml
+from yaml.events import AliasEvent, Event, MappingStartEvent, ScalarEvent, SequenceStartEvent
+from yaml.parser import Parser
+from yaml.reader import Reader
+from yaml.scanner import Scanner
+
+from semcal_cli.files.messages import describe
+
+if yaml.__with_libyaml__:
+    from yaml.cyaml import CParser  # type: ignore[attr-defined]
+
+MAX_DEPTH = 100
+"""Most lists and mappings inside one another."""
+MAX_VALUES = 8_000_000
+"""Most values of a text, keys among them; lists and mappings count twice. A drive of 10,000 frames has 140,000."""
+
+CORE_SCHEMA = {  # YAML 1.2.2, section 10.3.2
+    "null": (r"~|null|Null|NULL|", [*"~nN", ""]),
+    "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF"),
+    "int": (r"[-+]?(0|[1-9][0-9]*)", "-+0123456789"),
+    "float": (
+        r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+        "-+0123456789.",
+    ),
+}
+"""Patterns of the plain scalars that are no text, and the characters that these begin with."""
+
+
+class _PurePythonParser(Reader, Scanner, Parser):
+    def __init__(self, text: str) -> None:
+        Reader.__init__(self, text)
+        Scanner.__init__(self)
+        Parser.__init__(self)
+
+
+def _float(text: str) -> float:
+    return float(text.replace(".", "", 1) if text[-1] in "fFnN" else text)
+
+
+_CONVERSIONS: dict[str, Callable[[str], Any]] = {
+    "null": lambda text: None,
+    "bool": lambda text: text[0] in "tT",
+    "int": int,
+    "float": _float,
+}
+_Rule: TypeAlias = tuple[Callable[[str], object], Callable[[str], Any]]
+_RULES: dict[str, list[_Rule]] = {}
+for _name, (_pattern, _first) in CORE_SCHEMA.items():
+    for _character in _first:
+        rule = re.compile(_pattern).fullmatch, _CONVERSIONS[_name]
+        _RULES.setdefault(_character, []).append(rule)
+
+
+def parse_yaml(text: str) -> Any:
+    """Parse a text of one document; an empty text is None.
+
+    Raises:
+        yaml.YAMLError: the text is not well-formed, has several documents, repeats a key, or has what the dialect
+            refuses: anchors, aliases and tags.
+        ValueError: the text has too many values, or they are nested too deeply.
+    """
+    if (control := Reader.NON_PRINTABLE.search(text)) is not None:
+        raise yaml.reader.ReaderError("", control.start(), ord(control[0]), "unicode", "control character")
+    parser: Any = CParser(text) if yaml.__with_libyaml__ else _PurePythonParser(text)
+    next_event = parser.get_event
+    next_event()  # The stream starts.
+    event = next_event()
+    if isinstance(event, yaml.StreamEndEvent):
+        return None
+    document = _compose(next_event)
+    next_event()  # The document ends.
+    event = next_event()
+    if not isinstance(event, yaml.StreamEndEvent):
+        context, problem = "expected a single document in the stream", "but found another document"
+        raise yaml.composer.ComposerError(context, None, problem, event.start_mark)
+    return document
+
+
+def _compose(next_event: Callable[[], Event]) -> Any:
+    """Compose the value that the next events describe, without recursion."""
+    root: list[Any] = []
+    inner: list[Any] | dict[Hashable, Any] = root
+    outer: list[tuple[list[Any] | dict[Hashable, Any], Hashable]] = []
+    key: Hashable = _NO_KEY
+    for _ in range(MAX_VALUES):
+        event = next_event()
+        kind = type(event)
+        if kind is ScalarEvent:
+            value = _scalar(event)
+        elif kind is SequenceStartEvent or kind is MappingStartEvent:
+            _check_plain(event)
+            if len(outer) == MAX_DEPTH:
+                raise ValueError("nested too deeply")
+            if key is _NO_KEY and type(inner) is dict:
+                raise _error("found unhashable key", event, "while constructing a mapping")
+            outer.append((inner, key))
+            inner, key = [] if kind is SequenceStartEvent else {}, _NO_KEY
+            continue
+        elif kind is AliasEvent:
+            raise _refused(event)
+        else:
+            value = inner
+            inner, key = outer.pop()
+        if type(inner) is list:
+            inner.append(value)
+            if inner is root:
+                return value
+        elif key is _NO_KEY:
+            if value in inner:
+                raise _error(f"key {describe(value)} is given twice", event)
+            key = value
+        else:
+            inner[key] = value  # type: ignore[call-overload]
+            key = _NO_KEY
+    raise ValueError(f"found more than {MAX_VALUES:,} values, needed fewer")
+
+
+_NO_KEY = object()
+
+
+def _scalar(event: Any) -> Any:
+    if event.anchor or event.tag:
+        raise _refused(event)
+    return plain_value(event.value) if event.implicit[0] else event.value
+
+
+def plain_value(text: str) -> Any:
+    """Give the value of a plain scalar: a number, a truth value, None or a text."""
+    for matches, convert in _RULES.get(text[:1], ()):
+        if matches(text):
+            return convert(text)
+    return text
+
+
+def _check_plain(event: Any) -> None:
+    if event.anchor or event.tag:
+        raise _refused(event)
+
+
+def _refused(event: Event) -> yaml.MarkedYAMLError:
+    return _error("anchors, aliases and tags are not used here", event)
+
+
+def _error(problem: str, event: Event, context: str | None = None) -> yaml.MarkedYAMLError:
+    return yaml.MarkedYAMLError(context, None, problem, event.start_mark)  # type: ignore[arg-type]
