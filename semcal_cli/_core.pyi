@@ -448,7 +448,7 @@ def set_num_threads(num_threads: int) -> None:
 
 def read_point_clouds(
     paths: Sequence[tuple[str | PathLike[str], str | PathLike[str] | None]],
-    max_points: int = 10_000_000,
+    max_points: int = ...,
 ) -> list[PointCloud]:
     """Read sweeps, each with its file of labels or, without one, with the labels of its own label field, if any.
 
@@ -461,7 +461,7 @@ def parse_point_cloud(
     path: str | PathLike[str],
     npy: bytes,
     labels: str | PathLike[str] | None,
-    max_points: int = 10_000_000,
+    max_points: int = ...,
 ) -> PointCloud:
     """Read the sweep at `path` from records (N,) of named fields that it was turned into, an array of NumPy's format.
 

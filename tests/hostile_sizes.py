@@ -84,15 +84,13 @@ LABELS = {
 }
 LABEL_IMAGES = {
     f"a sparse label image {name}": Hostile(
-        named("image_labels", name, content, HUGE),
-        CALIBRATE,
-        f"^semcal: error: drive/{name}: {TOO_LARGE} .*57.?600",
+        named("image_labels", name, content, HUGE), CALIBRATE, error(f"drive/{name}: {TOO_LARGE} {limit}")
     )
-    for name, content in {
-        "a.png": png(320, 180),
-        "a.npy": npy("<i8", 180, 320),
-        "a.npz": b"PK\3\4",
-    }.items()
+    for name, content, limit in (
+        ("a.png", png(320, 180), "1,970,176 for 320 x 180 pixels"),
+        ("a.npy", npy("<i8", 180, 320), "1,970,176 for 320 x 180 pixels"),
+        ("a.npz", b"PK\3\4", "117,544,000 for 57600 items"),
+    )
 }
 PICTURES = {
     f"a picture {name} of 20,000 squared pixels": Hostile(
