@@ -17,6 +17,7 @@ import os
 import shutil
 import sys
 import tempfile
+import traceback
 from collections.abc import Sequence
 from contextlib import redirect_stderr
 from pathlib import Path
@@ -66,6 +67,8 @@ def fuzz_apart(name: str, options: Sequence[str], folder: Path, log: Path | None
         fuzz(name, options, folder)
     except SystemExit as end:
         code = int(end.code or 0)
+    except BaseException:
+        traceback.print_exc()
     finally:
         os._exit(code)
 

@@ -15,6 +15,8 @@ from typing import Any
 
 import yaml
 
+LARGEST = 1e300
+"""Largest number that is changed by arithmetic."""
 Node = dict[Any, Any] | list[Any]
 WORD = re.compile(rb"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?|[A-Za-z_]+")
 VALUES: tuple[Any, ...] = (
@@ -115,8 +117,9 @@ def _change_document(data: bytes, random_: random.Random) -> bytes | None:
     for _ in range(random_.randint(1, 3)):
         _change(document, random_)
     try:
-        if is_json or random_.random() < 0.3:
-            return ("" if is_json else " ").encode() + json.dumps(document).encode()
+        way = 0.0 if is_json else random_.random()
+        if way < 0.7:  # JSON is read much faster than YAML; with a blank before it, it is read as YAML.
+            return (" " if way > 0.6 else "").encode() + json.dumps(document).encode()
         return yaml.dump(document, Dumper=yaml.CSafeDumper, default_flow_style=None, sort_keys=False).encode()
     except (ValueError, TypeError, RecursionError, yaml.YAMLError):
         return None
@@ -129,14 +132,14 @@ def _change(document: Node, random_: random.Random) -> None:
     places = list(node) if isinstance(node, dict) else list(range(len(node)))
     if not places:
         if isinstance(node, dict):
-            node[random_.choice(("", "x", "camera"))] = random_.choice(VALUES)
+            node[random_.choice(("", "x", "camera"))] = _copy(random_.choice(VALUES))
         else:
-            node.append(random_.choice(VALUES))
+            node.append(_copy(random_.choice(VALUES)))
         return
     place = random_.choice(places)
     way = random_.randrange(9)
     if way < 3:
-        node[place] = random_.choice(VALUES)
+        node[place] = _copy(random_.choice(VALUES))
     elif way == 3:
         node[place] = _nearby(node[place], random_)
     elif way == 4:
@@ -175,12 +178,10 @@ def _nearby(value: Any, random_: random.Random) -> Any:
     if isinstance(value, bool) or value is None:
         return not value
     if isinstance(value, int | float):
-        return random_.choice(
-            (
-                *(value + 1, value - 1, -value, value * 1000, value * 1.0001, value * (1 + 1e-7)),
-                *(value + 5e-4, round(value, 3)),
-            )
-        )
+        if not abs(value) < LARGEST:
+            return -value
+        steps = value + 1, value - 1, value + 5e-4, round(value, 3)
+        return random_.choice((*steps, -value, value * 1000, value * 1.0001, value * (1 + 1e-7)))
     if isinstance(value, str):
         return random_.choice((value + value, value[:-1], value + "\n", value.upper(), value + "\0", [value]))
     return value

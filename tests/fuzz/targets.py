@@ -276,7 +276,6 @@ def check_transform(format: Format, path: Path) -> None:
     """Check a transform: recognised, and read as its format with all options; then written, and put into the file."""
     with refusing(path.parent):
         check_pose(read_transform(path))
-    content = path.read_bytes()
     for options in options_of(format):
         with refusing(path.parent):
             T = read_transform(path, format.name, options)
@@ -284,7 +283,7 @@ def check_transform(format: Format, path: Path) -> None:
             _check_written(format, T, options, path)
             if format.put is not None:
                 _check_put(options, path)
-                path.write_bytes(content)
+                break
 
 
 def _check_written(format: Format, T: Pose, options: FormatOptions, path: Path) -> None:
