@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import sys
@@ -21,7 +22,7 @@ import dataset_trees  # noqa: E402
 import fleets  # noqa: E402
 from conftest import DRIVE  # noqa: E402
 from format_files import FILES, KIT, ROBOT, SENSORS, T_ANY  # noqa: E402
-from targets import IMPORTS, VERSION  # noqa: E402
+from targets import IMPORTS, RESULT, VERSION  # noqa: E402
 from test_calibration import POSE, make_calibration  # noqa: E402
 
 from semcal_cli.config import Limits  # noqa: E402
@@ -108,17 +109,22 @@ def seed_results() -> None:
     outcome = outcome_of(calibration)
     save("summary", "three", "".join(json.dumps(outcome | {"drive": name}) + "\n" for name in "ab") + FAILED)
     save("summary", "fleet", "".join(map(fleet_line, range(6))))
-    asked = {
-        "drive": "drive",
-        "path": "drive",
-        "command": "calibrate",
-        "arguments": [],
-        "version": VERSION.decode(),
+    asked = {"drive": "drive", "path": "drive", "command": "calibrate", "arguments": []}
+    record = {
+        "semcal_record": 1,
+        "asked": asked | {"version": VERSION.decode()},
+        "timed_out_s": None,
+        "outcome": outcome | {"drive": "drive", "result": "drive/calibration.yaml"},
+        "result": {"size": len(RESULT), "mtime_ns": 1, "sha256": hashlib.sha256(RESULT).hexdigest()},
+        "files": {"missing": None},
     }
-    files = {"missing": None, "/missing": {"size": 1, "mtime_ns": 2, "sha256": "0" * 64}}
-    record = {"asked": asked, "timed_out_s": None, "outcome": outcome | {"drive": "drive"}, "files": files}
-    save("record", "changed.json", json.dumps(record))
-    save("record", "whole.json", json.dumps(record | {"files": {"missing": None}}))
+    save("record", "whole.json", json.dumps(record))
+    gone = {"size": 1, "mtime_ns": 2, "sha256": "0" * 64}
+    save("record", "changed.json", json.dumps(record | {"files": {"/missing": gone}}))
+    failed = json.loads(FAILED) | {"drive": "drive"}
+    save(
+        "record", "failed.json", json.dumps(record | {"outcome": failed, "result": None, "timed_out_s": 5.0})
+    )
     save("verification", "pass.json", json.dumps(VERIFICATION))
 
 

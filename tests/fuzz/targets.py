@@ -6,20 +6,22 @@ is a finding: another exception, a warning, or a value that does not keep what i
 
 from __future__ import annotations
 
+import hashlib
 import json
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 from dataset_trees import KITTI_360_DRIVE, KITTI_RAW_DRIVE, TREES
 
 from semcal_cli.batch.drives import find_drives
+from semcal_cli.batch.records import SIGNED, read_outcome
 from semcal_cli.batch.summary import write_summary
-from semcal_cli.batch.tasks import Task, describe_result, read_outcome
+from semcal_cli.batch.tasks import Task, describe_result
 from semcal_cli.config import Limits
 from semcal_cli.datasets import load_dataset
 from semcal_cli.datasets.intrinsics import read_intrinsics
@@ -42,7 +44,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.rig.document import find_rig, read_rig
 
-RIGID = 1.1e-3
+RIGID = 1e-9
 """Largest error of the rotation of a transform that was read."""
 SAME_ROTATION, SAME_M = 1e-7, 1e-2
 """Largest difference of a transform that was written and read again. Angles lose half of their digits close to a pitch
@@ -54,8 +56,8 @@ OF_DRIVES = "needed each drive once"
 VERSION = b"VERSION"
 """Text in a stored record that stands for the version of semcal, which a record must name."""
 
-Value = TypeVar("Value")
-Model = TypeVar("Model", bound=StrictModel)
+RESULT = b"result\n"
+"""Result that a stored record names."""
 
 
 @dataclass(frozen=True)
@@ -176,17 +178,24 @@ def check_summary(path: Path) -> None:
         check_pose(combine_drives(members, Limits()).T_camera_lidar)
 
 
-def task_of(folder: Path, command: str) -> Task:
-    """Make the task of the only drive of a batch."""
-    return Task("drive", "drive", str(folder), command)
+def write_result(folder: Path) -> None:
+    """Write a result, which a record names by its hash."""
+    (folder / "calibration.yaml").write_bytes(RESULT)
+
+
+def task_of(folder: Path) -> Task:
+    """Make the task whose record lies in a folder."""
+    return Task("drive", "drive", str(folder), "calibrate")
 
 
 def check_record(path: Path) -> None:
-    """Check the record of a batch's drive: its outcome goes into the summary."""
-    from semcal_cli.batch.tasks import _version
-
-    path.write_bytes(path.read_bytes().replace(VERSION, _version().encode()))
-    outcome = read_outcome(task_of(path.parent, "calibrate"))
+    """Check the record of a batch's drive, with the hash of itself that it needs: its outcome goes into the summary."""
+    task = task_of(path.parent)
+    assert read_outcome(task) is None, "an outcome of a record without its hash"
+    body = path.read_bytes().rstrip().replace(VERSION, version("semcal").encode())
+    digest = hashlib.sha256(body).hexdigest()
+    path.write_bytes(body[:-1] + f'{SIGNED}{digest}"}}\n'.encode())
+    outcome = read_outcome(task)
     if outcome is not None:
         write_summary([outcome], path.parent)
         if outcome.T_camera_lidar is not None:
@@ -236,7 +245,7 @@ def check_list(path: Path) -> None:
     text = path.read_bytes()
     if any(character in text for character in b"*?["):
         return
-    for drive in find_drives([str(path)], ()):
+    for drive in find_drives([str(path)], None):
         assert drive
 
 
@@ -347,7 +356,7 @@ TARGETS: dict[str, Target] = {
     "calibration": Target(check_calibration, document_name("calibration")),
     "fleet": Target(check_fleet, document_name("fleet")),
     "summary": Target(check_summary, lambda content: "summary.jsonl"),
-    "record": Target(check_record, lambda content: "record.json"),
+    "record": Target(check_record, lambda content: "record.json", write_result),
     "verification": Target(check_verification, lambda content: "verification.json", write_drive),
     "poses": Target(check_poses, lambda content: "poses.txt"),
     "intrinsics": Target(check_intrinsics, document_name("camera")),
