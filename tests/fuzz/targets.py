@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -56,6 +57,8 @@ OF_DRIVES = "needed each drive once"
 VERSION = b"VERSION"
 """Text in a stored record that stands for the version of semcal, which a record must name."""
 
+NUMBERS = re.compile(rb"[-+0-9.eE,\s\[\]]")
+"""What a transform that is put into a file may change of it."""
 RESULT = b"result\n"
 """Result that a stored record names."""
 
@@ -304,9 +307,14 @@ def _check_written(format: Format, T: Pose, options: FormatOptions, path: Path) 
 
 
 def _check_put(options: FormatOptions, path: Path) -> None:
+    before = path.read_bytes()
     with refusing(None):
         put_transform(T_PUT, path, options)
         check_same(read_transform(path, None, options), T_PUT)
+        after = path.read_bytes()
+        assert NUMBERS.sub(b"", before) == NUMBERS.sub(b"", after), (before, after)
+        put_transform(T_PUT, path, options)
+        assert path.read_bytes() == after, (after, path.read_bytes())
 
 
 def transform_target(format: Format) -> Target:
