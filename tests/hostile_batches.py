@@ -234,6 +234,13 @@ NAMES: dict[str, Hostile] = {
         stdin=b"drive\not\0er\n",
         check=no_work,
     ),
+    "a name of megabytes on standard input": Hostile(
+        lambda folder: None,
+        ("batch", "-", "-o", "out"),
+        r"^semcal: error: standard input: line 2: found a name of 4,000,000 bytes, needed at most 4,095$",
+        stdin=b"drive\n" + b"a/" * 2_000_000,
+        check=no_work,
+    ),
     "bytes on standard input": Hostile(
         lambda folder: None,
         ("batch", "-", "-o", "out"),

@@ -16,6 +16,7 @@ from hostile_drives import HOSTILE, Edit, break_drive
 
 from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
@@ -216,6 +217,16 @@ def test_names_are_no_markup_and_may_be_too_long(
         assert code == EXIT_FAILURE
         assert err.count("\n") == 1
         assert "file name too long" in err
+
+
+def test_what_cannot_be_printed_is_escaped(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """A key with a control sequence of a terminal."""
+    file = tmp_path / "calib.txt"
+    file.write_text("P\x1b[31m: 1\n\ufeffTr\x00: 2\n")
+    code, _, err = run(capfd, "convert", file, "--from", "kitti-odometry", "--to", "text")
+    assert code == EXIT_FAILURE
+    assert err.endswith("calib.txt: found no key 'Tr', needed one of: P\\x1b[31m, \\ufeffTr\\x00\n")
+    assert str(InputError("a\nb\u2028c: found nothing")) == "a b c: found nothing"
 
 
 def test_neither_a_picture_nor_the_start_is_overwritten(

@@ -17,6 +17,10 @@ LISTS = (".txt", ".list")
 MAGIC = "*?["
 MAX_LIST_BYTES = 16 << 20
 """Largest list of drives: some 200,000 long names."""
+MAX_SHOWN = 200
+"""Characters of a wrong name that a message shows."""
+MAX_NAME_BYTES = 4095
+"""Longest name of a file, which is that of Linux: looking up the parts of one of megabytes takes minutes."""
 
 
 def find_drives(arguments: Sequence[str], stdin: TextIO | None) -> list[str]:
@@ -83,8 +87,10 @@ def _checked(name: str, where: str = "") -> str:
     """Check that a name can stand in a line of the summary and of the terminal.
 
     Raises:
-        InputError: it is not UTF-8, or has a line break or a NUL.
+        InputError: it is too long, is not UTF-8, or has a line break or a NUL.
     """
+    if (num_bytes := len(name.encode(errors="surrogateescape"))) > MAX_NAME_BYTES:
+        raise InputError(f"{where}found a name of {num_bytes:,} bytes, needed at most {MAX_NAME_BYTES:,}")
     text = name.encode(errors="surrogateescape").decode(errors="backslashreplace")
     if text != name:
         found = "a name that is not UTF-8"
@@ -92,7 +98,7 @@ def _checked(name: str, where: str = "") -> str:
         found = "a NUL or a line break in a name"
     else:
         return name
-    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text)
+    shown = "".join(letter if letter.isprintable() else ascii(letter)[1:-1] for letter in text[:MAX_SHOWN])
     raise InputError(f"{where}{shown}: found {found}, needed one line of UTF-8 text")
 
 

@@ -27,6 +27,7 @@ from semcal_cli.files.kinds import FILE, check_own_file, kind_of
 from semcal_cli.files.reading import MAX_TABLE_BYTES, hash_file, read_text
 from semcal_cli.files.validation import StrictModel, Version, validate
 from semcal_cli.files.writing import write_text
+from semcal_cli.result.uncertainty import Covariance
 
 SIGNED = ', "sha256": "'
 """What precedes the hash of a record."""
@@ -45,6 +46,12 @@ class FileState(StrictModel):
     """Hash of the content."""
 
 
+class RecordedOutcome(OutcomeLine):
+    """An outcome in a record, whose covariance is that of a calibration."""
+
+    covariance: Covariance | None
+
+
 class Record(StrictModel):
     """All that a batch knows of a drive that is done."""
 
@@ -54,7 +61,7 @@ class Record(StrictModel):
     """All that changes the answer, except the files."""
     timed_out_s: float | None
     """Limit that the drive exceeded, in seconds; null if it did not."""
-    outcome: OutcomeLine
+    outcome: RecordedOutcome
     """Outcome of the drive."""
     result: FileState | None
     """State of the result; null if there is none."""

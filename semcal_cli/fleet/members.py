@@ -158,7 +158,8 @@ def _checked(covariance: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.
     Raises:
         InputError: the matrix is not a plausible covariance.
     """
-    symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
+    with np.errstate(over="ignore"):  # Numbers that overflow are refused below.
+        symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     for kind, found, (least, most) in (
         ("m", sigmas[:3].tolist(), SIGMAS_M),

@@ -1,0 +1,213 @@
+"""Mutations of a document: of its values, of the words of its text, and of its bytes.
+
+Bytes that are changed blindly seldom stay a document. These mutations change one to three places of it and write it
+again, so that it gets past the parser to the checks of values.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import re
+from collections.abc import Callable
+from typing import Any
+
+import yaml
+
+LARGEST = 1e300
+"""Largest number that is changed by arithmetic."""
+Node = dict[Any, Any] | list[Any]
+WORD = re.compile(rb"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?|[A-Za-z_]+")
+VALUES: tuple[Any, ...] = (
+    *(None, True, False, 0, -1, 1, 2, 255, 256, 65535, 65536, 2**31, 2**63, -(2**63), 2**64, 10**30, 10**400),
+    *(0.0, -0.0, 0.5, 1e-320, 1e-12, 1.0000001, 1e5, 1e10, 1e100, 1e154, 1e308, -1e308),
+    *(math.nan, math.inf, -math.inf),
+    *(
+        "",
+        " ",
+        "\0",
+        "\n",
+        "\x1b[31m",
+        "\u2028",
+        "\U0001f600",
+        "\ud800",
+        "no",
+        "1:30",
+        "1e5",
+        "nan",
+        "~",
+        "..",
+        "/",
+    ),
+    *("a" * 300, "../" * 100, "../../etc", "camera", "velodyne", "optical", "points/a.bin"),
+    *([], {}, [[]], {"": {}}, [0] * 3, [0.0] * 4, [1] * 9, [[0.0] * 4] * 4, {"data": [1, 2]}),
+)
+WORDS = (
+    *(
+        b"nan",
+        b"inf",
+        b"-inf",
+        b"1e308",
+        b"-1e308",
+        b"1e400",
+        b"1e-320",
+        b"0",
+        b"-0",
+        b"-1",
+        b"1e5",
+        b"1_0",
+        b"0x10",
+    ),
+    *(
+        b"99999999999999999999",
+        b"9" * 400,
+        b"\xff",
+        b"\0",
+        b"\n",
+        b"\r",
+        b":",
+        b"'",
+        b'"',
+        b"<",
+        b"&",
+        b"#",
+        b"camera",
+    ),
+    *(
+        "\u0665".encode(),
+        "\u2028".encode(),
+        "\x85".encode(),
+        "\ufeff".encode(),
+        b"\x1b[0m",
+        b"lidar",
+        b"--frame-id",
+    ),
+)
+
+
+def mutate(data: bytes, max_size: int, seed: int, mutate_bytes: Callable[[bytes, int], bytes]) -> bytes:
+    """Change a document somewhere."""
+    random_ = random.Random(seed)
+    way = random_.random()
+    changed = None
+    if way < 0.5:
+        changed = _change_document(data, random_)
+    if changed is None and way < 0.8:
+        changed = _change_words(data, random_)
+    if changed is None or len(changed) > max_size:
+        changed = mutate_bytes(data, max_size)
+    return changed
+
+
+def _change_document(data: bytes, random_: random.Random) -> bytes | None:
+    """Change values; None if the bytes are no document of several values."""
+    lines = data.splitlines()
+    if len(lines) > 1 and all(line.startswith(b"{") for line in lines):
+        chosen = random_.randrange(len(lines))
+        changed = _change_document(lines[chosen], random_)
+        return None if changed is None else b"\n".join([*lines[:chosen], changed, *lines[chosen + 1 :], b""])
+    try:
+        is_json = data.startswith((b"{", b"["))
+        document = json.loads(data) if is_json else yaml.load(data, yaml.CSafeLoader)
+    except (ValueError, RecursionError, yaml.YAMLError, AttributeError, TypeError):
+        return None
+    if not isinstance(document, dict | list):
+        return None
+    for _ in range(random_.randint(1, 3)):
+        _change(document, random_)
+    try:
+        way = 0.0 if is_json else random_.random()
+        if way < 0.7:  # JSON is read much faster than YAML; with a blank before it, it is read as YAML.
+            return (" " if way > 0.6 else "").encode() + json.dumps(document).encode()
+        return yaml.dump(document, Dumper=yaml.CSafeDumper, default_flow_style=None, sort_keys=False).encode()
+    except (ValueError, TypeError, RecursionError, yaml.YAMLError):
+        return None
+
+
+def _change(document: Node, random_: random.Random) -> None:
+    nodes = _nodes(document)
+    weights = [len(node) + 1 for node in nodes]
+    node = random_.choices(nodes, weights)[0]
+    places = list(node) if isinstance(node, dict) else list(range(len(node)))
+    if not places:
+        if isinstance(node, dict):
+            node[random_.choice(("", "x", "camera"))] = _copy(random_.choice(VALUES))
+        else:
+            node.append(_copy(random_.choice(VALUES)))
+        return
+    place = random_.choice(places)
+    way = random_.randrange(9)
+    if way < 3:
+        node[place] = _copy(random_.choice(VALUES))
+    elif way == 3:
+        node[place] = _nearby(node[place], random_)
+    elif way == 4:
+        del node[place]
+    elif way == 5:
+        node[place] = _copy(random_.choice(nodes))
+    elif way == 6:
+        other = random_.choice(places)
+        node[place], node[other] = node[other], node[place]
+    elif way == 7:
+        for _ in range(random_.choice((1, 2, 100))):
+            node[place] = [node[place]] if random_.random() < 0.5 else {"a": node[place]}
+    elif isinstance(node, dict):
+        node[_new_key(place, nodes, random_)] = node.pop(place)
+    else:
+        node.insert(place, _copy(node[place]))
+
+
+def _nodes(document: Node) -> list[Node]:
+    """All mappings and lists of a document."""
+    found: list[Node] = [document]
+    for node in found:
+        children = node.values() if isinstance(node, dict) else node
+        found.extend(child for child in children if isinstance(child, dict | list))
+        if len(found) > 10_000:
+            break
+    return found
+
+
+def _copy(value: Any) -> Any:
+    return json.loads(json.dumps(value, default=str)) if isinstance(value, dict | list) else value
+
+
+def _nearby(value: Any, random_: random.Random) -> Any:
+    """A number a little off, or in another unit; of a text another one."""
+    if isinstance(value, bool) or value is None:
+        return not value
+    if isinstance(value, int | float):
+        if not abs(value) < LARGEST:
+            return -value
+        steps = value + 1, value - 1, value + 5e-4, round(value, 3)
+        return random_.choice((*steps, -value, value * 1000, value * 1.0001, value * (1 + 1e-7)))
+    if isinstance(value, str):
+        return random_.choice((value + value, value[:-1], value + "\n", value.upper(), value + "\0", [value]))
+    return value
+
+
+def _new_key(key: Any, nodes: list[Node], random_: random.Random) -> Any:
+    keys = [key for node in nodes if isinstance(node, dict) for key in node]
+    choices = (*map(str, keys), f"{key}x", str(key)[:-1], str(key).upper(), "", 1, None, True, 1.5, "\x1b")
+    return random_.choice(choices)
+
+
+def _change_words(data: bytes, random_: random.Random) -> bytes:
+    """Change words, or repeat, drop or swap lines."""
+    for _ in range(random_.randint(1, 3)):
+        if random_.random() < 0.3:
+            lines = data.splitlines(keepends=True) or [b""]
+            chosen, other = random_.randrange(len(lines)), random_.randrange(len(lines))
+            lines[chosen : chosen + 1] = random_.choice(
+                ([], [lines[chosen]] * 2, [lines[other]], [lines[chosen].rstrip()], [lines[chosen], b"\r\n"])
+            )
+            data = b"".join(lines)
+            continue
+        words = list(WORD.finditer(data))
+        if not words:
+            return data + random_.choice(WORDS)
+        word = random_.choice(words)
+        new = random_.choice((*WORDS, random_.choice(words).group(), word.group() + b" " + word.group(), b""))
+        data = data[: word.start()] + new + data[word.end() :]
+    return data

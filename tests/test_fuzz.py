@@ -1,0 +1,93 @@
+"""The stored corpus of the fuzz targets, without a fuzzer: what was found once stays mended on any machine.
+
+`tests/fuzz/documents.py` goes on from this corpus, by coverage.
+"""
+
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+FUZZ = Path(__file__).parent / "fuzz"
+sys.path.append(str(FUZZ))
+
+from mutation import mutate  # noqa: E402
+from targets import TARGETS, Target, check, task_of  # noqa: E402
+
+from semcal_cli.batch.records import read_outcome  # noqa: E402
+from semcal_cli.errors import InputError  # noqa: E402
+
+CORPUS = FUZZ / "corpus"
+MUTATIONS = 20
+MAX_FILES, MAX_BYTES, MAX_FILE_BYTES = 150, 300_000, 4096
+"""Largest corpus: small files are read by people, and longer ones would be cut by the fuzzer."""
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_stored_documents_are_read_or_refused_in_a_line(name: str, tmp_path: Path) -> None:
+    TARGETS[name].prepare(tmp_path)
+    paths = sorted((CORPUS / name).iterdir())
+    assert paths
+    for path in paths:
+        check(TARGETS[name], path.read_bytes(), tmp_path)
+
+
+@pytest.mark.parametrize("name", TARGETS)
+def test_mutations_change_documents_and_are_the_same_again(name: str) -> None:
+    for path in (CORPUS / name).iterdir():
+        content = path.read_bytes()
+        changed = [mutate(content, 4096, seed, lambda data, size: data[:-1]) for seed in range(MUTATIONS)]
+        assert changed == [
+            mutate(content, 4096, seed, lambda data, size: data[:-1]) for seed in range(MUTATIONS)
+        ]
+        assert len({*changed, content}) > MUTATIONS / 2
+        assert all(len(each) <= 4096 for each in changed)
+
+
+def test_a_stored_record_is_one(tmp_path: Path) -> None:
+    TARGETS["record"].prepare(tmp_path)
+    check(TARGETS["record"], (CORPUS / "record/whole.json").read_bytes(), tmp_path)
+    assert read_outcome(task_of(tmp_path)) is not None
+
+
+def test_the_corpus_is_small_and_belongs_to_targets() -> None:
+    assert {path.name for path in CORPUS.iterdir()} == set(TARGETS)
+    files = [path for path in CORPUS.rglob("*") if path.is_file()]
+    assert len(files) <= MAX_FILES
+    sizes = [path.stat().st_size for path in files]
+    assert sum(sizes) <= MAX_BYTES
+    assert max(sizes) <= MAX_FILE_BYTES
+
+
+def crash(path: Path) -> None:
+    raise KeyError("T_camera_lidar")
+
+
+def warn(path: Path) -> None:
+    warnings.warn("overflow encountered in multiply", RuntimeWarning, stacklevel=2)
+
+
+def refuse(message: str) -> Target:
+    def read(path: Path) -> None:
+        raise InputError(message.replace("PATH", str(path)))
+
+    return Target(read, lambda content: "a.yaml")
+
+
+@pytest.mark.parametrize(
+    ("target", "finding"),
+    [
+        (Target(crash, lambda content: "a.yaml"), KeyError),
+        (Target(warn, lambda content: "a.yaml"), RuntimeWarning),
+        (refuse("a.yaml: found nothing, needed a value"), AssertionError),
+        (refuse(""), AssertionError),
+        (refuse("PATH: " + "found nothing " * 200), AssertionError),
+    ],
+)
+def test_all_but_a_line_that_names_the_file_is_a_finding(
+    target: Target, finding: type[BaseException], tmp_path: Path
+) -> None:
+    check(refuse("PATH: found nothing, needed a value"), b"", tmp_path)
+    with pytest.raises(finding):
+        check(target, b"", tmp_path)
