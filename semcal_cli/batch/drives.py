@@ -11,12 +11,10 @@ from typing import TextIO
 
 from semcal_cli.drive.document import DRIVE_FILE, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.reading import is_folder, read_start
+from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, is_folder, read_start
 
 LISTS = (".txt", ".list")
 MAGIC = "*?["
-MAX_LIST_BYTES = 16 << 20
-"""Largest list of drives: some 200,000 long names."""
 MAX_SHOWN = 200
 """Characters of a wrong name that a message shows."""
 MAX_NAME_BYTES = 4095
@@ -59,10 +57,10 @@ def _expanded(argument: str, stdin: TextIO | None) -> list[str]:
     if argument == "-":
         if stdin is None:
             raise InputError("standard input: found none, needed a list of drives")
-        return _listed(stdin.buffer.read(MAX_LIST_BYTES + 1), "standard input")
+        return _listed(stdin.buffer.read(MAX_DOCUMENT_BYTES + 1), "standard input")
     path = Path(argument)
     if path.suffix.lower() in LISTS and not is_folder(path):
-        return _listed(read_start(path, MAX_LIST_BYTES + 1), argument)
+        return _listed(read_start(path, MAX_DOCUMENT_BYTES + 1), argument)
     return [_checked(name) for name in _matches(argument)]
 
 
@@ -72,8 +70,8 @@ def _listed(content: bytes, source: str) -> list[str]:
     Raises:
         InputError: a line is no text; the message names it.
     """
-    if len(content) > MAX_LIST_BYTES:
-        raise InputError(f"{source}: found more than {MAX_LIST_BYTES >> 20} MiB, needed a list of drives")
+    if len(content) > MAX_DOCUMENT_BYTES:
+        raise InputError(f"{source}: found more than {MAX_DOCUMENT_BYTES >> 20} MiB, needed a list of drives")
     names = []
     for number, line in enumerate(content.removeprefix(codecs.BOM_UTF8).splitlines(), start=1):
         where = f"{source}: line {number}: "
