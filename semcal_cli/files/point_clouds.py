@@ -127,7 +127,9 @@ def _read_las(path: Path, labels: Path | None, max_points: int) -> _core.PointCl
     try:
         with open_file(path) as stream:
             _check_header(path, stream, max_points)
-            with laspy.open(stream, read_evlrs=False, closefd=False) as file:
+            # The parallel one aborts the process where a damaged file makes two of its threads panic.
+            backend = laspy.LazBackend.Lazrs
+            with laspy.open(stream, read_evlrs=False, closefd=False, laz_backend=backend) as file:
                 chunks = [_records(chunk) for chunk in file.chunk_iterator(CHUNK)]
     except InputError:
         raise
