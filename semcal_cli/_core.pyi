@@ -7,13 +7,13 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
+from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.config import (
     AlignmentConfig,
     ExactConfig,
     InitializationConfig,
     PolishConfig,
     SensitivityConfig,
-    SoicConfig,
     SynthConfig,
 )
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig, SoicConfig
+from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations

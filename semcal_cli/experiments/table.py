@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import CalibrationConfig, InitializationConfig, SoicConfig
+from semcal_cli.config import CalibrationConfig, InitializationConfig
 from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive

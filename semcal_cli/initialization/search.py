@@ -72,14 +72,15 @@ def initialize(
         candidates = _align_given(observations, Candidate(T_given), config, seed)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
     kept = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)] or ranked
-    hypotheses = tuple(_hypothesis(scored, kept[0]) for scored in kept)
+    T_best = kept[0].candidate.T_camera_lidar
+    hypotheses = tuple(describe(scored.candidate, scored.agreement, T_best) for scored in kept)
     other = runner_up(hypotheses, config.runner_up_deg)
     # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
     is_alone = other is None and T_given is None and len(kept) == len(ranked)
     return Initialization(
-        T_camera_lidar=kept[0].candidate.T_camera_lidar,
+        T_camera_lidar=T_best,
         agreement=kept[0].agreement,
-        findings=(NO_OTHER,) if is_alone else _compare(hypotheses[0], other),
+        findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
         settings={"initialization": asdict(config)},
         hypotheses=hypotheses,
         runner_up_margin=None if other is None else hypotheses[0].margin(other),
@@ -91,7 +92,7 @@ def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis 
     return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
 
 
-def _compare(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
+def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
     """Check that the runner-up is far enough behind the best hypothesis."""
     if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:
         return ()
@@ -119,8 +120,8 @@ def _rank(observations: Observations, candidates: Sequence[Candidate], min_overl
     return sorted(covering or scored, key=lambda each: -each.corrected_nats)
 
 
-def _hypothesis(scored: _Scored, best: _Scored) -> Hypothesis:
-    candidate, agreement = scored
+def describe(candidate: Candidate, agreement: _core.Agreement, T_best: Pose) -> Hypothesis:
+    """Describe a candidate by the agreement of the labels at its pose, and by its rotation from the best pose."""
     return Hypothesis(
         T_camera_lidar=candidate.T_camera_lidar.tolist(),
         mutual_information_nats=agreement.mutual_information,
@@ -129,7 +130,7 @@ def _hypothesis(scored: _Scored, best: _Scored) -> Hypothesis:
         overlap=agreement.overlap,
         num_pairs=candidate.num_pairs,
         num_inliers=candidate.num_inliers,
-        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, best.candidate.T_camera_lidar),
+        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, T_best),
     )
 
 

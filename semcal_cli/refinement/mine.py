@@ -57,6 +57,8 @@ class MineEstimator:
     are compared by these, others by their labels. Theta is kept from level to level.
     """
 
+    gives_bound = True
+
     def __init__(
         self, observations: Observations, config: MineConfig, seed: int, device: str = "cpu"
     ) -> None:
@@ -77,7 +79,7 @@ class MineEstimator:
         # Alg. 1: initialise theta; learning rates and optimisers are MineConfig's and Adam.
         self.network = self._make_network().to(self.device)
         self.bound = DonskerVaradhan(config.mean_decay)
-        self.theta = torch.optim.Adam(self.network.parameters(), config.learning_rate_theta)
+        self.theta = _optimizer(config, list(self.network.parameters()), config.learning_rate_theta)
         self.num_warm_up = config.warm_up_steps
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
@@ -128,7 +130,7 @@ class MineEstimator:
         config = self.config
         # Alg. 1: initialise the twist. Each level's v starts at zero, from the pose of the one before.
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
-        pose = torch.optim.Adam([v], config.learning_rate_pose, betas=(0.9, 0.99))
+        pose = _optimizer(config, [v], config.learning_rate_pose, betas=(0.9, 0.99))
         bounds, path = [], []
         for rate in _learning_rates(config, self.num_warm_up):
             pose.param_groups[0]["lr"] = config.learning_rate_pose * rate
@@ -177,6 +179,18 @@ def _fixed_threads() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def _optimizer(
+    config: MineConfig,
+    parameters: list[Tensor],
+    learning_rate: float,
+    betas: tuple[float, float] = (0.9, 0.999),
+) -> torch.optim.Optimizer:
+    """Make the optimiser that the settings name; `betas` are the decays of Adam's means."""
+    if config.optimizer == "sgd":
+        return torch.optim.SGD(parameters, learning_rate)
+    return torch.optim.Adam(parameters, learning_rate, betas)
 
 
 def _learning_rates(config: MineConfig, num_warm_up: int) -> Iterator[float]:
