@@ -219,6 +219,8 @@ class SphericalImages:
     """The spherical images of all frames on a grid: the labelled returns that are the nearest of a pixel."""
 
     def __new__(cls, observations: Observations, grid: Grid) -> SphericalImages: ...
+    def classes(self, frame: int) -> NDArray[np.uint8]:
+        """Label image (rows, columns) of a frame on the grid; 255 where no labelled return is."""
 
 @final
 class Hypothesis:
@@ -227,6 +229,10 @@ class Hypothesis:
     @property
     def num_pairs(self) -> int:
         """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
+    def zoomed(
+        self, observations: Observations, images: SphericalImages, zoom: str, frame: int
+    ) -> NDArray[np.uint8]:
+        """Label image of a frame's picture on the grid (rows, columns), placed so; 255 around it."""
 
 @final
 class Correspondences:
