@@ -219,6 +219,9 @@ class SphericalImages:
     """The spherical images of all frames on a grid: the labelled returns that are the nearest of a pixel."""
 
     def __new__(cls, observations: Observations, grid: Grid) -> SphericalImages: ...
+    @property
+    def grid(self) -> Grid:
+        """Grid of the images."""
     def classes(self, frame: int) -> NDArray[np.uint8]:
         """Label image (rows, columns) of a frame on the grid; 255 where no labelled return is."""
 

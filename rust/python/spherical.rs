@@ -40,6 +40,11 @@ impl PySphericalImages {
         Self(detached(py, || SphericalImages::new(&observations.0, grid.core())))
     }
 
+    #[getter]
+    fn grid(&self) -> PyGrid {
+        PyGrid::new(self.0.grid)
+    }
+
     fn classes<'py>(&self, py: Python<'py>, frame: usize) -> PyResult<Bound<'py, PyArray2<u8>>> {
         if frame >= self.0.returns.len() {
             return Err(value_error(format!("frame {frame} is not one of {}", self.0.returns.len())));

@@ -10,7 +10,7 @@ from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.poses import Pose, Vector, camera_center
 from semcal_cli.initialization.pnp import solve_pnp
 
 MAX_SHARE_OUTSIDE = 0.2
@@ -26,6 +26,35 @@ class Candidate:
     """Number of pairs of the registration; None without one."""
     num_inliers: int | None = None
     """Number of inliers of PnP; None without PnP."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Label images placed on the sphere of LiDAR directions."""
+
+    images: _core.SphericalImages
+    """Spherical label images of all frames (Alg. 2, line 1)."""
+    placements: list[_core.Hypothesis]
+    """Placements that are well apart, by their mutual information, best first."""
+    center: Vector
+    """(3,) point in the LiDAR frame from which directions are taken, metres."""
+    observations: Observations
+    """Observations with the center at zero."""
+
+
+def place(
+    observations: Observations, config: InitializationConfig, around: tuple[Pose, float] | None = None
+) -> Registration:
+    """Register the label images with the spherical images (Alg. 2, lines 1-4), as `register` does."""
+    grid = _grid(observations)
+    center = np.zeros(3) if around is None else camera_center(around[0])
+    if center.any():
+        observations = observations.with_clouds(
+            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
+        )
+    images = _core.SphericalImages(observations.core, grid)
+    placements = _core.register(observations.core, images, config, around)
+    return Registration(images, placements, center, observations)
 
 
 def register(
@@ -50,20 +79,18 @@ def register(
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points do not lie in the field of view of the drive's `lidar:` block.
     """
-    grid = _grid(observations)
-    center = np.zeros(3) if around is None else camera_center(around[0])
-    if center.any():
-        observations = observations.with_clouds(
-            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
-        )
-    images = _core.SphericalImages(observations.core, grid)
-    placements = _core.register(observations.core, images, config, around)
+    placed = place(observations, config, around)
     samples = _core.sample_correspondences(
-        observations.core, images, config.zoom, placements, config.num_correspondences, seed
+        placed.observations.core,
+        placed.images,
+        config.zoom,
+        placed.placements,
+        config.num_correspondences,
+        seed,
     )
     found: list[Candidate] = []
     failure = "no placement of the picture"
-    for placement, pairs in zip(placements, samples, strict=True):
+    for placement, pairs in zip(placed.placements, samples, strict=True):
         try:
             T_camera_lidar, num_inliers = solve_pnp(
                 pairs.points, pairs.pixels, observations.camera, config.pnp
@@ -71,7 +98,7 @@ def register(
         except CalibrationError as error:
             failure = str(error)
             continue
-        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
+        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ placed.center
         found.append(Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
     if not found:
         raise CalibrationError(f"no initial calibration: {failure}")
