@@ -16,14 +16,16 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import InitializationConfig
+from semcal_cli.config import InitializationConfig, Zoom
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import SemcalError
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.registration import Registration, place
-from semcal_cli.report.overlay import Colors, Image, add_caption, palettes
+from semcal_cli.report.overlay import Colors, Image, add_caption, overlay_paths, palettes
+from semcal_cli.result.calibration import Calibration
 
 AROUND_DEG = 10.0
 """The shift is searched within this angle of the pose: the registration is good to a few degrees."""
@@ -49,6 +51,8 @@ class RegistrationPictures:
     observations: Observations
     registration: Registration
     config: InitializationConfig
+    middle: float
+    """Azimuth of the optical axis in the LiDAR frame, in radians: the middle of the strips."""
 
     @classmethod
     def near(
@@ -62,7 +66,22 @@ class RegistrationPictures:
         """
         T = np.eye(4)
         T[:3, :3] = T_camera_lidar[:3, :3]
-        return cls(observations, place(observations, config, (T, math.radians(AROUND_DEG))), config)
+        placed = place(observations, config, (T, math.radians(AROUND_DEG)))
+        return cls(observations, placed, config, math.atan2(T[2, 1], T[2, 0]))
+
+    @classmethod
+    def of_record(cls, observations: Observations, record: Calibration) -> RegistrationPictures | None:
+        """Register anew near the first stage of a calibration; None if it began at a given pose or nothing overlaps."""
+        if not any(each.num_pairs is not None for each in record.hypotheses):
+            return None
+        options = record.settings.options.get("initialization")
+        found = options.get("zoom") if isinstance(options, dict) else None
+        zoom: Zoom = "paper" if found == "paper" else "exact"
+        T_initial = next(iter(record.stages.values())).T_camera_lidar
+        try:
+            return cls.near(observations, np.array(T_initial), InitializationConfig(zoom=zoom))
+        except SemcalError:
+            return None
 
     def write_all(self, folder: Path, max_images: int) -> Iterator[Path]:
         """Write PNGs of evenly spaced frames into a folder, which is made, and give each path when it is written.
@@ -71,8 +90,8 @@ class RegistrationPictures:
             InputError: a file cannot be written.
         """
         make_folder(folder)
-        for frame in evenly_spaced(range(self.observations.num_frames), max_images):
-            path = folder / f"registration_{frame:06d}.png"
+        frames = evenly_spaced(range(self.observations.num_frames), max_images)
+        for frame, path in zip(frames, overlay_paths(folder, max_images), strict=False):
             write_image(self.draw(frame), path)
             yield path
 
@@ -82,7 +101,7 @@ class RegistrationPictures:
         of_points, of_pixels = palettes(self.observations)
         sweep = images.classes(frame)
         zoomed = placement.zoomed(self.observations.core, images, self.config.zoom, frame)
-        strips = [_strip(_colored(sweep, of_points)), _strip(_colored(zoomed, of_pixels))]
+        strips = [self._strip(_colored(sweep, of_points)), self._strip(_colored(zoomed, of_pixels))]
         labels = _colored(self.observations.images[frame].classes, of_pixels)
         scale = WIDTH / labels.shape[1]
         size = WIDTH, max(1, round(labels.shape[0] * scale))
@@ -104,6 +123,13 @@ class RegistrationPictures:
             )
         return canvas
 
+    def _strip(self, image: Image) -> Image:
+        """Turn a spherical image so that the optical axis is in its middle, and scale it to the picture's width."""
+        columns = image.shape[1]
+        turned = np.roll(image, round(self.middle / (2.0 * math.pi) * columns), axis=1)
+        rows = max(MIN_STRIP_ROWS, round(image.shape[0] * WIDTH / columns))
+        return _resized(turned, (WIDTH, rows))
+
     def _lines(
         self, frame: int, strip_rows: int, scale: float
     ) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
@@ -119,7 +145,8 @@ class RegistrationPictures:
             0,
         )
         x, y, z = pairs.points.T
-        columns = (math.pi - np.arctan2(y, x)) / (2.0 * math.pi) * WIDTH
+        right = self.middle - np.arctan2(y, x)
+        columns = (right / (2.0 * math.pi) + 0.5) % 1.0 * WIDTH
         rows = (grid.top - np.arctan2(z, np.hypot(x, y))) / (grid.rows * grid.cell_height) * strip_rows
         pixels = (pairs.pixels + 0.5) * scale
         starts = np.column_stack([columns, rows]).astype(int).tolist()
@@ -132,12 +159,6 @@ def _colored(classes: npt.NDArray[np.uint8], palette: Colors) -> Image:
     table = np.full((256, 3), EMPTY_COLOR, np.uint8)
     table[: len(palette)] = palette
     return table[classes]
-
-
-def _strip(image: Image) -> Image:
-    """Scale a spherical image to the width of the picture, with cells as they are."""
-    rows = max(MIN_STRIP_ROWS, round(image.shape[0] * WIDTH / image.shape[1]))
-    return _resized(image, (WIDTH, rows))
 
 
 def _resized(image: Image, size: tuple[int, int]) -> Image:
