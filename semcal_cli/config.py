@@ -305,11 +305,11 @@ class CalibrationConfig:
     """Settings of the initial calibration."""
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     """Settings of the refinement."""
+    num_seeds: int = 1
+    """With more than one, the seeds that follow are tried as well, to see where they lead."""
     is_raw: bool = False
     """Whether labels and intensities are taken as they are: isolated pixels of label images are not mended, and
     intensities and grey values are numbers instead of levels."""
-    num_seeds: int = 1
-    """With more than one, the seeds that follow are tried as well, to see where they lead."""
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate, register
-from semcal_cli.initialization.search import Initialization, check_runner_up, describe, runner_up
+from semcal_cli.initialization.search import NO_OTHER, Initialization, check_runner_up, describe, runner_up
 from semcal_cli.pipeline import make_calibration, start_at
 from semcal_cli.refinement.pyramid import Refinement
 from semcal_cli.refinement.pyramid import refine as refine_pose
@@ -148,16 +148,12 @@ def _compared(
     """
     best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
     others = [
-        hypothesis.model_copy(
-            update={
-                "rotation_from_best_deg": compare_poses(hypothesis.pose, refined.T_camera_lidar).rotation_deg
-            }
+        each.model_copy(
+            update={"rotation_from_best_deg": rotation_error_deg(each.pose, refined.T_camera_lidar)}
         )
-        for hypothesis in initial.hypotheses
+        for each in sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
     ]
-    least_deg = paper.initialization.runner_up_deg
-    by_information = sorted(others, key=lambda other: -other.corrected_nats)
-    other = runner_up(by_information, least_deg)
+    other = runner_up(others, paper.initialization.runner_up_deg)
     if other is None:
-        return initial, ()
+        return initial, (NO_OTHER,)
     return replace(initial, runner_up_margin=best.margin(other)), check_runner_up(best, other)
