@@ -5,11 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner, Result
 
 from semcal_cli import _core
 from semcal_cli.baselines import paper
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.baselines.paper import calibrate_as_published
+from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig, MineConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -19,6 +21,7 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate
+from semcal_cli.result.calibration import read_calibration
 
 CLEAN_DEG, CLEAN_CM = 0.15, 3.0
 """Error of the paper's method on the clean street, a few times what it is."""
@@ -122,3 +125,56 @@ def test_a_run_that_still_drifts_has_not_settled(data: LoadedDrive, street_truth
     )
     assert found.status == "not_trusted"
     assert any("had not settled" in reason for reason in found.reasons), found.reasons
+
+
+FAST = ("--mine-steps", "4", "--mine-warm-up", "4", "--quiet")
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(semcal, ["calibrate", *map(str, arguments)])
+
+
+def test_the_command_writes_the_bound_and_its_settings(street: Path, tmp_path: Path) -> None:
+    out = tmp_path / "paper.yaml"
+    found = run(street, "--method", "paper", *FAST, "--mine-units", 8, "-o", out)
+    assert found.exit_code in (0, 3), found.output
+    written = read_calibration(out)
+    assert written.stages["refined"].bound_nats is not None
+    options = written.settings.options
+    assert options["initialization"]["zoom"] == "paper"  # type: ignore[index, call-overload]
+    mine = options["paper"]["mine"]  # type: ignore[index, call-overload]
+    assert (mine["steps_per_level"], mine["num_hidden"], mine["edge_band_px"]) == (4, 8, 0)  # type: ignore[index, call-overload]
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (("--method", "paper", "--estimator", "mine"), "--estimator: is of --method mi"),
+        (("--method", "paper", "--no-polish"), "--no-polish: is of --method mi"),
+        (("--method", "paper", "--zoom", "exact"), "--zoom: is of --method mi"),
+        (("--method", "paper", "--edge-band", "2"), "--edge-band: is of --method mi"),
+        (("--method", "paper", "--cue", "intensity"), "Alg. 2 is by labels: give --init"),
+        (("--method", "paper", "--cue", "labels,intensity"), "takes one cue"),
+        (("--method", "soic", "--mine-steps", "3"), "--mine-steps: is of --method paper"),
+        (("--mine-optimizer", "sgd"), "--mine-optimizer: is of --method paper"),
+        (("--method", "paper", "--mine-pose-rate", "0"), "not in the range x>0"),
+    ],
+)
+def test_options_that_do_not_go_together(street: Path, options: tuple[str, ...], line: str) -> None:
+    found = run(street, *options)
+    assert found.exit_code == 2
+    assert line in found.output
+
+
+def test_raw_intensity_is_refined_from_a_start(street: Path, tmp_path: Path) -> None:
+    out = tmp_path / "pmi.yaml"
+    found = run(
+        *(street, "--method", "paper", "--cue", "intensity", "--init", street),
+        *FAST,
+        "--max-frames",
+        1,
+        "-o",
+        out,
+    )
+    assert found.exit_code in (0, 3), found.output
+    assert list(read_calibration(out).stages) == ["initial", "refined"]

@@ -9,7 +9,14 @@ import click
 
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.cli.options import Command, FiniteRange, number_option
-from semcal_cli.config import MINE_WITH_VECTORS, InitializationConfig, MineConfig, Optimizer, PyramidConfig
+from semcal_cli.config import (
+    LABELS,
+    MINE_WITH_VECTORS,
+    InitializationConfig,
+    MineConfig,
+    Optimizer,
+    PyramidConfig,
+)
 
 FIELDS = {
     "mine_units": "num_hidden",
@@ -21,6 +28,7 @@ FIELDS = {
     "mine_pose_rate": "learning_rate_pose",
 }
 """Fields of `MineConfig` by the parameters that set them."""
+PAPER_PARAMETERS = (*FIELDS, "mine_settled_px")
 MAX_UNITS, MAX_STEPS, MAX_BATCH = 4096, 100_000, 1 << 20
 
 
@@ -84,20 +92,29 @@ def paper_options(command: Command) -> Command:
     return command
 
 
-def make_paper(options: dict[str, Any], search: InitializationConfig, *, has_vectors: bool) -> PaperConfig:
-    """Take the paper's options out of a command's options, and make settings of them.
+def make_paper(options: dict[str, Any], search: InitializationConfig, is_started: bool) -> PaperConfig:
+    """Make settings of the paper's options.
 
     Args:
         options: Options of the command.
         search: Settings of the search, of which the paper's method takes in-plane rotations and the largest distance.
-        has_vectors: Whether points and pixels are compared by vectors instead of labels.
+        is_started: Whether a start is given.
+
+    Raises:
+        click.UsageError: intensities are compared without a start, or together with labels.
     """
-    given = {field: value for name, field in FIELDS.items() if (value := options.pop(name)) is not None}
-    settled_px = options.pop("mine_settled_px")
-    usual = PaperConfig()
-    mine = replace(MINE_WITH_VECTORS if has_vectors else usual.mine, edge_band_px=0, **given)
-    pyramid = usual.pyramid if settled_px is None else replace(usual.pyramid, max_final_drift=settled_px)
-    max_baseline_m = search.alignment.max_baseline_m
-    return PaperConfig(
-        replace(search, zoom=usual.initialization.zoom), pyramid, replace(mine, max_baseline_m=max_baseline_m)
+    has_vectors = options["cues"] != LABELS
+    if len(options["cues"]) > 1:
+        raise click.UsageError("--cue: takes one cue with --method paper")
+    if has_vectors and not is_started:
+        raise click.UsageError("--cue: with --method paper, Alg. 2 is by labels: give --init")
+    given = {field: options[name] for name, field in FIELDS.items() if options[name] is not None}
+    usual, settled_px = PaperConfig(), options["mine_settled_px"]
+    mine = replace(
+        MINE_WITH_VECTORS if has_vectors else usual.mine,
+        edge_band_px=0,
+        max_baseline_m=search.alignment.max_baseline_m,
+        **given,
     )
+    pyramid = usual.pyramid if settled_px is None else replace(usual.pyramid, max_final_drift=settled_px)
+    return PaperConfig(replace(search, zoom=usual.initialization.zoom), pyramid, mine)
