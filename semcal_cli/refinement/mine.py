@@ -135,6 +135,7 @@ class MineEstimator:
             pose.rate = config.learning_rate_pose * rate
             # Alg. 1: draw a mini-batch, sample the labels that its points land on, and estimate the bound.
             chosen = torch.randint(len(points), (config.batch_size,), generator=self.generator)
+            # While theta warms up the pose stays, and needs no gradient.
             with torch.set_grad_enabled(rate > 0.0):
                 T_camera_lidar = exp_se3(preconditioner @ v) @ anchor
             expectations = points.expectations(chosen, T_camera_lidar)
