@@ -314,20 +314,41 @@ def table(
     metavar="FILE",
     help="Compare with this script: tests/benchmarks/plain_torch.py of a clone.",
 )
+@click.option(
+    "--only",
+    type=click.Choice(["calibrate", "refine"]),
+    help="Time only this command; the script is compared with refine.",
+)
+@number_option(
+    "--frames", default=70, help="Number of frames that are rendered; the most pairs but for 1,000."
+)
+@click.option(
+    "--width", type=click.IntRange(64), default=1280, show_default=True, help="Columns of the pictures."
+)
+@click.option(
+    "--height", type=click.IntRange(48), default=720, show_default=True, help="Rows of the pictures."
+)
 @out_option
-def speed(repeats: int, plain_torch: Path | None, out: Path) -> None:
+def speed(
+    repeats: int, plain_torch: Path | None, only: str | None, frames: int, width: int, height: int, out: Path
+) -> None:
     """Time whole processes, and compare the refinement with the same in plain torch.
 
     Needs an idle machine, and takes about three minutes for each repeat. Writes the same files
     as `accuracy`; a stopped run resumes where it was.
     """
+    from dataclasses import replace
+
     from semcal_cli.errors import InputError
     from semcal_cli.experiments import runner, speed
 
     if plain_torch is not None and not plain_torch.is_file():
         raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
-    folder = runner.make_folder(out, "speed")
-    experiment = speed.Experiment(folder, plain_torch and plain_torch.resolve())
+    street = replace(speed.STREET, num_frames=frames, width=width, height=height)
+    of_size = "" if street == speed.STREET else f"_{frames}_{width}x{height}"
+    folder = runner.make_folder(out, f"speed{of_size}")
+    commands = speed.COMMANDS if only is None else (only,)
+    experiment = speed.Experiment(folder, plain_torch and plain_torch.resolve(), street, commands)
     timings = runner.run_cases(
         experiment.cases(repeats),
         experiment,

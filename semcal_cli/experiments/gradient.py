@@ -71,10 +71,10 @@ class Objective:
 
     def gradient(self, T: Pose) -> Array:
         """Derivative (6,) of the mutual information with respect to a twist on the left of a pose, in blocks."""
-        _, pointwise, total = self._evaluate(T)
+        _, pointwise, total, batch = self._evaluate(T)
         # The marginals' shares of the derivative of sum p log p / (p_x p_y) add up to a constant.
         of_shares = self.one_hot @ pointwise / total
-        of_T = self.points.pull_back(self.indices, T, of_shares)
+        of_T = batch.pull_back(of_shares)
         generators = np.zeros((6, 3, 4))
         for axis in range(3):
             generators[axis, axis, 3] = 1.0
@@ -82,17 +82,18 @@ class Objective:
         twist: Array = np.einsum("kij,ij->k", generators, of_T)
         return np.asarray(self.points.preconditioner.T @ twist)
 
-    def _evaluate(self, T: Pose) -> tuple[float, Array, float]:
-        """Compute the mutual information, its pointwise values (C_x, C_y), and the sum of the histogram."""
+    def _evaluate(self, T: Pose) -> tuple[float, Array, float, _core.MiniBatch]:
+        """Compute the mutual information, its pointwise values (C_x, C_y), the histogram's sum, and what was sampled."""
         self.num_evaluations += 1
-        joint = self.one_hot.T @ self.points.shares(self.indices, T)
+        batch = self.points.sample(self.indices, T)
+        joint = self.one_hot.T @ batch.shares
         total = max(float(joint.sum()), np.finfo(np.float64).tiny)
         joint = joint / total
         independent = joint.sum(1, keepdims=True) * joint.sum(0, keepdims=True)
         seen = joint > 0.0
         pointwise = np.zeros_like(joint)
         pointwise[seen] = np.log(joint[seen] / independent[seen])
-        return float((joint * pointwise).sum()), pointwise, total
+        return float((joint * pointwise).sum()), pointwise, total, batch
 
 
 def ascend(objective: Objective) -> Pose:
