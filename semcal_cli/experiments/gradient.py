@@ -83,7 +83,7 @@ class Objective:
         return np.asarray(self.points.preconditioner.T @ twist)
 
     def _evaluate(self, T: Pose) -> tuple[float, Array, float, _core.MiniBatch]:
-        """Compute the mutual information, its pointwise values (C_x, C_y), the histogram's sum, and what was sampled."""
+        """Compute the mutual information, its pointwise values (C_x, C_y), the histogram's sum, and the batch."""
         self.num_evaluations += 1
         batch = self.points.sample(self.indices, T)
         joint = self.one_hot.T @ batch.shares
