@@ -13,7 +13,7 @@ use crate::camera::Camera;
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
-use crate::spherical::{azimuth, elevation};
+use crate::spherical::{SphericalGrid, azimuth, elevation};
 
 /// Number of steps from the border to the middle of the image, in the search for the end of the lens.
 const BORDER_STEPS: usize = 64;
@@ -152,6 +152,23 @@ impl<'a> Zoomed<'a> {
             camera.contains(&pixel).then_some(pixel)
         }
     }
+}
+
+/// A label image on the angular grid, with the image at a placement (Alg. 2, lines 2-3); [`NO_CLASS`] around it.
+pub fn zoom(
+    zoomed: &Zoomed<'_>,
+    image: &LabelImage<u8>,
+    placement: &Placement,
+    grid: &SphericalGrid,
+) -> LabelImage<u8> {
+    let pixel_of = zoomed.pixel_map(placement);
+    let class = |row: usize, column: usize| {
+        let pixel = pixel_of(&grid.direction(row, column))?;
+        Some(image.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize))
+    };
+    let cells = (0..grid.rows).flat_map(|row| (0..grid.columns).map(move |column| (row, column)));
+    let ids = cells.map(|(row, column)| class(row, column).unwrap_or(NO_CLASS)).collect();
+    LabelImage { width: grid.columns, height: grid.rows, ids }
 }
 
 /// The ray at a place of the image, given from -1 (left, top) to 1 (right, bottom), and the share of the way from the

@@ -7,13 +7,13 @@ from typing import TypeAlias, final
 import numpy as np
 from numpy.typing import NDArray
 
+from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.config import (
     AlignmentConfig,
     ExactConfig,
     InitializationConfig,
     PolishConfig,
     SensitivityConfig,
-    SoicConfig,
     SynthConfig,
 )
 
@@ -33,6 +33,7 @@ __all__ = [
     "Hypothesis",
     "LabelledCloud",
     "LabelledImage",
+    "MiniBatch",
     "Observations",
     "PointCloud",
     "Polished",
@@ -154,15 +155,26 @@ class AnchoredPoints:
     def classes(self) -> NDArray[np.uint8]:
         """(N,) of each point."""
     @property
-    def weights(self) -> _Float32:
-        """(N,) labelled share of the blocks under each point, at the anchor."""
-    @property
     def preconditioner(self) -> _Float64:
         """(6, 6): columns are twists that each move the points by one block, independently of one another."""
-    def shares(self, indices: NDArray[np.int64], t_camera_lidar: _Float64) -> _Float64:
-        """Shares of each class (n, num_image_classes) under points (n,); rows add up to one, or to zero."""
-    def pull_back(self, indices: NDArray[np.int64], t_camera_lidar: _Float64, gradient: _Float64) -> _Float64:
-        """The gradient (3, 4) with respect to `t_camera_lidar` of what has `gradient` with respect to `shares`."""
+    def sample(self, indices: NDArray[np.int64], t_camera_lidar: _Float64) -> MiniBatch:
+        """Sample the label images under points (n,) at a pose, which needs not be rigid."""
+
+@final
+class MiniBatch:
+    """Points of a level at a pose, and the class shares of the blocks under them."""
+
+    @property
+    def classes(self) -> NDArray[np.int64]:
+        """(n,) of each point."""
+    @property
+    def weights(self) -> _Float32:
+        """(n,) labelled share of the blocks under each point at the anchor; zero where nothing is labelled now."""
+    @property
+    def shares(self) -> _Float64:
+        """Shares of each class (n, num_image_classes); rows add up to one, or to zero."""
+    def pull_back(self, gradient: _Float64) -> _Float64:
+        """The gradient (3, 4) with respect to the pose of what has `gradient` with respect to `shares`."""
 
 @final
 class SemanticDistance:
@@ -219,6 +231,11 @@ class SphericalImages:
     """The spherical images of all frames on a grid: the labelled returns that are the nearest of a pixel."""
 
     def __new__(cls, observations: Observations, grid: Grid) -> SphericalImages: ...
+    @property
+    def grid(self) -> Grid:
+        """Grid of the images."""
+    def classes(self, frame: int) -> NDArray[np.uint8]:
+        """Label image (rows, columns) of a frame on the grid; 255 where no labelled return is."""
 
 @final
 class Hypothesis:
@@ -227,6 +244,10 @@ class Hypothesis:
     @property
     def num_pairs(self) -> int:
         """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
+    def zoomed(
+        self, observations: Observations, images: SphericalImages, zoom: str, frame: int
+    ) -> NDArray[np.uint8]:
+        """Label image of a frame's picture on the grid (rows, columns), placed so; 255 around it."""
 
 @final
 class Correspondences:

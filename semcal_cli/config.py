@@ -12,6 +12,7 @@ from typing import ClassVar, Literal, TypeAlias
 Cue: TypeAlias = Literal["labels", "intensity", "features"]
 """What points and pixels are compared by."""
 Estimator: TypeAlias = Literal["exact", "mine"]
+Optimizer: TypeAlias = Literal["adam", "sgd"]
 """How mutual information is estimated: by the histogram of classes, or by a network's lower bound."""
 Device: TypeAlias = Literal["cpu", "cuda"]
 """Where the network of MINE computes."""
@@ -222,6 +223,8 @@ class MineConfig:
     """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
     """Pixels less than this from one of another class count a tenth."""
+    optimizer: Optimizer = "adam"
+    """Optimiser of theta and of the pose."""
     min_points: int = 50
     """A level with fewer points tells nothing, and the pose stays as it is."""
 
@@ -304,34 +307,9 @@ class CalibrationConfig:
     """Settings of the refinement."""
     num_seeds: int = 1
     """With more than one, the seeds that follow are tried as well, to see where they lead."""
-
-
-@dataclass(frozen=True)
-class SoicConfig:
-    """How SOIC computes centroids and costs, and how Powell's method minimises the cost."""
-
-    num_sectors: int = 24
-    """Directions in which centroids are computed."""
-    centroid_error_deg: float = 5.0
-    """Centroids of what is seen from elsewhere, and partly, are no more exact than this."""
-    min_centroids: int = 8
-    """Number of centroids that have to agree on a pose."""
-    min_pixels: int = 50
-    """Classes with fewer pixels in a picture or fewer points in a sector have no centroid there."""
-    block_px: int = 2
-    """Side of the blocks in which distances to classes are kept."""
-    max_points: int = 400_000
-    """Points in the pictures or beside them that are looked at."""
-    step_deg: float = 2.0
-    """A line search turns the camera by at most this."""
-    step_m: float = 0.3
-    """A line search moves the camera by at most this."""
-    tolerance: float = 1e-3
-    """A line search ends within this share of its step."""
-    max_rounds: int = 30
-    """Rounds of Powell's method from each start."""
-    max_restarts: int = 20
-    """Largest number of starts. Powell's method starts again until that gains nothing."""
+    is_raw: bool = False
+    """Whether labels and intensities are taken as they are: isolated pixels of label images are not mended, and
+    intensities and grey values are numbers instead of levels."""
 
 
 @dataclass(frozen=True)

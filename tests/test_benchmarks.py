@@ -1,40 +1,210 @@
-"""Scripts whose figures are in the README run to their end on their smallest input."""
+"""Scripts whose figures are in the README run to their end on their smallest input, and have the options it names."""
 
+import os
+import re
+import runpy
+import shlex
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
+from conftest import make_pose
 
-BENCHMARKS = Path(__file__).parent / "benchmarks"
+from semcal_cli.cli.experiment import experiment
+from semcal_cli.config import SynthConfig
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.synthetic.synthesis import synthesize
+
+ROOT = Path(__file__).parents[1]
+BENCHMARKS = ROOT / "tests/benchmarks"
+README = (ROOT / "README.md").read_text()
+
+SMALL = SynthConfig(num_frames=2, seed=5, width=320, height=180)
+START = make_pose((0.021, -0.0224, 0.0168), (0.12, -0.1, 0.12))
+"""2 degrees and 0.2 m."""
+NEAR_DEG, NEAR_CM = 0.3, 5.0
+"""Two small pairs in plain torch end at 0.05 degrees and 0.5 cm; a script that learns nothing stays at the start."""
+
+FIGURE = r"[\d.,+%-]+"
+NUMBER = r"\d+\.\d+"
+RUNS: dict[str, tuple[str, list[str]]] = {
+    "batch": (
+        "batch.py --drives 1 --bookkeeping 3 --frames 2 --width 160 --height 90",
+        [
+            rf"\| bookkeeping of 3 drives: first time, resumed \| {NUMBER} s, {NUMBER} s \|",
+            rf"\| 1 drives, bare runs in one process, one thread \| {NUMBER} s \|",
+            rf"\| `--jobs 1 --threads 1` \| {NUMBER} s, {FIGURE} against bare runs \|",
+            rf"\| `--jobs 2` \| {NUMBER} s, {NUMBER} times as fast \|",
+        ],
+    ),
+    "bootstrap": (
+        "bootstrap.py --pool POOL --seeds 1 --resamples 2 --pairs 1 2 --frames 2 --width 320 --height 180",
+        [rf"\| {pairs} \| {NUMBER} \| {NUMBER} to {NUMBER} \|" for pairs in (1, 2)],
+    ),
+    "cues": (
+        "cues.py --seeds 1 --frames 2 --width 160",
+        [
+            rf"\| {cue} \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER}, {NUMBER} \| [01] \|"
+            for cue in ("labels", "intensity", "labels,intensity")
+        ],
+    ),
+    "features": (
+        "features.py --seeds 1 --frames 1 --width 128",
+        [rf"\| 41000 \| {NUMBER} \| {NUMBER} \| \d+ \|"],
+    ),
+    "fleet": (
+        "fleet.py --fleets 1",
+        [rf"\| {n} \| {extra} \| {FIGURE} \| {FIGURE} \| {FIGURE} \|" for n in (3, 60) for extra in (0, 3)],
+    ),
+    "initialization": (
+        "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160",
+        [
+            rf"\| 35-degree lens \| [01] of 1 \| [01] of 1 \| {NUMBER} deg, {NUMBER} cm \| [0-2] of 2 .*\|",
+            rf"\| 35-degree lens \| 2 \|( [01] of 1, {NUMBER} deg, {NUMBER} cm \|){{4}}",
+        ],
+    ),
+    "knocked drive": (
+        "knocked_drive.py -o OUT/knocked.png --frames 4 --width 320 --height 180 --angle-deg 3",
+        [r"found: .*", r"truth: frame 2, 3\.00 degrees, 5\.0 cm"],
+    ),
+    "point clouds": (
+        "point_clouds.py --rounds 1 --columns 32",
+        [
+            rf"\| KITTI \.bin \| {NUMBER} \| numpy.fromfile, mask, copy \| {NUMBER} \| {NUMBER} \|",
+            rf"\| KITTI \.bin \| {NUMBER} \| {NUMBER} \| {NUMBER} \|",
+            rf"\| PCD binary \|( {NUMBER} \|| pypcd4 \|){{4}}|pypcd4 is not installed: its formats are left out",
+            rf"\| PLY binary \|( {NUMBER} \|| plyfile \|){{4}}|plyfile is not installed: its formats are left out",
+        ],
+    ),
+    "rig": (
+        "rig.py --seeds 1 --cameras 2 --frames 2 --width 160",
+        [rf"[01] of 1 pairs are trusted; one run takes {NUMBER} of the time of 2"],
+    ),
+    "same results": (
+        "same_results.py --before SEMCAL --after SEMCAL --work OUT/work --cases CASES",
+        [
+            r"\| synth \| 1 x 0 \| \d+ \| 0 \| 0 \| 0 \| 0 \| .*",
+            r"\| inspect \| 1 x 0, 1 x 1 \| \d+ \| 0 \| .*",
+        ],
+    ),
+    "speed ratio": (
+        "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed "
+        "--repeats 1 --pairs 1 --width 64 --height 48",
+        [rf"\| {name} \| {NUMBER} \| {NUMBER} \| {NUMBER} \|" for name in ("--help", "calibrate, 1 pair")],
+    ),
+    "world realism": (
+        "world_realism.py --seeds 1 --frames 1 --drive DRIVE",
+        [
+            r"\| a frame \| synthetic, standard lens, 1 frames \| drive, 2 frames \|",
+            rf"\| label agreement \| {FIGURE} \| {FIGURE} \({FIGURE} to {FIGURE}\) \|",
+        ],
+    ),
+}
+"""Arguments of the smallest run of each script, and lines that it prints."""
+CASES = {
+    "synth": ["synth pinhole --frames 1 --width 64 --height 48 -q"],
+    "inspect": ["inspect @pinhole --json", "inspect @nothing"],
+}
+"""Commands that two versions are compared by."""
 
 
-@pytest.fixture
-def semcal(tmp_path: Path) -> Path:
-    """An executable of the installed package."""
-    path = tmp_path / "semcal"
-    path.write_text(f"#!{sys.executable}\nfrom semcal_cli.cli import main\nmain()\n")
-    path.chmod(0o755)
-    return path
+@pytest.fixture(scope="module")
+def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """What the words in capitals of a command stand for; drives are made once."""
+    folder = tmp_path_factory.mktemp("benchmarks")
+    synthesize(SMALL, folder / "drive")
+    T = START @ read_transform(folder / "drive")
+    (folder / "start.yaml").write_text(yaml.safe_dump({"semcal_transform": 1, "T_camera_lidar": T.tolist()}))
+    (folder / "cases.yaml").write_text(yaml.safe_dump(CASES, sort_keys=False))
+    semcal = folder / "semcal"
+    semcal.write_text(f"#!{sys.executable}\nfrom semcal_cli.cli import main\nmain()\n")
+    semcal.chmod(0o755)
+    for name in ("pool", "out"):
+        (folder / name).mkdir()
+    names = {"DRIVE": "drive", "START": "start.yaml", "CASES": "cases.yaml", "SEMCAL": "semcal"}
+    return {word: folder / name for word, name in {**names, "POOL": "pool", "OUT": "out"}.items()}
 
 
-def test_the_ratio_of_a_version_to_itself(semcal: Path, tmp_path: Path) -> None:
-    small = ["--repeats", "1", "--pairs", "1", "--width", "64", "--height", "48"]
-    command = [sys.executable, BENCHMARKS / "speed_ratio.py", "--pool", tmp_path / "pool", *small]
-    versions = ["--before", semcal, "--after", semcal]
-    found = subprocess.run([*command, *versions], capture_output=True, text=True, check=True)
-    *_, help_row, calibrate_row = found.stdout.splitlines()
-    assert help_row.startswith("| --help | ")
-    assert calibrate_row.startswith("| calibrate, 1 pair | ")
-    for row in (help_row, calibrate_row):
-        before_s, after_s, ratio = (float(cell) for cell in row.split("|")[2:5])
-        assert min(before_s, after_s, ratio) > 0.0
+def run(command: list[str], places: dict[str, Path]) -> str:
+    """Run a command in which words stand for places, and give what it prints."""
+    words = re.compile("|".join(rf"\b{word}\b" for word in places))
+    command = [words.sub(lambda found: str(places[found[0]]), part) for part in command]
+    # Threads of torch that wait for one another take all the time of a busy machine.
+    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+    ended = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert ended.returncode == 0, ended.stderr
+    for part in command:
+        if Path(part).parent == places["OUT"]:
+            assert Path(part).stat().st_size > 0
+    return ended.stdout
 
 
-def test_the_picture_of_a_knocked_drive(tmp_path: Path) -> None:
-    picture = tmp_path / "knocked.png"
-    small = ["--frames", "4", "--width", "320", "--height", "180", "--angle-deg", "3"]
-    command = [sys.executable, BENCHMARKS / "knocked_drive.py", "-o", picture, *small]
-    found = subprocess.run(command, capture_output=True, text=True, check=True)
-    assert "truth: frame 2, 3.00 degrees, 5.0 cm" in found.stdout
-    assert picture.stat().st_size > 1000
+@pytest.mark.parametrize("name", RUNS)
+def test_a_script_runs_to_its_end(name: str, places: dict[str, Path]) -> None:
+    command, lines = RUNS[name]
+    script, *arguments = shlex.split(command)
+    printed = run([sys.executable, str(BENCHMARKS / script), *arguments], places)
+    for line in lines:
+        assert re.search(rf"^({line})$", printed, re.MULTILINE), f"{line}\n\n{printed}"
+
+
+def test_plain_torch_ends_near_the_truth(places: dict[str, Path]) -> None:
+    options = "DRIVE --init START --estimator mine -o OUT/pose.npy"
+    run([sys.executable, str(BENCHMARKS / "plain_torch.py"), *options.split()], places)
+    error = compare_poses(np.load(places["OUT"] / "pose.npy"), read_transform(places["DRIVE"]))
+    assert error.rotation_deg < NEAR_DEG
+    assert error.camera_center_cm < NEAR_CM
+
+
+def test_the_speed_beside_plain_torch(places: dict[str, Path]) -> None:
+    small = "--repeats 1 --only refine --frames 1 --width 160 --height 90 -o OUT"
+    script = str(BENCHMARKS / "plain_torch.py")
+    command = [str(places["SEMCAL"]), "experiment", "speed", "--plain-torch", script, *small.split()]
+    printed = run(command, places)
+    for estimator in ("exact", "mine"):
+        figures = rf"\| 1 \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER} \| {NUMBER} deg, {NUMBER} cm \|"
+        assert re.search(rf"^\| refine, {estimator} {figures} {NUMBER} \|$", printed, re.MULTILINE)
+        assert re.search(rf"^\| plain torch, {estimator} {figures}  \|$", printed, re.MULTILINE)
+
+
+def readme_commands() -> list[tuple[str, list[str]]]:
+    """The scripts that the README names, each with the options that it gives them there."""
+    found = re.findall(r"tests/benchmarks/(\w+\.py)([^`]*)`", README)
+    return [(script, re.findall(r"(?<!\S)--?[a-z][\w-]*", rest)) for script, rest in found]
+
+
+def test_the_readme_names_scripts() -> None:
+    scripts = {script for script, _ in readme_commands()}
+    assert {"plain_torch.py", "initialization.py", "bootstrap.py"} <= scripts
+    assert {script for script in scripts if not (BENCHMARKS / script).is_file()} == set()
+
+
+@pytest.mark.parametrize(("script", "options"), [(s, o) for s, o in readme_commands() if o])
+def test_a_script_has_the_options_that_the_readme_gives_it(
+    script: str, options: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", [script, "--help"])
+    monkeypatch.syspath_prepend(BENCHMARKS)
+    with pytest.raises(SystemExit):
+        runpy.run_path(str(BENCHMARKS / script), run_name="__main__")
+    known = set(re.findall(r"(?<![\w-])--?[a-z][\w-]*", capsys.readouterr().out))
+    assert set(options) <= known
+
+
+def test_every_script_is_run() -> None:
+    scripts = {command.split()[0] for command, _ in RUNS.values()} | {"plain_torch.py"}
+    assert scripts == {path.name for path in BENCHMARKS.glob("*.py")}
+
+
+def test_the_readmes_commands_of_experiments_parse() -> None:
+    """`semcal experiment NAME OPTIONS` in backquotes or in a block of commands."""
+    found = re.findall(r"semcal experiment (\w+)((?:[^`#\n]|\n(?!\n|semcal))*)", README)
+    assert {"speed", "pairs"} <= {name for name, _ in found}
+    for name, rest in found:
+        command = experiment.commands[name]
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert set(re.findall(r"(?<!\S)--?[a-z][\w-]*", rest)) <= known, (name, rest)

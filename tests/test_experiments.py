@@ -13,15 +13,18 @@ from click.testing import CliRunner
 from conftest import STREET, make_pose
 
 from semcal_cli.cli import semcal
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.experiments import accuracy, pool, speed, trust, trust_rates
-from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
+from semcal_cli.experiments import accuracy, gradient, pool, speed, trust, trust_rates
+from semcal_cli.experiments.accuracy import Result, off, summarise, write_accuracy
 from semcal_cli.experiments.outcome import Case as TrustCase
 from semcal_cli.experiments.outcome import Outcome
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.rate import Rate
 from semcal_cli.experiments.runner import run_cases
 from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.jobs.resume import locked
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -247,3 +250,26 @@ def test_results_are_one_run_s_at_a_time(tmp_path: Path) -> None:
         pytest.raises(InputError, match="found another run at work there"),
     ):
         run_cases([Case(0)], run, Result, tmp_path, 1, lambda done, total: None)
+
+
+def test_the_gradient_of_the_objective_is_that_of_differences(street: Path, street_truth: Pose) -> None:
+    observations = load_observations(read_drive(street))
+    start = off(street_truth, 1.0, 0.1, np.random.default_rng(0))
+    objective = gradient.Objective(observations, start, 8, 0)
+    step = 1e-4 * np.eye(6)
+    differences = [
+        (objective.value(objective.pose(each)) - objective.value(objective.pose(-each))) / 2e-4
+        for each in step
+    ]
+    assert objective.gradient(start) == pytest.approx(differences, abs=2e-4)
+
+
+def test_gradient_and_powell_on_the_same_information(tmp_path: Path) -> None:
+    changes = {key: value for key, value in vars(STREET).items() if key not in ("seed", "num_frames")}
+    experiment = gradient.Experiment(Pool(tmp_path / "pool"), changes)
+    found = [finding for case in gradient.cases(range(3, 4)) for finding in experiment(case)]
+    by = {finding.optimizer: finding for finding in found}
+    assert by["gradient"].rotation_deg < 0.3
+    assert by["gradient"].num_evaluations < by["Powell"].num_evaluations
+    table = gradient.write_gradient(found, 1, tmp_path)
+    assert table.count("\n") == 4

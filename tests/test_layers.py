@@ -45,7 +45,16 @@ import the first three. The two stages, `initialization` and `refinement`, never
 EVERYWHERE = {"errors", "config", "_core"}
 WITH_TORCH = {
     f"refinement/{name}"
-    for name in ("network", "labelled_points", "feature_points", "mine", "se3", "projection", "objective")
+    for name in (
+        "optimizers",
+        "network",
+        "labelled_points",
+        "feature_points",
+        "mine",
+        "se3",
+        "projection",
+        "objective",
+    )
 }
 WITH_OPENCV = {
     "files/images",

@@ -1,4 +1,9 @@
 import math
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,8 +13,9 @@ from conftest import make_pose
 from semcal_cli import _core
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.refinement.labelled_points import sample_shares
+from semcal_cli.refinement.labelled_points import sample
 from semcal_cli.refinement.network import DonskerVaradhan, StatisticsNetwork
+from semcal_cli.refinement.optimizers import Adam
 
 ERROR = 0.1
 CHANNEL_MI = math.log(2) + ERROR * math.log(ERROR) + (1 - ERROR) * math.log(1 - ERROR)
@@ -69,7 +75,7 @@ def test_shares_have_the_derivative_of_the_pose(
     # Just beside the anchor: at the middle of a block the gradient jumps.
     T = torch.from_numpy(make_pose((1e-3, 2e-3, -1e-3), (0.01, 0.0, 0.0)) @ street_truth).requires_grad_()
     assert torch.autograd.gradcheck(
-        lambda T: sample_shares(points, indices, T), (T,), eps=1e-7, atol=1e-4, rtol=1e-4
+        lambda T: sample(points, indices, T)[1], (T,), eps=1e-7, atol=1e-4, rtol=1e-4
     )
 
 
@@ -78,7 +84,7 @@ def test_shares_add_up_to_one(street_observations: Observations, street_truth: P
         street_observations.core, street_truth, factor=4, edge_band_px=0, visible_only=True
     )
     indices = torch.arange(0, len(points.classes), 97)
-    shares = sample_shares(points, indices, torch.from_numpy(street_truth))
+    _, shares = sample(points, indices, torch.from_numpy(street_truth))
     torch.testing.assert_close(shares.sum(1), torch.ones(len(indices), dtype=torch.float64))
 
 
@@ -87,4 +93,47 @@ def test_an_index_beyond_the_points_is_refused(street_observations: Observations
         street_observations.core, street_truth, factor=4, edge_band_px=0, visible_only=False
     )
     with pytest.raises(ValueError, match="an index is not one of the"):
-        points.shares(np.array([len(points.classes)]), street_truth)
+        points.sample(np.array([len(points.classes)]), street_truth)
+
+
+def descended(make: Callable[..., Any], set_rate: Callable[[Any, float], None]) -> list[torch.Tensor]:
+    """The weights of a small network after steps of several rates."""
+    generator = torch.Generator().manual_seed(2)
+    network = StatisticsNetwork(3, 5, 8, generator)
+    optimizer = make(network.parameters(), 1e-2, betas=(0.9, 0.99))
+    for step in range(20):
+        set_rate(optimizer, 1e-2 / (1 + step))
+        network(torch.rand(64, 5, generator=generator)).square().sum().backward()
+        optimizer.step()
+        optimizer.zero_grad()
+    return [weights.detach() for weights in network.parameters()]
+
+
+def test_adam_is_torchs_to_the_last_bit() -> None:
+    ours = descended(Adam, lambda adam, rate: setattr(adam, "rate", rate))
+    torchs = descended(torch.optim.Adam, lambda adam, rate: adam.param_groups[0].update(lr=rate))
+    for found, expected in zip(ours, torchs, strict=True):
+        torch.testing.assert_close(found, expected, rtol=0.0, atol=0.0)
+
+
+def test_a_network_leaves_torchs_random_numbers_alone() -> None:
+    before = torch.get_rng_state()
+    StatisticsNetwork(3, 5, 8, torch.Generator().manual_seed(2))
+    assert torch.equal(torch.get_rng_state(), before)
+
+
+def test_mine_loads_no_compiler(street: Path) -> None:
+    # torch's compiler takes longer to load than several levels take.
+    script = f"""
+import sys
+from semcal_cli.config import MineConfig
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.reading import load_observations
+from semcal_cli.formats import read_transform
+from semcal_cli.refinement.mine import MineEstimator
+observations = load_observations(read_drive({str(street)!r}))
+config = MineConfig(steps_per_level=4, warm_up_steps=1)
+MineEstimator(observations, config, 0).ascend(8, read_transform({str(street)!r}), visible_only=True)
+assert not {{"sympy", "torch._dynamo"}} & set(sys.modules)
+"""
+    subprocess.run([sys.executable, "-c", script], check=True)

@@ -9,9 +9,9 @@ import yaml
 from click.testing import CliRunner
 
 from semcal_cli import _core
+from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
 from semcal_cli.cli import semcal
-from semcal_cli.config import SoicConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError

@@ -20,7 +20,7 @@ mod sample;
 mod scene;
 mod sensitivity;
 
-pub use anchored::Anchored;
+pub use anchored::{Anchored, MiniBatch};
 pub use ascent::{Aligned, AlignmentConfig, align};
 pub use polish::{PolishConfig, Polished, polish};
 pub use sample::Counted;

@@ -11,7 +11,7 @@ use super::errors::value_error;
 use super::observations::PyObservations;
 use super::poses::{affine, isometry};
 use super::threads::detached;
-use crate::alignment::Anchored;
+use crate::alignment::{Anchored, MiniBatch};
 
 #[pyclass(name = "AnchoredPoints", frozen)]
 pub(super) struct PyAnchoredPoints(pub(super) Anchored);
@@ -40,43 +40,21 @@ impl PyAnchoredPoints {
     }
 
     #[getter]
-    fn weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
-        self.0.weights().collect::<Vec<_>>().into_pyarray(py)
-    }
-
-    #[getter]
     fn preconditioner<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
         let rows: Vec<[f64; 6]> =
             self.0.preconditioner().row_iter().map(|row| row.transpose().into()).collect();
         to_array2(py, &rows)
     }
 
-    fn shares<'py>(
+    fn sample(
         &self,
-        py: Python<'py>,
+        py: Python<'_>,
         indices: PyReadonlyArray1<i64>,
         t_camera_lidar: PyReadonlyArray2<f64>,
-    ) -> PyResult<Array2<'py>> {
+    ) -> PyResult<PyMiniBatch> {
         let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
-        let shares = detached(py, || self.0.shares(&indices, &t_camera_lidar));
-        shares.into_pyarray(py).reshape([indices.len(), self.0.num_image_classes()])
-    }
-
-    fn pull_back<'py>(
-        &self,
-        py: Python<'py>,
-        indices: PyReadonlyArray1<i64>,
-        t_camera_lidar: PyReadonlyArray2<f64>,
-        gradient: PyReadonlyArray2<f64>,
-    ) -> PyResult<Array2<'py>> {
-        let (indices, t_camera_lidar) = (self.indices(&indices)?, affine(&t_camera_lidar)?);
-        if gradient.as_array().dim() != (indices.len(), self.0.num_image_classes()) {
-            return Err(value_error("gradient needs a row for each index and a column for each image class"));
-        }
-        let gradient: Vec<f64> = gradient.as_array().iter().copied().collect();
-        let pulled = detached(py, || self.0.pull_back(&indices, &t_camera_lidar, &gradient));
-        let rows: Vec<[f64; 4]> = pulled.row_iter().map(|row| row.transpose().into()).collect();
-        to_array2(py, &rows)
+        // On this thread: what threads take turns at takes longer than a mini-batch where other work shares the cores.
+        Ok(PyMiniBatch(py.detach(|| self.0.sample(&indices, &t_camera_lidar))))
     }
 }
 
@@ -86,5 +64,37 @@ impl PyAnchoredPoints {
         let checked = |&index: &i64| usize::try_from(index).ok().filter(|&index| index < count);
         let indices: Option<Vec<usize>> = indices.as_array().iter().map(checked).collect();
         indices.ok_or_else(|| value_error(format!("an index is not one of the {count} points")))
+    }
+}
+
+#[pyclass(name = "MiniBatch", frozen)]
+pub(super) struct PyMiniBatch(MiniBatch);
+
+#[pymethods]
+impl PyMiniBatch {
+    #[getter]
+    fn classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        self.0.classes().iter().map(|&class| i64::from(class)).collect::<Vec<_>>().into_pyarray(py)
+    }
+
+    #[getter]
+    fn weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
+        PyArray1::from_slice(py, self.0.weights())
+    }
+
+    #[getter]
+    fn shares<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
+        let shares = PyArray1::from_slice(py, self.0.shares());
+        shares.reshape([self.0.classes().len(), self.0.num_image_classes()])
+    }
+
+    fn pull_back<'py>(&self, py: Python<'py>, gradient: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
+        if gradient.as_array().dim() != (self.0.classes().len(), self.0.num_image_classes()) {
+            return Err(value_error("gradient needs a row for each point and a column for each image class"));
+        }
+        let gradient = gradient.as_slice().map_err(|e| value_error(e.to_string()))?;
+        let pulled = py.detach(|| self.0.pull_back(gradient));
+        let rows: Vec<[f64; 4]> = pulled.row_iter().map(|row| row.transpose().into()).collect();
+        to_array2(py, &rows)
     }
 }

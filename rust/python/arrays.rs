@@ -60,3 +60,8 @@ pub(super) fn dense_image(array: &PyReadonlyArray2<u8>) -> LabelImage<u8> {
     let ids = array.as_slice().map_or_else(|| array.iter().copied().collect(), <[u8]>::to_vec);
     LabelImage { width, height, ids }
 }
+
+/// A label image to NumPy.
+pub(super) fn image_array(py: Python<'_>, image: LabelImage<u8>) -> PyResult<Bound<'_, PyArray2<u8>>> {
+    image.ids.into_pyarray(py).reshape([image.height, image.width])
+}

@@ -28,7 +28,7 @@ mod _core {
     #[pymodule_export]
     use super::alignment::{PyAligned, PyPolished, PySensitivity, align, polish, sensitivity};
     #[pymodule_export]
-    use super::anchored::PyAnchoredPoints;
+    use super::anchored::{PyAnchoredPoints, PyMiniBatch};
     #[pymodule_export]
     use super::camera::{PyCamera, PyProjected, project_points};
     #[pymodule_export]

@@ -3,14 +3,15 @@
 use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::to_array2;
+use super::arrays::{image_array, to_array2};
+use super::errors::value_error;
 use super::observations::PyObservations;
 use super::poses::isometry;
 use super::spherical::PySphericalImages;
 use super::threads::detached;
 use crate::correspondences::{self, Correspondence};
 use crate::registration::{self, Hypothesis, RegistrationConfig};
-use crate::zoom::Zoom;
+use crate::zoom::{self, Zoom, Zoomed};
 
 #[pyclass(name = "Hypothesis", frozen)]
 pub(super) struct PyHypothesis(pub(super) Hypothesis);
@@ -20,6 +21,22 @@ impl PyHypothesis {
     #[getter]
     fn num_pairs(&self) -> usize {
         self.0.num_pairs as usize
+    }
+
+    fn zoomed<'py>(
+        &self,
+        py: Python<'py>,
+        observations: &PyObservations,
+        images: &PySphericalImages,
+        zoom: Zoom,
+        frame: usize,
+    ) -> PyResult<Bound<'py, PyArray2<u8>>> {
+        let observations = &observations.0;
+        let Some(shown) = observations.frames.get(frame) else {
+            return Err(value_error(format!("frame {frame} is not one of {}", observations.frames.len())));
+        };
+        let zoomed = Zoomed::new(&observations.camera, zoom)?;
+        image_array(py, zoom::zoom(&zoomed, &shown.image_classes, &self.0.placement, &images.0.grid))
     }
 }
 

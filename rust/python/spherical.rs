@@ -1,9 +1,10 @@
 //! Spherical images and their grids.
 
-use numpy::PyReadonlyArray2;
+use numpy::{PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::borrowed_rows;
+use super::arrays::{borrowed_rows, image_array};
+use super::errors::value_error;
 use super::observations::PyObservations;
 use super::threads::detached;
 use crate::error::Result;
@@ -37,6 +38,18 @@ impl PySphericalImages {
     #[new]
     fn new(py: Python<'_>, observations: &PyObservations, grid: &PyGrid) -> Self {
         Self(detached(py, || SphericalImages::new(&observations.0, grid.core())))
+    }
+
+    #[getter]
+    fn grid(&self) -> PyGrid {
+        PyGrid::new(self.0.grid)
+    }
+
+    fn classes<'py>(&self, py: Python<'py>, frame: usize) -> PyResult<Bound<'py, PyArray2<u8>>> {
+        if frame >= self.0.returns.len() {
+            return Err(value_error(format!("frame {frame} is not one of {}", self.0.returns.len())));
+        }
+        image_array(py, self.0.label_image(frame))
     }
 }
 

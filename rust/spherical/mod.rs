@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
+use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
 
 pub use estimate::estimate;
@@ -129,6 +130,17 @@ impl SphericalImages {
             returns.filter(|&(_, class)| class != NO_CLASS).collect()
         };
         Self { grid, returns: observations.frames.par_iter().map(labelled).collect() }
+    }
+
+    /// The label image of a frame on the grid, row by row, for pictures.
+    pub fn label_image(&self, frame: usize) -> LabelImage<u8> {
+        let mut ids = vec![NO_CLASS; self.grid.rows * self.grid.columns];
+        for (point, class) in &self.returns[frame] {
+            if let Some((row, column)) = self.grid.cell(&to_f64(point)) {
+                ids[row * self.grid.columns + column] = *class;
+            }
+        }
+        LabelImage { width: self.grid.columns, height: self.grid.rows, ids }
     }
 
     /// Returns of all frames.

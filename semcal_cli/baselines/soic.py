@@ -17,7 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import PnpConfig, SoicConfig
+from semcal_cli.baselines.config import SoicConfig
+from semcal_cli.config import PnpConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError

@@ -8,8 +8,9 @@ from time import perf_counter
 
 from semcal_cli import _core
 from semcal_cli.assessment.pose_checks import check_distance, check_motion
+from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import CalibrationConfig, SoicConfig
+from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.pose_error import compare_poses

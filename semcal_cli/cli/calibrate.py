@@ -22,6 +22,7 @@ from semcal_cli.cli.options import (
     number_option,
     result_options,
 )
+from semcal_cli.cli.paper import PAPER_PARAMETERS, make_paper, paper_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 from semcal_cli.config import LABELS, CalibrationConfig
@@ -29,6 +30,7 @@ from semcal_cli.files.streams import takes_several
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
+    from semcal_cli.baselines.config import PaperConfig
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
@@ -38,19 +40,24 @@ WITH_SOIC = (
     *("max_baseline_m", "page", "images", "output", "threads", "quiet", "log", "max_frames", "max_points"),
 )
 """Parameters of `calibrate` that do not concern mutual information."""
+WITH_PAPER = (*WITH_SOIC, "seed", "roll", "device", "cues", *PAPER_PARAMETERS)
+"""Parameters of `calibrate` that the paper's method as published has, too."""
+METHODS = ("mi", "paper", "soic")
 
 
 @click.command()
 @drive_argument
 @choice_option(
     "--method",
-    ["mi", "soic"],
+    METHODS,
     default="mi",
-    help="Mutual information, or SOIC, a rival to compare with: it needs the same class names on both sides, and does "
-    "not estimate its uncertainty.",
+    help="Mutual information as semcal maximises it; the paper's method as published, without anything of semcal's "
+    "own; or SOIC, a rival that needs the same class names on both sides. The last two are there to compare with, and "
+    "do not estimate their uncertainty.",
 )
 @search_options
 @refinement_options
+@paper_options
 @number_option(
     "--repeat",
     least=2,
@@ -97,7 +104,7 @@ def calibrate(
 
     settings = settings_of(options)
     common, config, initial_pose = settings.common, settings.config, settings.initial_pose
-    run = partial(_by_method(settings.method, settings.priors), config=config, initial_pose=initial_pose)
+    run = partial(_by_method(settings), config=config, initial_pose=initial_pose)
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
@@ -114,11 +121,13 @@ class Settings:
     """What the options of `calibrate` say, whatever the drive."""
 
     method: str
-    """`mi` or `soic`."""
+    """One of `METHODS`."""
     common: ResultOptions
     config: CalibrationConfig
     initial_pose: InitialPose | None
     priors: tuple[Prior, ...]
+    paper: PaperConfig | None
+    """Settings of the paper's method; None for another one."""
     outputs: Outputs
     is_split: bool
     """Whether each part of a drive is calibrated in which the camera was moved."""
@@ -137,8 +146,8 @@ def settings_of(given: Mapping[str, Any]) -> Settings:
     from semcal_cli.cli.outputs import Outputs
 
     options = dict(given)
-    if options["method"] == "soic":
-        _check_soic()
+    is_paper = options["method"] == "paper"
+    _check_method(options["method"])
     search_config, initial_pose = make_search(options)
     to, format_options = options["to"], take_format_options(options, "to_")
     if to is None and any(vars(format_options).values()):
@@ -146,27 +155,39 @@ def settings_of(given: Mapping[str, Any]) -> Settings:
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
     max_baseline_m = search_config.alignment.max_baseline_m
+    paper = make_paper(options, search_config, initial_pose is not None) if is_paper else None
+    options["estimator"] = "mine" if is_paper else options["estimator"]
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
     common = ResultOptions(**{field.name: options[field.name] for field in fields(ResultOptions)})
     config = CalibrationConfig(
-        common.seed, common.cues, common.max_frames, search_config, refinement, options["repeat"] or 1
+        common.seed,
+        common.cues,
+        common.max_frames,
+        search_config,
+        refinement,
+        options["repeat"] or 1,
+        is_raw=is_paper,
     )
     formatted = None if to is None else (to, format_options)
     outputs = Outputs(common.output, common.log, formatted, options["page"], options["images"])
     if options["split"]:
         _check_split(outputs, config)
-    return Settings(options["method"], common, config, initial_pose, priors, outputs, options["split"])
+    return Settings(options["method"], common, config, initial_pose, priors, paper, outputs, options["split"])
 
 
-def _by_method(method: str, priors: tuple[Prior, ...]) -> Callable[..., Calibration]:
+def _by_method(settings: Settings) -> Callable[..., Calibration]:
     """Choose the calibration function of a method."""
-    if method == "soic":
+    if settings.method == "soic":
         from semcal_cli.baselines.soic_calibration import calibrate_by_soic
 
         return calibrate_by_soic
+    if settings.paper is not None:
+        from semcal_cli.baselines.paper import calibrate_as_published
+
+        return partial(calibrate_as_published, paper=settings.paper)
     from semcal_cli.pipeline import calibrate
 
-    return partial(calibrate, priors=priors)
+    return partial(calibrate, priors=settings.priors)
 
 
 def _calibrate_drive(
@@ -196,16 +217,20 @@ def _calibrate_drive(
     return code
 
 
-def _check_soic() -> None:
-    """Check that no option is given for the search or the ascent of mutual information.
+def _check_method(method: str) -> None:
+    """Check that no option is given that the method does not have.
 
     Raises:
         click.UsageError: such an option is given.
     """
     context = click.get_current_context()
     for parameter in given_parameters(context):
-        by_labels = parameter.name == "cues" and context.params["cues"] == LABELS
-        if parameter.name not in WITH_SOIC and not by_labels:
+        name = str(parameter.name)
+        by_labels = name == "cues" and context.params["cues"] == LABELS
+        if name in PAPER_PARAMETERS and method != "paper":
+            raise click.UsageError(f"{parameter.opts[0]}: is of --method paper")
+        allowed = {"soic": WITH_SOIC, "paper": WITH_PAPER}.get(method, (name,))
+        if name not in allowed and not by_labels:
             raise click.UsageError(f"{parameter.opts[0]}: is of --method mi")
 
 

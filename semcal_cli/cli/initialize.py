@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import ResultOptions, drive_argument, result_options
+from semcal_cli.cli.options import PATH, ResultOptions, drive_argument, result_options
 from semcal_cli.cli.search import make_search, search_options
 from semcal_cli.config import CalibrationConfig
 
@@ -16,17 +16,26 @@ from semcal_cli.config import CalibrationConfig
 @click.command()
 @drive_argument
 @search_options
+@click.option(
+    "--overlay",
+    "images",
+    type=PATH,
+    metavar="DIR",
+    help="Also write pictures of the registration, for at most 20 frames: labels of the sweep, zoomed labels of the "
+    "camera, and correspondences.",
+)
 @result_options
-def initialize(drive: Path, **options: Any) -> None:
+def initialize(drive: Path, images: Path | None, **options: Any) -> None:
     """Find the initial calibration of DRIVE from nothing, without refining it.
 
     Lists the hypotheses, best first. Exit code 3 means that an answer was written but is not trusted.
     """
     from semcal_cli.cli.drive import loaded_drive
-    from semcal_cli.cli.outputs import Outputs
-    from semcal_cli.cli.tables import hypothesis_lines
+    from semcal_cli.cli.outputs import MAX_IMAGES, Outputs, check_image_folder
+    from semcal_cli.cli.tables import hypothesis_lines, labelled
     from semcal_cli.pipeline import initialize as search
     from semcal_cli.pipeline import make_calibration
+    from semcal_cli.report.registration import RegistrationPictures
     from semcal_cli.stages import Stages
 
     search_config, initial_pose = make_search(options)
@@ -43,6 +52,9 @@ def initialize(drive: Path, **options: Any) -> None:
         max_points=asked.max_points,
     )
     with opened as (data, terminal):
+        if images is not None:
+            read = [data.drive.path, *map(data.drive.resolve, data.drive.files())]
+            check_image_folder(images, MAX_IMAGES, read)
         found = search(data, config.initialization, config.seed, initial_pose, on_event=terminal.on_event)
         terminal.print(*hypothesis_lines(found.hypotheses))
         calibration = make_calibration(
@@ -52,4 +64,8 @@ def initialize(drive: Path, **options: Any) -> None:
             initial_pose=initial_pose,
             relative_to=outputs.folder,
         )
+        if images is not None:
+            pictures = RegistrationPictures.near(data.observations, found.T_camera_lidar, search_config)
+            for path in pictures.write_all(images, MAX_IMAGES):
+                terminal.print(labelled("picture", str(path)))
     sys.exit(outputs.write(calibration, terminal, asked.threads))

@@ -14,9 +14,9 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.features import observe_features
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
-from semcal_cli.drive.intensity import observe_intensity
+from semcal_cli.drive.intensity import observe_intensity, observe_raw_intensity
 from semcal_cli.drive.observations import FrameObservation, Observations
-from semcal_cli.drive.reading import load_observations
+from semcal_cli.drive.reading import load_observations, read_observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -26,15 +26,19 @@ CUES: tuple[Cue, ...] = ("labels", "intensity", "features")
 INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
 
 
-def load_cues(drive: Drive, cues: Sequence[Cue], sweeps: Sweeps | None = None) -> Observations:
+def load_cues(
+    drive: Drive, cues: Sequence[Cue], sweeps: Sweeps | None = None, *, is_raw: bool = False
+) -> Observations:
     """Load every frame of a drive with the classes of one or several cues; each sweep is read once.
+
+    Raw labels are not mended, and raw intensities are vectors of one number.
 
     Raises:
         InputError: a file is missing or wrong, or a cue needs a file that the drive does not name.
         CalibrationError: the points or the pixels carry no information.
     """
     sweeps = Sweeps() if sweeps is None else sweeps
-    found = [_load(drive, cue, sweeps) for cue in cues]
+    found = [_load(drive, cue, sweeps, is_raw) for cue in cues]
     return found[0] if len(found) == 1 else summed(*found)
 
 
@@ -61,12 +65,12 @@ def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:
     return {cue: settings.get(cue, {}) for cue in cues}
 
 
-def _load(drive: Drive, cue: Cue, sweeps: Sweeps) -> Observations:
+def _load(drive: Drive, cue: Cue, sweeps: Sweeps, is_raw: bool) -> Observations:
     match cue:
         case "labels":
-            return load_observations(drive, sweeps)
+            return read_observations(drive, sweeps) if is_raw else load_observations(drive, sweeps)
         case "intensity":
-            return observe_intensity(drive, INTENSITY, sweeps)
+            return (observe_raw_intensity if is_raw else observe_intensity)(drive, INTENSITY, sweeps)
         case "features":
             return observe_features(drive, FEATURES, sweeps)
 

@@ -80,6 +80,50 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
     return make_observations(drive, clouds, moved, labelled, images, (names, names))
 
 
+def observe_raw_intensity(
+    drive: Drive, config: IntensityConfig, sweeps: Sweeps | None = None
+) -> Observations:
+    """Load every frame of a drive with its intensities and grey values as vectors of one number, as they are.
+
+    Each side is scaled to unit variance over all frames. Equally frequent levels are the classes.
+
+    Args:
+        drive: The drive; each frame needs an image, and each cloud needs intensities.
+        config: Settings of the cue.
+        sweeps: Sweeps that have already been read.
+
+    Raises:
+        InputError: a file is missing or wrong, a frame has no image, or a cloud has no intensity.
+        CalibrationError: the intensities or the grey values are nearly all the same.
+    """
+    clouds = read_clouds(drive, sweeps)
+    moved = compensated(drive, clouds)
+    seen = lens_mask(drive.camera)
+    intensities = [_intensity(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
+    grey = [_grey_values(drive, frame) for frame in drive.frames]
+    names = [str(level) for level in range(config.num_levels)]
+    limits = _limits(drive, "intensity", np.concatenate(intensities), config)
+    grey_limits = _limits(drive, "grey", np.concatenate([image[seen] for image in grey]), config)
+    labelled = [
+        LabelledCloud(sweep.points, np.digitize(values, limits).astype(np.uint8), vectors=vectors)
+        for sweep, values, vectors in zip(moved, intensities, _standardized(intensities), strict=True)
+    ]
+    images = [
+        LabelledImage(
+            np.where(seen, np.digitize(image, grey_limits), NO_CLASS).astype(np.uint8), vectors=vectors
+        )
+        for image, vectors in zip(grey, _standardized(grey), strict=True)
+    ]
+    return make_observations(drive, clouds, moved, labelled, images, (names, names))
+
+
+def _standardized(values: Sequence[Values]) -> list[npt.NDArray[np.float16]]:
+    """Scale the values of all frames to zero mean and unit variance, each as a vector of one channel."""
+    joined = np.concatenate([each.ravel() for each in values])
+    mean, spread = joined.mean(), joined.std()
+    return [((each - mean) / spread)[..., None].astype(np.float16) for each in values]
+
+
 def lens_mask(camera: Camera) -> npt.NDArray[np.bool_]:
     """Find the pixels that the lens reaches, (H, W), from every `MASK_STEP`-th row and column."""
     v, u = np.mgrid[: camera.height : MASK_STEP, : camera.width : MASK_STEP]
@@ -100,11 +144,17 @@ def _intensity(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Values:
     return values
 
 
-def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: IntensityConfig) -> Values:
-    """Compute the contrast of an image's grey values (H, W) with their surroundings."""
-    camera, image = drive.camera, read_frame_image(drive, frame)
+def _grey_values(drive: Drive, frame: Frame) -> Values:
+    """Read the grey values (H, W) of a frame's image, 0 to 255."""
+    image = read_frame_image(drive, frame)
     if image is None:
         raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
+    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float64)
+
+
+def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: IntensityConfig) -> Values:
+    """Compute the contrast of an image's grey values (H, W) with their surroundings."""
+    camera, grey = drive.camera, _grey_values(drive, frame)
     sigma_px = np.radians(config.surroundings_deg) * core_camera(camera).pixels_per_radian
 
     # The surroundings vary slowly, so a small image is enough.
@@ -117,7 +167,6 @@ def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: Inten
         around: Values = cv2.resize(smooth, (camera.width, camera.height)).astype(np.float64)
         return around
 
-    grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY).astype(np.float64)
     weights = blur(seen.astype(np.float64))
     grey = np.where(seen, grey, 0.0)
     return _contrast(grey, weights, blur(grey), blur(grey**2), float(grey[seen].std()))

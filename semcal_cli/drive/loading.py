@@ -96,9 +96,8 @@ def load(
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    data = _without_copies(
-        LoadedDrive(used, load_cues(used, config.cues, sweeps), config.cues, config.max_frames)
-    )
+    observations = load_cues(used, config.cues, sweeps, is_raw=config.is_raw)
+    data = _without_copies(LoadedDrive(used, observations, config.cues, config.max_frames))
     on_event(StageDone("load", perf_counter() - start, _describe(data, len(whole.frames))))
     return data
 

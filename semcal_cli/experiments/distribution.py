@@ -10,11 +10,14 @@ import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
 
 MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
 """Fields of a result, with the labels of their axes."""
 ERROR_COLUMNS = "rotation, deg: median, 95 %, worst | camera centre, cm: median, 95 %, worst"
 """Header of the table columns that `error_cells` fills."""
+MIN_FOR_BOX = 8
+"""Least number of errors that a box stands for; fewer are drawn as points."""
 GROUP_WIDTH = 0.8
 """Width of the boxes of a group together; groups are at a distance of one."""
 
@@ -101,14 +104,16 @@ def draw_groups(
     groups: Sequence[Sequence[Sequence[float]]],
     labels: Sequence[str],
     orientation: Literal["horizontal", "vertical"],
+    colors: Sequence[str] | None = None,
 ) -> list[list[float]]:
-    """Draw a box for each label in each group, a colour for each label; infinite errors are left out.
+    """Draw a box for each label in each group, or points where there are few errors; infinite ones are left out.
 
     Args:
         axes: Axes to draw in; groups are at 0, 1, 2 and so on.
         groups: Errors by label, then by group.
         labels: Entries of the legend.
         orientation: Orientation of the boxes.
+        colors: Colour of each label; None takes those of matplotlib's cycle.
 
     Returns:
         Positions of the boxes by label, then by group.
@@ -116,20 +121,35 @@ def draw_groups(
     width = GROUP_WIDTH / len(labels)
     places = []
     for number, (label, of_label) in enumerate(zip(labels, groups, strict=True)):
+        color = f"C{number}" if colors is None else colors[number]
         shift = (number - 0.5 * (len(labels) - 1)) * width
         places.append([group + shift for group in range(len(of_label))])
         finite = [[value for value in values if math.isfinite(value)] for values in of_label]
-        boxes = axes.boxplot(
-            finite,
-            positions=places[-1],
-            widths=0.8 * width,
-            orientation=orientation,
-            patch_artist=True,
-            medianprops={"color": "black"},
-            flierprops={"markersize": 3},
-            manage_ticks=False,
-        )
-        for box in boxes["boxes"]:
-            box.set_facecolor(f"C{number}")
-        boxes["boxes"][0].set_label(label)
+        for place, values in zip(places[-1], finite, strict=True):
+            if len(values) >= MIN_FOR_BOX:
+                boxes = axes.boxplot(
+                    [values],
+                    positions=[place],
+                    widths=0.8 * width,
+                    orientation=orientation,
+                    patch_artist=True,
+                    medianprops={"color": "black"},
+                    flierprops={"markersize": 3},
+                    manage_ticks=False,
+                )
+                boxes["boxes"][0].set_facecolor(color)
+            else:
+                along = [place] * len(values)
+                xy = (along, values) if orientation == "vertical" else (values, along)
+                axes.plot(*xy, "o", color=color, markersize=4, markeredgecolor="black", markeredgewidth=0.5)
+        axes.plot([], [], "s", color=color, markeredgecolor="black", label=label)
     return places
+
+
+def set_readable_log_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis by decades as 0.01, 0.1, 1 and so on."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    axis.set_major_locator(LogLocator(base=10.0))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

@@ -1,30 +1,78 @@
-"""The calibration methods to compare: each estimates a pose from the same pairs and the same start."""
+"""The calibration methods to compare: each estimates a pose from the same pairs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
+import numpy as np
+
+from semcal_cli.baselines import paper
+from semcal_cli.baselines.config import PaperConfig, SoicConfig
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import Estimator, InitializationConfig, RefinementConfig, SoicConfig
+from semcal_cli.config import (
+    MINE_WITH_VECTORS,
+    Estimator,
+    InitializationConfig,
+    RefinementConfig,
+)
+from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import mend, read_observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize, refine_and_polish, start_at
 from semcal_cli.result.stage import StageResult
+from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 
-@dataclass(frozen=True)
 class Scene:
-    """The input of a method: the same pairs with labels and with intensity."""
+    """The input of the methods: the same pairs by their labels and by their intensities, read when needed."""
 
-    drive: Drive
-    labels: Observations
-    intensity: Observations
-    is_initialized: bool = False
-    """Whether the start is that of an initial calibration; otherwise coarse levels are ascended first."""
+    def __init__(
+        self,
+        drive: Drive,
+        *,
+        wrong: float = 0.0,
+        seed: int = 0,
+        is_mended: bool = True,
+        is_initialized: bool = False,
+    ) -> None:
+        """Take a drive.
+
+        Args:
+            drive: The drive, of whose frames all are used.
+            wrong: Share of the labels that are replaced by wrong ones, on both sides.
+            seed: Seed of the wrong labels.
+            is_mended: Whether isolated pixels are mended for all methods but the paper's.
+            is_initialized: Whether the common start is that of an initial calibration; otherwise coarse levels are
+                ascended first.
+        """
+        self.drive, self.wrong, self.seed = drive, wrong, seed
+        self.is_mended, self.is_initialized = is_mended, is_initialized
+
+    @cached_property
+    def raw_labels(self) -> Observations:
+        """The labels as they are read; isolated pixels stay."""
+        return with_wrong_labels(read_observations(self.drive), self.wrong, np.random.default_rng(self.seed))
+
+    @cached_property
+    def labels(self) -> Observations:
+        """The labels as semcal uses them."""
+        return mend(self.raw_labels) if self.is_mended else self.raw_labels
+
+    @cached_property
+    def intensity(self) -> Observations:
+        """Levels of intensities and grey values against their surroundings."""
+        return load_cues(self.drive, ("intensity",))
+
+    @cached_property
+    def raw_intensity(self) -> Observations:
+        """Intensities and grey values as they are, as vectors of one number."""
+        return load_cues(self.drive, ("intensity",), is_raw=True)
 
     def ascend(self, observations: Observations, T_init: Pose, estimator: Estimator) -> Pose:
         """Ascend mutual information as `calibrate` does, or as `calibrate --init` does if the start is any pose."""
@@ -38,19 +86,80 @@ class Scene:
         return refine_and_polish(data, initial, RefinementConfig(estimator)).T_camera_lidar
 
 
-Method = Callable[[Scene, Pose], Pose]
-"""Function from a start T_camera_lidar (4, 4) to a better one; raises a `SemcalError` if it finds none."""
+@dataclass(frozen=True)
+class Method:
+    """A calibration method."""
+
+    sees: str
+    """Attribute of `Scene` with the observations that it uses."""
+    find: Callable[[Scene, Observations, Pose], Pose]
+    """Function of the scene, these observations and a start to a better pose; it may raise a `SemcalError`."""
+    color: str
+    """Colour of the method in plots: of a palette that colour-blind people can tell apart (Okabe and Ito)."""
+    is_slow: bool = False
+    """Whether it runs on some drives and settings only."""
+    starts_from_nothing: bool = False
+    """Whether it does not use the start."""
+
+    @property
+    def is_by_labels(self) -> bool:
+        """Whether it compares labels; otherwise wrong labels have no effect on it."""
+        return self.sees in ("labels", "raw_labels")
+
+    def prepare(self, scene: Scene) -> Observations:
+        """Read what the method sees, whose time counts for no method.
+
+        Raises:
+            SemcalError: the drive lacks it.
+        """
+        observations: Observations = getattr(scene, self.sees)
+        _ = observations.core
+        return observations
+
+
+PAPER = PaperConfig()
+PMI_AS_PUBLISHED = replace(
+    PAPER,
+    mine=replace(MINE_WITH_VECTORS, edge_band_px=0),
+    pyramid=replace(PAPER.pyramid, coarsest_block_deg=1.0),
+)
+"""Intensity tells locally: from coarser blocks, raw values led farther away on both drives that were tried."""
+
+
+def _published(observations: Observations, T_init: Pose) -> Pose:
+    config = PMI_AS_PUBLISHED if observations.has_vectors else PAPER
+    return paper.refine(observations, T_init, config, seed=0).T_camera_lidar
+
+
+def _published_from_nothing(observations: Observations) -> Pose:
+    best, *_ = paper.initialize(observations, PAPER, seed=0)
+    return _published(observations, best.T_camera_lidar)
+
 
 METHODS: dict[str, Method] = {
-    "semcal": lambda scene, T_init: scene.ascend(scene.labels, T_init, "exact"),
-    "SOIC": lambda scene, T_init: Soic(scene.labels, SoicConfig()).minimize(T_init).T_camera_lidar,
-    "PMI": lambda scene, T_init: scene.ascend(scene.intensity, T_init, "exact"),
-    "semcal, MINE": lambda scene, T_init: scene.ascend(scene.labels, T_init, "mine"),
-    "PMI, MINE": lambda scene, T_init: scene.ascend(scene.intensity, T_init, "mine"),
+    "semcal": Method("labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), "#0072b2"),
+    "paper": Method("raw_labels", lambda scene, seen, T_init: _published(seen, T_init), "#cc79a7"),
+    "paper, own start": Method(
+        "raw_labels",
+        lambda scene, seen, T_init: _published_from_nothing(seen),
+        "#e69f00",
+        starts_from_nothing=True,
+    ),
+    "SOIC": Method(
+        "labels",
+        lambda scene, seen, T_init: Soic(seen, SoicConfig()).minimize(T_init).T_camera_lidar,
+        "#d55e00",
+    ),
+    "PMI": Method("intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), "#009e73"),
+    "PMI as published": Method(
+        "raw_intensity", lambda scene, seen, T_init: _published(seen, T_init), "#56b4e9"
+    ),
+    "semcal, MINE and polish": Method(
+        "labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), "#000000", is_slow=True
+    ),
+    "PMI, MINE and polish": Method(
+        "intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), "#999999", is_slow=True
+    ),
 }
-"""Methods by name. PMI follows Pandey et al.: mutual information of reflectivity and grey values, by its histogram or
-by MINE."""
-
-WITH_MINE = ("semcal, MINE", "PMI, MINE")
-
-BY_INTENSITY = ("PMI", "PMI, MINE")
+"""Methods by name. `paper` is Jiang et al.'s as published. PMI follows Pandey et al., mutual information of
+reflectivity and grey values: with semcal's levels and polish, or as Jiang et al. have it, by MINE on raw values."""

@@ -35,6 +35,8 @@ SEED = 10_000
 LONG_DRIVE = 1000
 MAKE_FRAMES = 70
 """Number of rendered frames; the long drive repeats them, and reads and processes each repetition."""
+STREET = SynthConfig(num_frames=MAKE_FRAMES, seed=SEED)
+COMMANDS = ("calibrate", "refine")
 START = 5.0, 0.3
 """Distance of the start from the truth in degrees and metres, for processes that only refine."""
 SEMCAL = [
@@ -103,26 +105,29 @@ class Experiment:
     """Where drives and results go."""
     plain_torch: Path | None
     """Script to compare with, `tests/benchmarks/plain_torch.py` of a clone, or None."""
+    street: SynthConfig = STREET
+    """The rendered drive."""
+    commands: Sequence[str] = COMMANDS
+    """Commands that are timed; `refine` is compared with the script."""
 
     def cases(self, repeats: int) -> list[Case]:
         """List all runs; rivals take turns, so that a busy machine slows both."""
-        processes = [
-            *(
-                (f"calibrate, {estimator}", count)
-                for count in (1, 20, MAKE_FRAMES)
-                for estimator in ESTIMATORS
-            ),
-            ("calibrate, exact", LONG_DRIVE),
-        ]
-        for estimator in ESTIMATORS:
-            processes.append((f"refine, {estimator}", 20))
+        num_frames = self.street.num_frames
+        few = min(20, num_frames)
+        processes: list[tuple[str, int]] = []
+        if "calibrate" in self.commands:
+            counts = sorted({1, few, num_frames})
+            processes += [(f"calibrate, {estimator}", count) for count in counts for estimator in ESTIMATORS]
+            processes.append(("calibrate, exact", LONG_DRIVE))
+        for estimator in ESTIMATORS if "refine" in self.commands else ():
+            processes.append((f"refine, {estimator}", few))
             if self.plain_torch is not None:
-                processes.append((f"plain torch, {estimator}", 20))
+                processes.append((f"plain torch, {estimator}", few))
         return [Case(*process, repeat) for repeat in range(repeats) for process in processes]
 
     def __call__(self, case: Case) -> list[Timing]:
         """Run a process, and compare its pose with the truth."""
-        drive = make_drive(self.folder, case.num_pairs)
+        drive = make_drive(self.folder, case.num_pairs, self.street)
         truth = read_transform(drive)
         command, estimator = case.name.split(", ")
         start = _make_start(drive, off(truth, *START, np.random.default_rng(0)))
@@ -226,14 +231,14 @@ def markdown(summaries: Sequence[Summary]) -> str:
     return markdown_table(header, rows)
 
 
-def make_drive(folder: Path, count: int) -> Path:
+def make_drive(folder: Path, count: int, street: SynthConfig = STREET) -> Path:
     """Make a drive of `count` pairs.
 
     Frames are rendered once; a shorter drive has the first of them, a longer one repeats all of them.
     """
     rendered = folder / "drive"
     if not (rendered / DRIVE_FILE).exists():
-        synthesize(SynthConfig(num_frames=MAKE_FRAMES, seed=SEED), rendered, force=True)
+        synthesize(street, rendered, force=True)
     document = read_document(rendered / DRIVE_FILE)
     frames = document["frames"]
     document["frames"] = [frames[index % len(frames)] for index in range(count)]

@@ -16,15 +16,15 @@ from typing import Any
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
-from semcal_cli.config import CalibrationConfig, InitializationConfig, SoicConfig
-from semcal_cli.drive.cues import load_cues
+from semcal_cli.config import CalibrationConfig, InitializationConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
-from semcal_cli.experiments.methods import BY_INTENSITY, METHODS, Scene
+from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.published import PublishedRow, published_rows
 from semcal_cli.experiments.result_files import machine, write_results
 from semcal_cli.files.images import write_image
@@ -36,7 +36,10 @@ from semcal_cli.report.overlay import Overlays, add_caption, draw_legend
 from semcal_cli.result.calibration import Calibration, Status
 from semcal_cli.result.stage import StageResult
 
-ORDER = ("SOIC", "PMI", "PMI, MINE", "semcal", "semcal, MINE")
+ORDER = (
+    *("SOIC", "PMI as published", "PMI", "PMI, MINE and polish"),
+    *("paper, own start", "paper", "semcal", "semcal, MINE and polish"),
+)
 PICTURES = ("reference", "SOIC", "PMI", "semcal")
 """Poses of the images (a) to (d), in the paper's order."""
 PICTURE_FILES = tuple(f"{letter}_{name.lower()}.png" for letter, name in zip("abcd", PICTURES, strict=True))
@@ -97,33 +100,22 @@ def compare(
     poses, seconds = {"reference": T_reference, "start": T_init}, {}
     status: Status | None = None
     reasons: tuple[str, ...] = ()
-    progress("reading intensities")
-    intensity, failures = _read_intensity(data)
-    scene = Scene(data.drive, data.observations, intensity, is_initialized=initial_pose is None)
+    scene, failures = Scene(data.drive, is_initialized=initial_pose is None), dict[str, str]()
     for method in ORDER:
-        if method in failures:
-            continue
         progress(f"calibrating by {method}")
-        start = perf_counter()
         try:
+            seen = METHODS[method].prepare(scene)
+            start = perf_counter()
             if method == "semcal":
                 poses[method], verdict = _calibrate(data, initial)
                 status, reasons = verdict.status, verdict.reasons
             else:
-                poses[method] = METHODS[method](scene, T_init)
+                poses[method] = METHODS[method].find(scene, seen, T_init)
+            seconds[method] = perf_counter() - start
         except SemcalError as failure:
             failures[method] = str(failure)
-        seconds[method] = perf_counter() - start
     published = published_rows(T_reference)
     return Comparison(data.drive, data.observations, poses, seconds, failures, status, reasons, published)
-
-
-def _read_intensity(data: LoadedDrive) -> tuple[Observations, dict[str, str]]:
-    """Load a drive's intensities; if it has none, return the labels, and reasons for the methods by intensity."""
-    try:
-        return load_cues(data.drive, ("intensity",)), {}
-    except SemcalError as failure:
-        return data.observations, {method: str(failure) for method in BY_INTENSITY}
 
 
 def _calibrate(data: LoadedDrive, initial: StageResult) -> tuple[Pose, Calibration]:

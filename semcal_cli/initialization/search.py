@@ -8,14 +8,12 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
-import numpy as np
-
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.geometry.poses import Pose, camera_center, rotation_error_deg
-from semcal_cli.initialization.pnp import solve_pnp
+from semcal_cli.errors import CalibrationError
+from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.initialization.registration import Candidate, register
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 
@@ -24,22 +22,8 @@ MIN_RUNNER_UP_MARGIN = 2.0
 
 NO_OTHER = Finding("no other mounting was left to compare with: nothing tells that this one is right")
 
-MAX_SHARE_OUTSIDE = 0.2
-"""Largest share of the points outside the field of view of the `lidar:` block."""
-
 MIN_POINTS_OF_MOST = 0.02
 """Smallest number of points of a hypothesis, as a share of the largest of any hypothesis. Others are dropped."""
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A hypothesis before it is scored."""
-
-    T_camera_lidar: Pose
-    num_pairs: int | None = None
-    """Number of pairs of the registration; None without one."""
-    num_inliers: int | None = None
-    """Number of inliers of PnP; None without PnP."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,20 +66,21 @@ def initialize(
     is_searched = T_given is None or config.search_deg is not None
     if is_searched:
         around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
-        candidates = _align(observations, _candidates(observations, config, seed, around), config, seed)
+        candidates = _align(observations, register(observations, config, seed, around), config, seed)
     else:
         assert T_given is not None
-        candidates = _align_given(observations, _Candidate(T_given), config, seed)
+        candidates = _align_given(observations, Candidate(T_given), config, seed)
     ranked = _rank(observations, candidates, config.min_overlap)[: None if is_searched else 1]
     kept = [scored for scored in ranked if is_possible(scored.candidate.T_camera_lidar)] or ranked
-    hypotheses = tuple(_hypothesis(scored, kept[0]) for scored in kept)
+    T_best = kept[0].candidate.T_camera_lidar
+    hypotheses = tuple(describe(scored.candidate, scored.agreement, T_best) for scored in kept)
     other = runner_up(hypotheses, config.runner_up_deg)
     # Priors, or a search around a given pose, may leave no other hypothesis to compare with.
     is_alone = other is None and T_given is None and len(kept) == len(ranked)
     return Initialization(
-        T_camera_lidar=kept[0].candidate.T_camera_lidar,
+        T_camera_lidar=T_best,
         agreement=kept[0].agreement,
-        findings=(NO_OTHER,) if is_alone else _compare(hypotheses[0], other),
+        findings=(NO_OTHER,) if is_alone else check_runner_up(hypotheses[0], other),
         settings={"initialization": asdict(config)},
         hypotheses=hypotheses,
         runner_up_margin=None if other is None else hypotheses[0].margin(other),
@@ -107,7 +92,7 @@ def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis 
     return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
 
 
-def _compare(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
+def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
     """Check that the runner-up is far enough behind the best hypothesis."""
     if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:
         return ()
@@ -120,7 +105,7 @@ def _compare(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
 
 
 class _Scored(NamedTuple):
-    candidate: _Candidate
+    candidate: Candidate
     agreement: _core.Agreement
 
     @property
@@ -128,15 +113,15 @@ class _Scored(NamedTuple):
         return self.agreement.mutual_information - self.agreement.bias
 
 
-def _rank(observations: Observations, candidates: Sequence[_Candidate], min_overlap: float) -> list[_Scored]:
+def _rank(observations: Observations, candidates: Sequence[Candidate], min_overlap: float) -> list[_Scored]:
     """Rank candidates by the exact mutual information in full resolution, less its bias."""
     scored = [_Scored(each, _core.agreement(observations.core, each.T_camera_lidar)) for each in candidates]
     covering = [each for each in scored if each.agreement.overlap >= min_overlap]
     return sorted(covering or scored, key=lambda each: -each.corrected_nats)
 
 
-def _hypothesis(scored: _Scored, best: _Scored) -> Hypothesis:
-    candidate, agreement = scored
+def describe(candidate: Candidate, agreement: _core.Agreement, T_best: Pose) -> Hypothesis:
+    """Describe a candidate by the agreement of the labels at its pose, and by its rotation from the best pose."""
     return Hypothesis(
         T_camera_lidar=candidate.T_camera_lidar.tolist(),
         mutual_information_nats=agreement.mutual_information,
@@ -145,45 +130,13 @@ def _hypothesis(scored: _Scored, best: _Scored) -> Hypothesis:
         overlap=agreement.overlap,
         num_pairs=candidate.num_pairs,
         num_inliers=candidate.num_inliers,
-        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, best.candidate.T_camera_lidar),
+        rotation_from_best_deg=rotation_error_deg(candidate.T_camera_lidar, T_best),
     )
-
-
-def _candidates(
-    observations: Observations, config: InitializationConfig, seed: int, around: tuple[Pose, float] | None
-) -> list[_Candidate]:
-    """Register and solve PnP (Alg. 2), from the camera centre of a pose if the search is around one."""
-    grid = _grid(observations)
-    center = np.zeros(3) if around is None else camera_center(around[0])
-    if center.any():
-        observations = observations.with_clouds(
-            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
-        )
-    images = _core.SphericalImages(observations.core, grid)
-    placements = _core.register(observations.core, images, config, around)
-    samples = _core.sample_correspondences(
-        observations.core, images, config.zoom, placements, config.num_correspondences, seed
-    )
-    found: list[_Candidate] = []
-    failure = "no placement of the picture"
-    for placement, pairs in zip(placements, samples, strict=True):
-        try:
-            T_camera_lidar, num_inliers = solve_pnp(
-                pairs.points, pairs.pixels, observations.camera, config.pnp
-            )
-        except CalibrationError as error:
-            failure = str(error)
-            continue
-        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ center
-        found.append(_Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
-    if not found:
-        raise CalibrationError(f"no initial calibration: {failure}")
-    return found
 
 
 def _align_given(
-    observations: Observations, given: _Candidate, config: InitializationConfig, seed: int
-) -> list[_Candidate]:
+    observations: Observations, given: Candidate, config: InitializationConfig, seed: int
+) -> list[Candidate]:
     """Ascend from a given pose with the levels for a far start and with those for a near one, and keep the pose itself.
 
     The exact mutual information ranks the three later. If the two ascents end apart, at least one has not found the
@@ -197,13 +150,13 @@ def _align_given(
     if _angle_deg(ascended[0], ascended[-1]) > config.meeting_deg:
         around = given.T_camera_lidar, math.radians(config.around_given_deg)
         with suppress(CalibrationError):
-            found += _align(observations, _candidates(observations, config, seed, around), config, seed)
+            found += _align(observations, register(observations, config, seed, around), config, seed)
     return found
 
 
 def _align(
-    observations: Observations, candidates: Sequence[_Candidate], config: InitializationConfig, seed: int
-) -> list[_Candidate]:
+    observations: Observations, candidates: Sequence[Candidate], config: InitializationConfig, seed: int
+) -> list[Candidate]:
     """Ascend over SE(3), level by level, and keep the best candidates after each level.
 
     The first level is fine, because coarse blocks would lose the truth if sweep and image overlap in a narrow band. The
@@ -233,17 +186,15 @@ def _align(
     return list(candidates)
 
 
-def _best_apart(
-    ranked: Sequence[_Candidate], num_kept: int, config: InitializationConfig
-) -> list[_Candidate]:
+def _best_apart(ranked: Sequence[Candidate], num_kept: int, config: InitializationConfig) -> list[Candidate]:
     """Drop candidates at the same pose as a better one, and keep the best ones and always a runner-up."""
-    apart: list[_Candidate] = []
+    apart: list[Candidate] = []
     for candidate in ranked:
         if all(_angle_deg(candidate, better) > config.alignment.same_deg for better in apart):
             apart.append(candidate)
     kept, others = apart[:num_kept], apart[num_kept:]
 
-    def is_other_mounting(candidate: _Candidate) -> bool:
+    def is_other_mounting(candidate: Candidate) -> bool:
         return _angle_deg(candidate, apart[0]) >= config.runner_up_deg
 
     if not any(map(is_other_mounting, kept)):
@@ -251,28 +202,5 @@ def _best_apart(
     return kept
 
 
-def _angle_deg(a: _Candidate, b: _Candidate) -> float:
+def _angle_deg(a: Candidate, b: Candidate) -> float:
     return rotation_error_deg(a.T_camera_lidar, b.T_camera_lidar)
-
-
-def _grid(observations: Observations) -> _core.Grid:
-    lidar = observations.lidar
-    if lidar is None:
-        return _core.estimate_grid([cloud.points for cloud in observations.clouds])
-    fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
-    grid = _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
-    _check_field_of_view(observations, grid)
-    return grid
-
-
-def _check_field_of_view(observations: Observations, grid: _core.Grid) -> None:
-    x, y, z = np.concatenate([cloud.points for cloud in observations.clouds]).T
-    elevations = np.arctan2(z, np.hypot(x, y))
-    bottom = grid.top - grid.rows * grid.cell_height
-    outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
-    if outside > MAX_SHARE_OUTSIDE:
-        low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
-        raise InputError(
-            f"lidar.fov_down_deg, lidar.fov_up_deg: found {outside:.0%} of the points outside of them, needed at most "
-            f"{MAX_SHARE_OUTSIDE:.0%}; the points lie from {low:.1f} to {high:.1f} degrees"
-        )

@@ -16,6 +16,8 @@ class ExactEstimator:
     is no statistics network to learn.
     """
 
+    gives_bound = False
+
     def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
         """Keep what the levels have in common.
 

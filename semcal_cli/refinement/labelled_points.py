@@ -16,26 +16,22 @@ class _Shares(torch.autograd.Function):
     """Class shares under points, by the Rust core: differentiable in the pose."""
 
     @staticmethod
-    def forward(ctx: Any, T_camera_lidar: Tensor, points: _core.AnchoredPoints, indices: Tensor) -> Tensor:
-        """Sample (N, num_image_classes) float64; `T_camera_lidar` is (4, 4) float64 on the CPU."""
-        ctx.save_for_backward(T_camera_lidar)
-        ctx.points, ctx.indices = points, indices
-        return torch.from_numpy(points.shares(indices.numpy(), T_camera_lidar.detach().numpy()))
+    def forward(ctx: Any, T_camera_lidar: Tensor, batch: _core.MiniBatch) -> Tensor:
+        """Give (N, num_image_classes) float64; `T_camera_lidar` is the batch's, (4, 4) float64 on the CPU."""
+        ctx.batch = batch
+        return torch.from_numpy(batch.shares)
 
     @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None]:
+    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None]:
         """Chain the gradient back to the entries of `T_camera_lidar`, whose last row is constant."""
-        (T_camera_lidar,) = ctx.saved_tensors
-        pulled = torch.zeros_like(T_camera_lidar)
-        pulled[:3] = torch.from_numpy(
-            ctx.points.pull_back(
-                ctx.indices.numpy(), T_camera_lidar.detach().numpy(), gradients[0].contiguous().numpy()
-            )
-        )
-        return pulled, None, None
+        pulled = torch.zeros(4, 4, dtype=torch.float64)
+        pulled[:3] = torch.from_numpy(ctx.batch.pull_back(gradients[0].contiguous().numpy()))
+        return pulled, None
 
 
-def sample_shares(points: _core.AnchoredPoints, indices: Tensor, T_camera_lidar: Tensor) -> Tensor:
+def sample(
+    points: _core.AnchoredPoints, indices: Tensor, T_camera_lidar: Tensor
+) -> tuple[_core.MiniBatch, Tensor]:
     """Sample the label images under points, bilinearly between the centres of blocks.
 
     Args:
@@ -44,11 +40,12 @@ def sample_shares(points: _core.AnchoredPoints, indices: Tensor, T_camera_lidar:
         T_camera_lidar: (4, 4) float64, on the CPU.
 
     Returns:
-        (N, num_image_classes) float64, shares of each class, adding up to one; zeros where nothing is labelled.
-        Differentiable in `T_camera_lidar`.
+        The mini-batch, and its shares (N, num_image_classes) float64 of each class, adding up to one; zeros where
+        nothing is labelled. They are differentiable in `T_camera_lidar`.
     """
-    shares: Tensor = _Shares.apply(T_camera_lidar, points, indices)
-    return shares
+    batch = points.sample(indices.numpy(), T_camera_lidar.detach().numpy())
+    shares: Tensor = _Shares.apply(T_camera_lidar, batch)
+    return batch, shares
 
 
 class LabelledPoints:
@@ -73,13 +70,11 @@ class LabelledPoints:
             device: Where the network computes.
         """
         self.network, self.points, self.device = network, points, device
-        self.classes = torch.from_numpy(points.classes).long()
-        self.weights = torch.from_numpy(points.weights)
-        self.num_classes = num_classes
+        self.num_points, self.num_classes = len(points.classes), num_classes
 
     def __len__(self) -> int:
         """Number of points."""
-        return len(self.classes)
+        return self.num_points
 
     def expectations(self, chosen: Tensor, T_camera_lidar: Tensor) -> tuple[Tensor, Tensor]:
         """Compute both expectations of the bound, as `LevelPoints.expectations` describes.
@@ -87,10 +82,10 @@ class LabelledPoints:
         Raises:
             CalibrationError: none of the chosen points is on a labelled pixel any more.
         """
-        shares = sample_shares(self.points, chosen, T_camera_lidar)
-        y, x = shares.float().to(self.device), self.classes[chosen].to(self.device)
+        batch, shares = sample(self.points, chosen, T_camera_lidar)
+        y, x = shares.float().to(self.device), torch.from_numpy(batch.classes).to(self.device)
         # A point that is on no labelled pixel any more counts for nothing.
-        weights = (self.weights[chosen] * (shares.detach().sum(1) > 0.0)).to(self.device)
+        weights = torch.from_numpy(batch.weights).to(self.device)
         if not weights.sum() > 0.0:
             raise CalibrationError("no overlap: the refinement left no labelled point on a labelled pixel")
         weights = weights / weights.sum()

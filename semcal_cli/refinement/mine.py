@@ -23,6 +23,7 @@ from semcal_cli.geometry.poses import Pose, nearest_rigid
 from semcal_cli.refinement.feature_points import FeaturePoints, feature_vectors
 from semcal_cli.refinement.labelled_points import LabelledPoints
 from semcal_cli.refinement.network import DonskerVaradhan, SeparableNetwork, StatisticsNetwork
+from semcal_cli.refinement.optimizers import Adam, GradientDescent
 from semcal_cli.refinement.pyramid import Level
 from semcal_cli.refinement.se3 import exp_se3
 
@@ -57,6 +58,8 @@ class MineEstimator:
     are compared by these, others by their labels. Theta is kept from level to level.
     """
 
+    gives_bound = True
+
     def __init__(
         self, observations: Observations, config: MineConfig, seed: int, device: str = "cpu"
     ) -> None:
@@ -77,7 +80,7 @@ class MineEstimator:
         # Alg. 1: initialise theta; learning rates and optimisers are MineConfig's and Adam.
         self.network = self._make_network().to(self.device)
         self.bound = DonskerVaradhan(config.mean_decay)
-        self.theta = torch.optim.Adam(self.network.parameters(), config.learning_rate_theta)
+        self.theta = _optimizer(config, list(self.network.parameters()), config.learning_rate_theta)
         self.num_warm_up = config.warm_up_steps
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
@@ -128,13 +131,16 @@ class MineEstimator:
         config = self.config
         # Alg. 1: initialise the twist. Each level's v starts at zero, from the pose of the one before.
         v = torch.zeros(6, dtype=torch.float64, requires_grad=True)
-        pose = torch.optim.Adam([v], config.learning_rate_pose, betas=(0.9, 0.99))
+        pose = _optimizer(config, [v], config.learning_rate_pose, betas=(0.9, 0.99))
         bounds, path = [], []
         for rate in _learning_rates(config, self.num_warm_up):
-            pose.param_groups[0]["lr"] = config.learning_rate_pose * rate
+            pose.rate = config.learning_rate_pose * rate
             # Alg. 1: draw a mini-batch, sample the labels that its points land on, and estimate the bound.
             chosen = torch.randint(len(points), (config.batch_size,), generator=self.generator)
-            expectations = points.expectations(chosen, exp_se3(preconditioner @ v) @ anchor)
+            # While theta warms up the pose stays, and needs no gradient.
+            with torch.set_grad_enabled(rate > 0.0):
+                T_camera_lidar = exp_se3(preconditioner @ v) @ anchor
+            expectations = points.expectations(chosen, T_camera_lidar)
             bound, objective = self.bound(*expectations)
             bounds.append(bound.cpu())
             # Alg. 1: update theta and the twist along the gradient of the bound.
@@ -148,10 +154,10 @@ class MineEstimator:
         self.num_warm_up = config.warm_up_steps // 3
         quarter = max(len(path) // 4, 1)
         before, last = torch.stack(path[-2 * quarter :]).view(2, quarter, 6).mean(1)
-        T_camera_lidar = _rigid(exp_se3(preconditioner @ path[-1]) @ anchor)
+        T_end = _rigid(exp_se3(preconditioner @ path[-1]) @ anchor)
         return Level(
             factor=factor,
-            T_camera_lidar=within_baseline(T_camera_lidar, config.max_baseline_m),
+            T_camera_lidar=within_baseline(T_end, config.max_baseline_m),
             information_nats=float(torch.stack(bounds[-quarter:]).mean()),
             drift=float((last - before).norm()),
             num_points=len(points),
@@ -177,6 +183,16 @@ def _fixed_threads() -> Iterator[None]:
         yield
     finally:
         torch.set_num_threads(before)
+
+
+def _optimizer(
+    config: MineConfig,
+    parameters: list[Tensor],
+    rate: float,
+    betas: tuple[float, float] = (0.9, 0.999),
+) -> GradientDescent:
+    """Make the optimiser that the settings name; `betas` are the decays of Adam's means."""
+    return GradientDescent(parameters, rate) if config.optimizer == "sgd" else Adam(parameters, rate, betas)
 
 
 def _learning_rates(config: MineConfig, num_warm_up: int) -> Iterator[float]:

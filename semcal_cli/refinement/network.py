@@ -70,8 +70,10 @@ class SeparableNetwork(torch.nn.Module):
 def _perceptron(widths: Sequence[int], generator: torch.Generator) -> torch.nn.Sequential:
     layers: list[torch.nn.Module] = []
     for wide_in, wide_out in pairwise(widths):
-        # Built without weights: torch would draw them from its global generator.
-        linear = torch.nn.Linear(wide_in, wide_out, device="meta").to_empty(device="cpu")
+        # Linear draws weights from torch's global generator, which is put back. (A layer on the device "meta" has none,
+        # but its move to the CPU loads sympy, which takes longer than 50 steps.)
+        with torch.random.fork_rng(devices=[]):
+            linear = torch.nn.Linear(wide_in, wide_out)
         bound = wide_in**-0.5
         torch.nn.init.uniform_(linear.weight, -bound, bound, generator=generator)
         torch.nn.init.zeros_(linear.bias)

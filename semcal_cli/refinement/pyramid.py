@@ -49,6 +49,9 @@ class Level:
 class LevelOptimizer(Protocol):
     """An estimator of mutual information that optimises the pose at one level of the pyramid."""
 
+    gives_bound: bool
+    """Whether it gives a lower bound, and not the mutual information itself."""
+
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Take the pose up the gradient of the estimate.
 
@@ -110,6 +113,7 @@ def refine(
     return Refinement(
         T_camera_lidar=pose,
         agreement=_core.agreement(observations.core, pose),
+        bound_nats=levels[-1].information_nats if optimizer.gives_bound else None,
         findings=() if converged else (_not_settled(levels[-1]),),
         settings={"pyramid": asdict(config)},
         levels=tuple(levels),

@@ -51,7 +51,7 @@ def frame_images(report: ReportInput) -> tuple[list[FrameImages], dict[str, str]
 
     def draw(number: int) -> tuple[FrameImages, Legend]:
         images, legend = overlays.draw(number)
-        *before, after = (_data_uri(image, max_bytes) for image in images.values())
+        *before, after = (data_uri(image, max_bytes) for image in images.values())
         height, width = next(iter(images.values())).shape[:2]
         name = overlays.drive.frames[number].points
         return FrameImages(name, width, height, before[0] if before else None, after), legend
@@ -62,7 +62,7 @@ def frame_images(report: ReportInput) -> tuple[list[FrameImages], dict[str, str]
     return list(found), named
 
 
-def _data_uri(image: Image, max_bytes: int) -> str:
+def data_uri(image: Image, max_bytes: int) -> str:
     """Encode an image as a data URI, and shrink it until it is small enough."""
     columns = min(image.shape[1], MAX_COLUMNS)
     content = _webp(image, columns)

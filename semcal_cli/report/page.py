@@ -18,10 +18,11 @@ from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
-from semcal_cli.report.frames import frame_images
+from semcal_cli.report.frames import MAX_BYTES, data_uri, frame_images
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.plots import BOX, FRAMES_BOX, FramesPlot, frames_plots, plots
+from semcal_cli.report.registration import RegistrationPictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import frame_sentences, runner_up_sentence, uncertainty_sentences, verdict
 from semcal_cli.result.calibration import Calibration
@@ -91,6 +92,10 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     curves = information_curves(observations, T, record.uncertainty if record else None)
     progress("calibrating each frame on its own")
     of_frames = _of_frames(report)
+    progress("drawing the registration")
+    registration = None
+    if record is not None and report.is_of_record:
+        registration = RegistrationPictures.of_record(observations, record)
     progress("writing the page")
     return ENVIRONMENT.get_template("report/page.html").render(
         style=source("page.css"),
@@ -107,6 +112,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         files=files(T),
         frames=frames,
         legend=legend,
+        registration=None if registration is None else data_uri(registration.draw(0), MAX_BYTES),
         classes=class_agreements(observations, agreement, before),
         plots=plots(curves),
         box=BOX,

@@ -85,6 +85,7 @@ def _stage(result: StageResult) -> Stage:
     return Stage(
         T_camera_lidar=result.T_camera_lidar.tolist(),
         mutual_information_nats=result.agreement.mutual_information,
+        bound_nats=result.bound_nats,
     )
 
 

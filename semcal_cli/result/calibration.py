@@ -68,6 +68,9 @@ class Stage(StrictModel):
     """Transform after the stage, p_camera = T_camera_lidar * p_lidar, in metres."""
     mutual_information_nats: Figure
     """Mutual information at this transform, as the plug-in estimate."""
+    bound_nats: float | None = None
+    """Donsker-Varadhan bound on the mutual information with which MINE ended, as the mean over its last steps; null for
+    stages without MINE."""
 
 
 class HeldOut(StrictModel):

@@ -25,6 +25,8 @@ class StageResult:
     """(4, 4), p_camera = T_camera_lidar @ p_lidar, metres."""
     agreement: _core.Agreement
     """Agreement of the labels at this pose, over all frames."""
+    bound_nats: float | None = None
+    """Donsker-Varadhan bound on the mutual information (eq. 5) with which MINE ended; None for other stages."""
     findings: tuple[Finding, ...] = ()
     """Findings of the stage against the pose."""
     settings: Mapping[str, object] = field(default_factory=dict)

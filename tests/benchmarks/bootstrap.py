@@ -13,14 +13,15 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.assessment.uncertainty import SHARED_FRAMES, estimate_uncertainty
+from semcal_cli.assessment.sensitivity import SHARED_FRAMES
+from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.accuracy import RIGS
-from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.pool import NUM_FRAMES, Pool
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -75,13 +76,17 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=6)
     parser.add_argument("--resamples", type=int, default=40)
     parser.add_argument("--pairs", type=int, nargs="+", default=[1, 5, 20])
+    parser.add_argument("--frames", type=int, default=NUM_FRAMES, help="Frames of drives that are made.")
+    parser.add_argument("--width", type=int, default=1280, help="Columns of their pictures.")
+    parser.add_argument("--height", type=int, default=720, help="Rows of their pictures.")
     options = parser.parse_args()
+    size = {"num_frames": options.frames, "width": options.width, "height": options.height}
     options.pool.mkdir(parents=True, exist_ok=True)
     pool = Pool(options.pool)
     found: dict[int, list[np.ndarray]] = {pairs: [] for pairs in options.pairs}
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         rig = list(RIGS)[seed % len(RIGS)]
-        path = pool.drive(rig, RIGS[rig], seed)
+        path = pool.drive(rig, size | RIGS[rig], seed)
         observations, truth = load_observations(read_drive(path)), read_transform(path)
         for pairs in options.pairs:
             rng = np.random.default_rng((seed, pairs))

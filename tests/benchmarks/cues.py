@@ -68,17 +68,19 @@ def spreads(drive: Drive, T: Pose) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def run(seed: int, label_noise: float) -> Iterator[tuple[str, float, float, str]]:
+def run(street: SynthConfig) -> Iterator[tuple[str, float, float, str]]:
     """One drive, by every cue: errors in degrees and centimetres, and the status."""
     with TemporaryDirectory() as folder:
-        synthesize(SynthConfig(num_frames=20, seed=seed, label_noise=label_noise), Path(folder) / "drive")
+        synthesize(street, Path(folder) / "drive")
         drive = read_drive(Path(folder) / "drive")
         T = read_transform(drive.path)
         within = spreads(drive, T)
-        click.echo(f"seed {seed}: within by between classes {within[0]:.2f}, {within[1]:.2f}", err=True)
+        click.echo(
+            f"seed {street.seed}: within by between classes {within[0]:.2f}, {within[1]:.2f}", err=True
+        )
         for cues in CUES:
             config = CalibrationConfig(cues=cues)
-            calibration = calibrate(drive, config, initial_pose=InitialPose(start(T, seed), "start"))
+            calibration = calibrate(drive, config, initial_pose=InitialPose(start(T, street.seed), "start"))
             error = compare_poses(calibration.pose, T)
             yield ",".join(cues), error.rotation_deg, error.camera_center_cm, calibration.status
 
@@ -87,9 +89,17 @@ def run(seed: int, label_noise: float) -> Iterator[tuple[str, float, float, str]
 @click.option("--seeds", default=10)
 @click.option("--first-seed", default=40000)
 @click.option("--label-noise", default=0.0)
-def main(seeds: int, first_seed: int, label_noise: float) -> None:
+@click.option("--frames", default=20, show_default=True)
+@click.option("--width", default=1280, show_default=True, help="Columns of the pictures, 16 to 9.")
+def main(seeds: int, first_seed: int, label_noise: float, frames: int, width: int) -> None:
     """Print the table."""
-    results = [result for seed in range(first_seed, first_seed + seeds) for result in run(seed, label_noise)]
+    streets = [
+        SynthConfig(
+            num_frames=frames, seed=seed, label_noise=label_noise, width=width, height=width * 9 // 16
+        )
+        for seed in range(first_seed, first_seed + seeds)
+    ]
+    results = [result for street in streets for result in run(street)]
     print("| cue | n | rotation, deg: median, worst | camera centre, cm: median, worst | trusted |")
     print("|---|---|---|---|---|")
     for cues in map(",".join, CUES):

@@ -2,7 +2,7 @@
 
 python tests/benchmarks/initialization.py --pool DIR --first-seed 2000 --seeds 20
 
-Each drive is used with its four frames, and with each frame alone. Drives and results are kept in DIR, so that a run
+Each drive is used with all of its frames, and with each frame alone. Drives and results are kept in DIR, so that a run
 that was stopped goes on where it was.
 """
 
@@ -29,7 +29,6 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, initialize
 from semcal_cli.synthetic.synthesis import synthesize
 
-NUM_FRAMES = 4
 RIGHT_DEG = 5.0
 """The refinement holds from here."""
 
@@ -109,31 +108,46 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=2000)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument(
+        "--only", action="append", choices=list(CONDITIONS), help="This condition; may be repeated."
+    )
+    parser.add_argument("--width", type=int, default=1280, help="Columns of pictures that are made, 16 to 9.")
+    parser.add_argument("--frames", type=int, default=4, help="Frames of drives that are made.")
     arguments = parser.parse_args()
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    for condition in CONDITIONS:
+    conditions = arguments.only or list(CONDITIONS)
+    for condition in conditions:
         for seed in seeds:
-            make_drive(arguments.pool, condition, seed)
-    revision = subprocess.run(
-        ["git", "describe", "--always", "--dirty"], check=True, capture_output=True, text=True
-    )
-    file = arguments.pool / f"results_{revision.stdout.strip()}.jsonl"
+            make_drive(arguments.pool, condition, seed, arguments.frames, arguments.width)
+    file = arguments.pool / f"results_{revision()}.jsonl"
     done = read_results(file) if file.exists() else []
     known = {(r.condition, r.seed, r.variant) for r in done}
-    missing = [case for case in cases(seeds) if case not in known]
+    missing = [case for case in cases(conditions, seeds) if case not in known]
     with ProcessPoolExecutor(arguments.jobs, initializer=_core.set_num_threads, initargs=(1,)) as processes:
         for results in processes.map(partial(run_case, arguments.pool), missing):
             done += results
             with file.open("a") as out:
                 out.writelines(json.dumps(asdict(result)) + "\n" for result in results)
-    done = [result for result in done if result.seed in seeds]
+    done = [result for result in done if result.seed in seeds and result.condition in conditions]
     print_conditions(done)
     print_variants(done)
 
 
-def cases(seeds: range) -> Iterator[tuple[str, int, str]]:
+def revision() -> str:
+    """Name the version that is measured; there is none outside a clone."""
+    described = subprocess.run(
+        ["git", "describe", "--always", "--dirty"],
+        cwd=Path(__file__).parent,
+        check=False,
+        capture_output=True,
+        text=True,
+    )
+    return described.stdout.strip() or "unknown"
+
+
+def cases(conditions: list[str], seeds: range) -> Iterator[tuple[str, int, str]]:
     for variant in VARIANTS:
-        for condition in CONDITIONS if variant == "exact" else COMPARED:
+        for condition in [name for name in conditions if variant == "exact" or name in COMPARED]:
             for seed in seeds if variant == "exact" else seeds[:NUM_COMPARED]:
                 yield condition, seed, variant
 
@@ -142,12 +156,11 @@ def drive_path(pool: Path, condition: str, seed: int) -> Path:
     return pool / f"{condition.replace(' ', '_')}_{seed}"
 
 
-def make_drive(pool: Path, condition: str, seed: int) -> None:
+def make_drive(pool: Path, condition: str, seed: int, num_frames: int, width: int) -> None:
     path = drive_path(pool, condition, seed)
     if not (path / "drive.yaml").exists():
-        synthesize(
-            SynthConfig(**{"num_frames": NUM_FRAMES, "seed": seed, **CONDITIONS[condition]}), path, force=True
-        )
+        size = {"num_frames": num_frames, "width": width, "height": width * 9 // 16}
+        synthesize(SynthConfig(**{**size, "seed": seed, **CONDITIONS[condition]}), path, force=True)
         for picture in (path / "images").iterdir():
             picture.unlink()
 
@@ -166,7 +179,8 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
     if condition in ANY_ROLL:
         config = replace(config, max_roll_deg=180.0)
     results = []
-    for frames in (tuple(range(NUM_FRAMES)), *((frame,) for frame in range(NUM_FRAMES))):
+    every = tuple(range(observations.num_frames))
+    for frames in (every, *((frame,) for frame in every)):
         chosen = observations.of_frames(frames)
         start = perf_counter()
         found = initialize(chosen, config, seed=0)
@@ -188,12 +202,13 @@ def run_case(pool: Path, case: tuple[str, int, str]) -> list[Result]:
 
 
 def print_conditions(results: list[Result]) -> None:
+    num_frames = max(len(r.frames) for r in results)
     print(
-        "\n| | 4 frames: right | not trusted | median error | 1 frame: right | wrong and trusted | "
+        f"\n| | {num_frames} frames: right | not trusted | median error | 1 frame: right | wrong and trusted | "
         "right and not trusted |\n|---|---|---|---|---|---|---|"
     )
-    for condition in CONDITIONS:
-        pooled, single = (split(results, condition, "exact", n) for n in (NUM_FRAMES, 1))
+    for condition in [name for name in CONDITIONS if any(r.condition == name for r in results)]:
+        pooled, single = (split(results, condition, "exact", n) for n in (num_frames, 1))
         print(
             f"| {condition} | {share(r.is_right for r in pooled)} | {share(not r.is_trusted for r in pooled)} | "
             f"{median_error(pooled)} | {share(r.is_right for r in single)} | "
@@ -205,8 +220,8 @@ def print_conditions(results: list[Result]) -> None:
 def print_variants(results: list[Result]) -> None:
     compared = [r for r in results if r.seed < min(r.seed for r in results) + NUM_COMPARED]
     print("\n| | frames | " + " | ".join(VARIANTS) + " |\n|---|---|" + "---|" * len(VARIANTS))
-    for condition in COMPARED:
-        for num_frames in (NUM_FRAMES, 1):
+    for condition in [name for name in COMPARED if any(r.condition == name for r in compared)]:
+        for num_frames in (max(len(r.frames) for r in results), 1):
             found = [split(compared, condition, variant, num_frames) for variant in VARIANTS]
             cells = [f"{share(r.is_right for r in part)}, {median_error(part)}" for part in found]
             print(f"| {condition} | {num_frames} | " + " | ".join(cells) + " |")

@@ -4,7 +4,7 @@
 
 Both versions run the same commands on the same drives, which the version before makes. Its results are kept in DIR
 and used again, so that later comparisons run only the version after; delete DIR after a change of `derive_drives`.
-The commands are listed in same_results.yaml.
+The commands are listed in same_results.yaml, or in a file of the same form (--cases).
 
 Numbers, exit codes and binary files must be the same. Keys, strings, messages and pages may differ and are listed.
 The exit code is 1 if anything differs that must not. All differences are in DIR/differences.txt.
@@ -33,8 +33,6 @@ import numpy as np
 import yaml
 
 SHARED_DATA = os.environ.get("SEMCAL_TEST_DATA", Path(__file__).parents[2] / "../shared/data")
-CASES: dict[str, list[str]] = yaml.safe_load(Path(__file__).with_suffix(".yaml").read_text())
-"""Commands of each case."""
 LENSES: dict[str, dict[str, Any]] = {
     "double_sphere": {"distortion": [], "parameters": {"xi": 0.1, "alpha": 0.1}},
     "fov": {"distortion": [0.01]},
@@ -52,6 +50,7 @@ NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)")
 VERDICTS = ("status", "verdict")
 """Keys of words that must not differ."""
 MAX_LISTED = 20
+PATH = click.Path(exists=True, path_type=Path)
 
 
 @dataclass
@@ -121,10 +120,15 @@ def derive_frame(derived: Path, number: int, frame: dict[str, str]) -> tuple[dic
     return features, soft, moving | {"points_stamp": 100.0, "image_stamp": 100.06}
 
 
-def commands_of(name: str, data: Path) -> list[str]:
+def read_cases(path: Path, data: Path) -> dict[str, list[str]]:
+    """Read the commands of each case."""
+    return {name: commands_of(name, given, data) for name, given in yaml.safe_load(path.read_text()).items()}
+
+
+def commands_of(name: str, given: Sequence[str], data: Path) -> list[str]:
     """Give the commands of a case; the drives lie beside the folders of both versions."""
     meanings = {"CASE": name, "@": "../../drives/", "$data": f"{data}"}
-    return [re.sub(r"CASE|@|\$data", lambda found: meanings[found[0]], text) for text in CASES[name]]
+    return [re.sub(r"CASE|@|\$data", lambda found: meanings[found[0]], text) for text in given]
 
 
 def run_case(semcal: Path, commands: Sequence[str], folder: Path) -> list[int]:
@@ -140,9 +144,10 @@ def run_case(semcal: Path, commands: Sequence[str], folder: Path) -> list[int]:
     return codes
 
 
-def run_before(semcal: Path, name: str, commands: Sequence[str], work: Path) -> list[int]:
+def run_before(semcal: Path, name: str, cases: dict[str, list[str]], work: Path) -> list[int]:
     """Give the exit codes of the version before, from an earlier call if its results are there."""
-    kept, asked = work / f"before/{name}.json", [str(semcal), *CASES["synth"], *commands]
+    commands = cases[name]
+    kept, asked = work / f"before/{name}.json", [str(semcal), *cases["synth"], *commands]
     record = json.loads(kept.read_text()) if kept.exists() else {}
     if record.get("asked") != asked:
         kept.unlink(missing_ok=True)
@@ -255,11 +260,13 @@ def counted(codes: Sequence[int]) -> str:
     return ", ".join(f"{count} x {code}" for code, count in sorted(Counter(codes).items()))
 
 
-def run_and_compare(name: str, before: Path, after: Path, work: Path, data: Path) -> tuple[str, Differences]:
+def run_and_compare(
+    name: str, before: Path, after: Path, work: Path, cases: dict[str, list[str]]
+) -> tuple[str, Differences]:
     """Run a case with both versions, and give its row of the table and what differs."""
-    commands = commands_of(name, data)
+    commands = cases[name]
     begin = perf_counter()
-    codes_before = run_before(before, name, commands, work)
+    codes_before = run_before(before, name, cases, work)
     middle = perf_counter()
     codes_after = run_case(after, commands, work / "after" / name)
     seconds = f"{middle - begin:.0f}, {perf_counter() - middle:.0f}"
@@ -273,22 +280,28 @@ def run_and_compare(name: str, before: Path, after: Path, work: Path, data: Path
 
 
 @click.command()
-@click.option("--before", required=True, type=click.Path(exists=True, path_type=Path), help="Executable.")
-@click.option("--after", required=True, type=click.Path(exists=True, path_type=Path), help="Executable.")
+@click.option("--before", required=True, type=PATH, help="Executable.")
+@click.option("--after", required=True, type=PATH, help="Executable.")
 @click.option("--work", required=True, type=click.Path(path_type=Path), help="Folder of drives and results.")
 @click.option("--data", default=SHARED_DATA, type=click.Path(path_type=Path), help="Folder of real frames.")
-@click.option("--only", multiple=True, type=click.Choice(list(CASES)), help="This case; may be given again.")
-def main(before: Path, after: Path, work: Path, data: Path, only: tuple[str, ...]) -> None:
+@click.option("--only", multiple=True, metavar="CASE", help="This case; may be given again.")
+@click.option(
+    "--cases", "listed_in", default=Path(__file__).with_suffix(".yaml"), type=PATH, help="Commands."
+)
+def main(before: Path, after: Path, work: Path, data: Path, only: tuple[str, ...], listed_in: Path) -> None:
     """Print what differs, and the table."""
     before, after, work, data = before.absolute(), after.absolute(), work.resolve(), data.resolve()
+    cases = read_cases(listed_in, data)
+    if unknown := set(only) - set(cases):
+        raise click.BadParameter(f"{sorted(unknown)}: found no such case, needed some of {', '.join(cases)}")
     rows, listed, fails = [], [], False
-    for name, commands in CASES.items():
+    for name, commands in cases.items():
         if only and name not in (*only, "synth"):
             continue
-        if "$data" in "".join(commands) and not data.is_dir():
+        if f"{data}" in "".join(commands) and not data.is_dir():
             rows.append(f"| {name} | left out: no {data} | | | | | | |")
             continue
-        row, found = run_and_compare(name, before, after, work, data)
+        row, found = run_and_compare(name, before, after, work, cases)
         rows.append(row)
         fails |= bool(found.numbers or found.files or found.exits)
         click.echo(row, err=True)

@@ -1,0 +1,159 @@
+"""The method as published: Alg. 2 gives a pose, and MINE ascends from it (Alg. 1). Nothing of ours is added to either.
+
+Source: Jiang, Osteen and Saripalli, *Calibrating LiDAR and Camera using Semantic Mutual Information*, arXiv 2104.12023.
+
+The best placement of the registration is the start, and the Donsker-Varadhan bound over the label pyramid the only
+objective: hypotheses do not climb, isolated pixels stay, borders have full weight, hidden points count, and the exact
+mutual information polishes nothing. It only tells afterwards whether another placement would have been as good.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from time import perf_counter
+
+from semcal_cli import _core
+from semcal_cli.assessment.pose_checks import check_motion
+from semcal_cli.baselines.config import PaperConfig
+from semcal_cli.config import CalibrationConfig, Device
+from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.observations import Observations
+from semcal_cli.events import Listener, Progress, StageDone, ignore
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, rotation_error_deg
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.initialization.registration import Candidate, register
+from semcal_cli.initialization.search import NO_OTHER, Initialization, check_runner_up, describe, runner_up
+from semcal_cli.pipeline import make_calibration, start_at
+from semcal_cli.refinement.pyramid import Refinement
+from semcal_cli.refinement.pyramid import refine as refine_pose
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.hypothesis import Hypothesis
+from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.stages import Stages
+
+
+def calibrate_as_published(
+    data: LoadedDrive,
+    config: CalibrationConfig,
+    paper: PaperConfig,
+    *,
+    initial_pose: InitialPose | None = None,
+    relative_to: Path = Path(),
+    on_event: Listener = ignore,
+    hashes: dict[str, str] | None = None,
+) -> Calibration:
+    """Calibrate with the paper's method; arguments and errors are those of `pipeline.calibrate`.
+
+    The drive is loaded with `config.is_raw`. An initial pose replaces Alg. 2. The result has no uncertainty; it is not
+    trusted if the pose has not settled, or if another placement of Alg. 2 agrees about as well.
+    """
+    initial: StageResult
+    if initial_pose is None:
+        initial = _initialize(data, paper, config.seed, on_event)
+    else:
+        initial = start_at(data, initial_pose, on_event)
+    refined = _refine(data, initial.T_camera_lidar, paper, config, on_event)
+    of_comparison: tuple[Finding, ...] = ()
+    if isinstance(initial, Initialization):
+        initial, of_comparison = _compared(initial, refined, paper)
+    return make_calibration(
+        data,
+        Stages(
+            initial,
+            refined,
+            of_data=check_motion(data.observations.motion_error_px),
+            of_comparison=of_comparison,
+        ),
+        config,
+        initial_pose=initial_pose,
+        relative_to=relative_to,
+        hashes=hashes,
+    )
+
+
+def initialize(observations: Observations, paper: PaperConfig, seed: int) -> list[Candidate]:
+    """Run Alg. 2 with the paper's zoom; the best placement comes first, and its pose is the paper's answer.
+
+    Raises:
+        CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
+        InputError: the points do not lie in the field of view of the drive's `lidar:` block.
+    """
+    return register(observations, paper.initialization, seed)
+
+
+def refine(
+    observations: Observations, T_init: Pose, paper: PaperConfig, seed: int, device: Device = "cpu"
+) -> Refinement:
+    """Run Alg. 1 from a pose: ascend the Donsker-Varadhan bound over the whole pyramid.
+
+    Raises:
+        InputError: the device does not exist.
+        CalibrationError: too few labelled points land on labelled pixels.
+    """
+    from semcal_cli.refinement.mine import MineEstimator
+
+    estimator = MineEstimator(observations, paper.mine, seed, device)
+    return refine_pose(observations, T_init, estimator, paper.pyramid)
+
+
+def _initialize(data: LoadedDrive, paper: PaperConfig, seed: int, on_event: Listener) -> Initialization:
+    start = perf_counter()
+    on_event(Progress("registering label images with spherical images"))
+    candidates = initialize(data.observations, paper, seed)
+    hypotheses = _hypotheses(data.observations, candidates)
+    found = Initialization(
+        T_camera_lidar=candidates[0].T_camera_lidar,
+        agreement=_core.agreement(data.observations.core, candidates[0].T_camera_lidar),
+        settings={"initialization": asdict(paper.initialization)},
+        hypotheses=hypotheses,
+        runner_up_margin=None,
+    )
+    note = f"the best of {len(hypotheses)} placements, {hypotheses[0].num_inliers} inliers of PnP"
+    on_event(StageDone("initial", perf_counter() - start, note, found.agreement))
+    return found
+
+
+def _hypotheses(observations: Observations, candidates: Sequence[Candidate]) -> tuple[Hypothesis, ...]:
+    T_first = candidates[0].T_camera_lidar
+    return tuple(
+        describe(candidate, _core.agreement(observations.core, candidate.T_camera_lidar), T_first)
+        for candidate in candidates
+    )
+
+
+def _refine(
+    data: LoadedDrive, T_init: Pose, paper: PaperConfig, config: CalibrationConfig, on_event: Listener
+) -> Refinement:
+    start, device = perf_counter(), config.refinement.device
+    on_event(Progress("ascending the bound"))
+    found = refine(data.observations, T_init, paper, config.seed, device)
+    settled = "settled" if found.converged else "not settled"
+    note = f"mine, {len(found.levels)} levels, bound {found.bound_nats:.4f} nats, {settled}"
+    moved = compare_poses(found.T_camera_lidar, T_init)
+    on_event(StageDone("refined", perf_counter() - start, note, found.agreement, moved))
+    settings = {"paper": {"mine": asdict(paper.mine), "device": device}}
+    return replace(found, settings={**found.settings, **settings})
+
+
+def _compared(
+    initial: Initialization, refined: Refinement, paper: PaperConfig
+) -> tuple[Initialization, tuple[Finding, ...]]:
+    """Compare the refined pose with the other placements of Alg. 2, as they were.
+
+    The registration of few pairs may prefer a wrong mounting, from which the ascent ends at a false optimum and settles
+    there. The right one is then mostly among the other placements, and agrees as well even before it is refined.
+    """
+    best = describe(Candidate(refined.T_camera_lidar), refined.agreement, refined.T_camera_lidar)
+    others = [
+        each.model_copy(
+            update={"rotation_from_best_deg": rotation_error_deg(each.pose, refined.T_camera_lidar)}
+        )
+        for each in sorted(initial.hypotheses, key=lambda each: -each.corrected_nats)
+    ]
+    other = runner_up(others, paper.initialization.runner_up_deg)
+    if other is None:
+        return initial, (NO_OTHER,)
+    return replace(initial, runner_up_margin=best.margin(other)), check_runner_up(best, other)

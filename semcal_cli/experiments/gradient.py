@@ -1,0 +1,214 @@
+"""Gradient against Powell on the same mutual information, from the same starts: the paper's reason for gradients.
+
+Both maximise the exact mutual information of the same points over the same pyramid, each level from where the one
+before ended. Adam follows the gradient; Powell's method, SciPy's with its own tolerances, compares values only.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_observations
+from semcal_cli.experiments.accuracy import off
+from semcal_cli.experiments.distribution import ERROR_COLUMNS, error_cells, error_distributions, grouped
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.result_files import machine, markdown_table, write_results
+from semcal_cli.experiments.rivals import START_DEG, START_M
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, cross_matrix
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.refinement.pyramid import pyramid_factors
+
+NUM_PAIRS = 5
+"""Number of pairs of each drive."""
+MAX_POINTS = 20_000
+"""Number of points of a level, drawn at random. Each evaluation looks at all of them."""
+BETAS, EPSILON = (0.9, 0.999), 1e-8
+"""Decays of Adam's means, and what keeps its steps finite."""
+
+Array = npt.NDArray[np.float64]
+Optimizer = Callable[["Objective"], Pose]
+
+
+class Objective:
+    """The exact mutual information of chosen points at one level of the pyramid, and its gradient."""
+
+    def __init__(self, observations: Observations, T_start: Pose, factor: int, seed: int) -> None:
+        """Choose the points that lie in the picture at the start.
+
+        Args:
+            observations: Labelled points and label images of all frames.
+            T_start: (4, 4) T_camera_lidar at which the level starts.
+            factor: Side of a block in pixels.
+            seed: Seed of the choice of points.
+        """
+        self.points = _core.AnchoredPoints(
+            observations.core, T_start, factor=factor, edge_band_px=0, visible_only=False
+        )
+        count = len(self.points.classes)
+        chosen = np.random.default_rng(seed).permutation(count)[:MAX_POINTS]
+        self.indices: npt.NDArray[np.int64] = np.sort(chosen).astype(np.int64)
+        self.one_hot = np.eye(len(observations.point_class_names))[self.points.classes[self.indices]]
+        self.T_start, self.num_evaluations = T_start, 0
+
+    def pose(self, v: Array) -> Pose:
+        """Pose (4, 4) at a twist v (6,), whose entries each move the points by one block."""
+        return apply_twist(self.T_start, self.points.preconditioner @ v)
+
+    def value(self, T: Pose) -> float:
+        """Mutual information at a pose, in nats."""
+        return self._evaluate(T)[0]
+
+    def gradient(self, T: Pose) -> Array:
+        """Derivative (6,) of the mutual information with respect to a twist on the left of a pose, in blocks."""
+        _, pointwise, total, batch = self._evaluate(T)
+        # The marginals' shares of the derivative of sum p log p / (p_x p_y) add up to a constant.
+        of_shares = self.one_hot @ pointwise / total
+        of_T = batch.pull_back(of_shares)
+        generators = np.zeros((6, 3, 4))
+        for axis in range(3):
+            generators[axis, axis, 3] = 1.0
+            generators[3 + axis] = cross_matrix(np.eye(3)[axis]) @ T[:3]
+        twist: Array = np.einsum("kij,ij->k", generators, of_T)
+        return np.asarray(self.points.preconditioner.T @ twist)
+
+    def _evaluate(self, T: Pose) -> tuple[float, Array, float, _core.MiniBatch]:
+        """Compute the mutual information, its pointwise values (C_x, C_y), the histogram's sum, and the batch."""
+        self.num_evaluations += 1
+        batch = self.points.sample(self.indices, T)
+        joint = self.one_hot.T @ batch.shares
+        total = max(float(joint.sum()), np.finfo(np.float64).tiny)
+        joint = joint / total
+        independent = joint.sum(1, keepdims=True) * joint.sum(0, keepdims=True)
+        seen = joint > 0.0
+        pointwise = np.zeros_like(joint)
+        pointwise[seen] = np.log(joint[seen] / independent[seen])
+        return float((joint * pointwise).sum()), pointwise, total, batch
+
+
+def ascend(objective: Objective) -> Pose:
+    """Ascend the gradient with Adam, whose steps fall along a cosine."""
+    config, T = ExactConfig(), objective.T_start
+    mean, square = np.zeros(6), np.zeros(6)
+    for step in range(config.steps):
+        gradient = objective.gradient(T)
+        mean = BETAS[0] * mean + (1.0 - BETAS[0]) * gradient
+        square = BETAS[1] * square + (1.0 - BETAS[1]) * gradient**2
+        corrected = mean / (1.0 - BETAS[0] ** (step + 1))
+        spread = np.sqrt(square / (1.0 - BETAS[1] ** (step + 1)))
+        cosine = 0.5 * (1.0 + math.cos(math.pi * step / config.steps))
+        rate = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine)
+        T = apply_twist(T, objective.points.preconditioner @ (rate * corrected / (spread + EPSILON)))
+    return T
+
+
+def climb_by_powell(objective: Objective) -> Pose:
+    """Maximise with Powell's method."""
+    from scipy.optimize import minimize
+
+    def loss(v: Array) -> float:
+        return -objective.value(objective.pose(v))
+
+    return objective.pose(minimize(loss, np.zeros(6), method="Powell").x)
+
+
+OPTIMIZERS: dict[str, Optimizer] = {"gradient": ascend, "Powell": climb_by_powell}
+
+
+@dataclass(frozen=True)
+class Case:
+    """One optimiser on the drive of one seed."""
+
+    optimizer: str
+    """Key of `OPTIMIZERS`."""
+    seed: int
+    """Seed of the drive."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """The end of one optimisation."""
+
+    optimizer: str
+    seed: int
+    rotation_deg: float
+    camera_center_cm: float
+    num_evaluations: int
+    """Number of evaluations of the mutual information or of its gradient, over all levels."""
+    seconds: float
+    """Time from pairs in memory to a pose."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """What all runs share; a call makes one run. It can be pickled for other processes."""
+
+    pool: Pool
+    changes: dict[str, object] = field(default_factory=dict)
+    """Changes of the drives' `SynthConfig`."""
+
+    def __call__(self, case: Case) -> list[Finding]:
+        """Maximise over the pyramid from a wrong start."""
+        drive, truth = self.pool.read("drive", {**self.changes, "num_frames": NUM_PAIRS}, case.seed)
+        observations = load_observations(drive)
+        T = off(truth, START_DEG, START_M, np.random.default_rng(case.seed))
+        _ = observations.core
+        start, num_evaluations = perf_counter(), 0
+        for factor in pyramid_factors(drive.camera, PyramidConfig(coarsest_block_deg=FAR_DEG)):
+            objective = Objective(observations, T, factor, case.seed)
+            T = OPTIMIZERS[case.optimizer](objective)
+            num_evaluations += objective.num_evaluations
+        seconds, error = perf_counter() - start, compare_poses(T, truth)
+        errors = error.rotation_deg, error.camera_center_cm
+        return [Finding(case.optimizer, case.seed, *errors, num_evaluations, seconds)]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What one optimiser did over the seeds."""
+
+    optimizer: str
+    n: int
+    rotation_deg: tuple[float, float, float]
+    """Median, 95 % quantile and worst."""
+    camera_center_cm: tuple[float, float, float]
+    num_evaluations: float
+    """Median number of evaluations."""
+    seconds: float
+    """Median time."""
+
+
+def cases(seeds: range) -> list[Case]:
+    """List the runs; the optimisers take turns, so that a busy machine slows both."""
+    return [Case(optimizer, seed) for seed in seeds for optimizer in OPTIMIZERS]
+
+
+def write_gradient(findings: Sequence[Finding], num_jobs: int, folder: Path) -> str:
+    """Write CSV, JSON and table into a folder, and return the table."""
+    summaries = [
+        Summary(
+            optimizer,
+            len(found),
+            *error_distributions(found),
+            float(np.median([finding.num_evaluations for finding in found])),
+            float(np.median([finding.seconds for finding in found])),
+        )
+        for optimizer, found in grouped(findings, lambda finding: finding.optimizer).items()
+    ]
+    rows = [
+        (s.optimizer, s.n, *error_cells(s), f"{s.num_evaluations:.0f}", f"{s.seconds:.1f}") for s in summaries
+    ]
+    table = markdown_table(f"| | n | {ERROR_COLUMNS} | evaluations | s |", rows)
+    document: dict[str, object] = {"experiment": "gradient", "machine": machine(), "jobs": num_jobs}
+    write_results(document, findings, summaries, table, None, folder)
+    return table

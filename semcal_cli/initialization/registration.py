@@ -1,0 +1,128 @@
+"""Alg. 2 as the paper has it: register label images with spherical images, take correspondences, and solve PnP."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from semcal_cli import _core
+from semcal_cli.config import InitializationConfig
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.geometry.poses import Pose, Vector, camera_center
+from semcal_cli.initialization.pnp import solve_pnp
+
+MAX_SHARE_OUTSIDE = 0.2
+"""Largest share of the points outside the field of view of the `lidar:` block."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A hypothesis before it is scored."""
+
+    T_camera_lidar: Pose
+    num_pairs: int | None = None
+    """Number of pairs of the registration; None without one."""
+    num_inliers: int | None = None
+    """Number of inliers of PnP; None without PnP."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """Label images placed on the sphere of LiDAR directions."""
+
+    images: _core.SphericalImages
+    """Spherical label images of all frames (Alg. 2, line 1)."""
+    placements: list[_core.Hypothesis]
+    """Placements that are well apart, by their mutual information, best first."""
+    center: Vector
+    """(3,) point in the LiDAR frame from which directions are taken, metres."""
+    observations: Observations
+    """Observations with the center at zero."""
+
+
+def place(
+    observations: Observations, config: InitializationConfig, around: tuple[Pose, float] | None = None
+) -> Registration:
+    """Register the label images with the spherical images (Alg. 2, lines 1-4), as `register` does."""
+    grid = _grid(observations)
+    center = np.zeros(3) if around is None else camera_center(around[0])
+    if center.any():
+        observations = observations.with_clouds(
+            cloud.with_points((cloud.points - center).astype(np.float32)) for cloud in observations.clouds
+        )
+    images = _core.SphericalImages(observations.core, grid)
+    placements = _core.register(observations.core, images, config, around)
+    return Registration(images, placements, center, observations)
+
+
+def register(
+    observations: Observations,
+    config: InitializationConfig,
+    seed: int,
+    around: tuple[Pose, float] | None = None,
+) -> list[Candidate]:
+    """Register label images with spherical images and solve PnP for each of the best placements (Alg. 2).
+
+    Args:
+        observations: Labelled points and label images.
+        config: Settings of the search.
+        seed: Seed of the choice of correspondences.
+        around: T_camera_lidar (4, 4) and an angle in radians. Only rotations within the angle are searched, and the
+            spherical images are taken from the camera's centre.
+
+    Returns:
+        Candidates by the mutual information of their placement, best first.
+
+    Raises:
+        CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
+        InputError: the points do not lie in the field of view of the drive's `lidar:` block.
+    """
+    placed = place(observations, config, around)
+    samples = _core.sample_correspondences(
+        placed.observations.core,
+        placed.images,
+        config.zoom,
+        placed.placements,
+        config.num_correspondences,
+        seed,
+    )
+    found: list[Candidate] = []
+    failure = "no placement of the picture"
+    for placement, pairs in zip(placed.placements, samples, strict=True):
+        try:
+            T_camera_lidar, num_inliers = solve_pnp(
+                pairs.points, pairs.pixels, observations.camera, config.pnp
+            )
+        except CalibrationError as error:
+            failure = str(error)
+            continue
+        T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ placed.center
+        found.append(Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
+    if not found:
+        raise CalibrationError(f"no initial calibration: {failure}")
+    return found
+
+
+def _grid(observations: Observations) -> _core.Grid:
+    lidar = observations.lidar
+    if lidar is None:
+        return _core.estimate_grid([cloud.points for cloud in observations.clouds])
+    fov_up, fov_down = np.radians([lidar.fov_up_deg, lidar.fov_down_deg]).tolist()
+    grid = _core.scan_grid(lidar.channels, lidar.columns, fov_up, fov_down)
+    _check_field_of_view(observations, grid)
+    return grid
+
+
+def _check_field_of_view(observations: Observations, grid: _core.Grid) -> None:
+    x, y, z = np.concatenate([cloud.points for cloud in observations.clouds]).T
+    elevations = np.arctan2(z, np.hypot(x, y))
+    bottom = grid.top - grid.rows * grid.cell_height
+    outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
+    if outside > MAX_SHARE_OUTSIDE:
+        low, high = np.degrees(np.quantile(elevations, (0.01, 0.99)))
+        raise InputError(
+            f"lidar.fov_down_deg, lidar.fov_up_deg: found {outside:.0%} of the points outside of them, needed at most "
+            f"{MAX_SHARE_OUTSIDE:.0%}; the points lie from {low:.1f} to {high:.1f} degrees"
+        )
