@@ -76,7 +76,8 @@ def fuzz_apart(name: str, options: Sequence[str], folder: Path, log: Path | None
 def fuzz_all(seconds: float, memory: Path) -> bool:
     """Fuzz all documents on all cores for a time in total; tell whether nothing was found."""
     num_jobs = os.cpu_count() or 1
-    share = max(int(seconds * num_jobs / len(TARGETS)), 1)  # libFuzzer ends up to a second later.
+    # libFuzzer ends up to a second later.
+    share = min(max(int(seconds * num_jobs / len(TARGETS)), 1), int(seconds))
     waiting, running, good = list(TARGETS), {}, True
     while waiting or running:
         while waiting and len(running) < num_jobs:
