@@ -76,7 +76,8 @@ def fuzz_apart(name: str, options: Sequence[str], folder: Path, log: Path | None
 def fuzz_all(seconds: float, memory: Path) -> bool:
     """Fuzz all documents on all cores for a time in total; tell whether nothing was found."""
     num_jobs = os.cpu_count() or 1
-    share = max(round(seconds * num_jobs / len(TARGETS)), 1)
+    # libFuzzer ends up to a second later.
+    share = min(max(int(seconds * num_jobs / len(TARGETS)), 1), int(seconds))
     waiting, running, good = list(TARGETS), {}, True
     while waiting or running:
         while waiting and len(running) < num_jobs:
@@ -91,9 +92,12 @@ def fuzz_all(seconds: float, memory: Path) -> bool:
         name, log = running.pop(process)
         good &= status == 0
         lines = log.read_text(errors="replace").splitlines()
-        # libFuzzer's lines of its progress begin with a number sign.
-        shown = [line for line in lines if not line.startswith("#" if status else ("#", "INFO", "WARNING"))]
-        print(f"{name}:", *shown[-SHOWN_LINES:], sep="\n  ", flush=True)
+        if status == 0:
+            print(f"{name}:", *(line for line in lines if line.startswith("Done")), flush=True)
+        else:
+            # libFuzzer's lines of its progress begin with a number sign.
+            shown = [line for line in lines if not line.startswith("#")]
+            print(f"{name}:", *shown[-SHOWN_LINES:], sep="\n  ", flush=True)
     return good
 
 
