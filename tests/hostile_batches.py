@@ -260,7 +260,9 @@ NAMES: dict[str, Hostile] = {
         r"^semcal: error: list.txt: found more than 16 MiB, needed a list of drives$",
     ),
     "no pattern": Hostile(
-        lambda folder: None, ("batch", "x**y", "-o", "out"), r"^semcal: error: x\*\*y: found no pattern: .*$"
+        lambda folder: None,
+        ("batch", "x**y", "-o", "out"),
+        r"^semcal: error: x\*\*y: found (no pattern|nothing of this pattern)\b.*$",
     ),
     **{
         f"a drive named {name}": Hostile(

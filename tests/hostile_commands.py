@@ -19,6 +19,8 @@ MAX_BYTES = 2 << 30
 """Largest resident memory of any process of a command that refuses something."""
 GUARD_BYTES = 8 << 30
 """Address space of a process of a case: what asks for more fails, and the machine stays whole."""
+ENVIRONMENT = {"GITHUB_ACTIONS": "", "MALLOC_ARENA_MAX": "2", "RAYON_NUM_THREADS": "2"}
+"""No annotations for GitHub, and an address space that does not grow with the cores."""
 SEMCAL = (sys.executable, "-c", "from semcal_cli.cli import main; main()")
 """The command, run where the sources do not shadow the installed package."""
 LAUNCHER = """
@@ -88,6 +90,7 @@ def run_guarded(
             stdin=read,
             stdout=said,
             stderr=complained,
+            env={**os.environ, **ENVIRONMENT},
             start_new_session=True,
         )
         try:

@@ -59,7 +59,8 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>> {
 /// What the arrays of a file unpack to, as its table of contents says.
 pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
     let mut archive = archive::open(Opened::open(path).ok()?.stream()).ok()?;
-    (0..archive.len()).map(|index| Some(archive.by_index_raw(index).ok()?.size())).sum()
+    let mut sizes = (0..archive.len()).map(|index| Some(archive.by_index_raw(index).ok()?.size()));
+    sizes.try_fold(0u64, |sum, size| Some(sum.saturating_add(size?)))
 }
 
 impl<R: Read + Seek> Arrays<R> {

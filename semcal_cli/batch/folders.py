@@ -136,8 +136,10 @@ def make_folder_of_drive(task: Task, folder: Path) -> None:
 
 def _folders_of_drive(drive: str) -> set[str]:
     """Real folders of a drive's files; a drive file that is a link has two."""
-    path = Path(drive)
-    if not path.is_file():
+    path, is_file = Path(drive), False
+    with suppress(OSError):  # The system refuses to look up names that are too long.
+        is_file = path.is_file()
+    if not is_file:
         return {os.path.realpath(path)}
     return {os.path.realpath(path.parent), str(path.resolve().parent)}
 

@@ -122,7 +122,7 @@ def read_outcome(task: Task) -> Outcome | None:
             return None
         record = validate(Record, json.loads(body + "}"), path)
     except (InputError, ValueError, RecursionError):
-        return None  # It is missing, or of another version.
+        return None  # It is no record, or one of another version.
     has_more_time = record.timed_out_s is not None and (task.timeout_s or math.inf) > record.timed_out_s
     if record.asked != _asked(task) or has_more_time:
         return None

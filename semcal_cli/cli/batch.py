@@ -193,7 +193,6 @@ def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[l
         InputError: a transform is invalid, or this machine, where the drives are to run, lacks the device.
     """
     from semcal_cli.drive.document import drive_file
-    from semcal_cli.formats import read_transform
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
     given = _checked_parameters(command, calibration, rest)
@@ -203,8 +202,6 @@ def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[l
         check_device("cuda")
     init: Path | None = given.get("init")
     named = [path for path in (calibration, init) if path is not None]
-    for path in named:
-        read_transform(path)
     if init is not None:
         # Other machines have other working folders; the last value of a repeated option counts.
         rest = [*rest, "--init", str(init.absolute())]

@@ -82,15 +82,16 @@ def document_text(document: Mapping[str, Any], format: Format) -> str:
 
 
 def _texts(document: object) -> Iterator[str]:
-    """All keys and values of a document that are text."""
-    if isinstance(document, str):
-        yield document
-    elif isinstance(document, dict):
-        for item in document.items():
-            yield from _texts(item)
-    elif isinstance(document, list | tuple):
-        for item in document:
-            yield from _texts(item)
+    """All keys and values of a document that are text, in any order."""
+    left = [document]
+    while left:
+        value = left.pop()
+        if isinstance(value, str):
+            yield value
+        elif isinstance(value, dict):
+            left += [*value.keys(), *value.values()]
+        elif isinstance(value, list):
+            left += value
 
 
 def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

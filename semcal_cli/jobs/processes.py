@@ -152,11 +152,16 @@ class Processes:
             StoppedError: the run was stopped.
         """
         deadline = None if timeout_s is None else monotonic() + timeout_s
-        reply = self._process().ask(question, num_answers, deadline)
+        process = self._process()
+        reply = process.ask(question, num_answers, deadline)
         if self._is_stopped:
             raise StoppedError
         if reply.failure is not None:
+            # It is closed now: a batch of many failures would run out of descriptors.
             del self._of_thread.process
+            with self._lock:
+                self._all.remove(process)
+            process.close()
         return reply
 
     def stop(self) -> None:
