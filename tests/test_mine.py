@@ -136,4 +136,5 @@ config = MineConfig(steps_per_level=4, warm_up_steps=1)
 MineEstimator(observations, config, 0).ascend(8, read_transform({str(street)!r}), visible_only=True)
 assert not {{"sympy", "torch._dynamo"}} & set(sys.modules)
 """
-    subprocess.run([sys.executable, "-c", script], check=True)
+    # Isolated, so that the installed package is loaded and not the sources in the working folder.
+    subprocess.run([sys.executable, "-I", "-c", script], check=True)

@@ -21,8 +21,13 @@ def serve(answers_to: Callable[[Any], Iterator[Any]]) -> None:
     threading.Thread(target=_listen, args=(asked, questions), daemon=True).start()
     while True:
         for answer in answers_to(json.loads(questions.get())):
-            answered.write(json.dumps(answer) + "\n")
-            answered.flush()
+            try:
+                answered.write(json.dumps(answer) + "\n")
+                answered.flush()
+            except BrokenPipeError:
+                os._exit(
+                    1
+                )  # The asking process was killed; the end of the input says the same a moment later.
 
 
 def _listen(asked: TextIO, questions: SimpleQueue[str]) -> None:
