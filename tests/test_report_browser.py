@@ -55,7 +55,7 @@ def test_it_loads_without_a_complaint(page: webdriver.Chrome) -> None:
     assert page.title.endswith("c.yaml")
     assert [entry for entry in page.get_log("browser") if entry["level"] == "SEVERE"] == []
     images = page.find_elements(By.TAG_NAME, "img")
-    assert len(images) == 8
+    assert len(images) == 9  # Four frames before and after, and the registration.
     assert all(int(image.get_property("naturalWidth")) > 100 for image in images)
 
 

@@ -109,7 +109,7 @@ def main(num_drives: int, num_records: int, num_frames: int, width: int, height:
         )
         drives = sorted(map(str, (folder / "drives").iterdir()))
         (folder / "bare").mkdir()
-        bare = seconds([sys.executable, "-c", BARE, str(folder / "bare"), *drives])
+        bare = seconds([sys.executable, "-I", "-c", BARE, str(folder / "bare"), *drives])
         batch = [*SEMCAL, "batch", *drives]
         one = seconds([*batch, "-o", str(folder / "one"), "--jobs", "1", "--threads", "1"])
         two = seconds([*batch, "-o", str(folder / "two"), "--jobs", "2"])
