@@ -30,10 +30,10 @@ def results(knocked_drive: Path, tmp_path_factory: pytest.TempPathFactory) -> tu
     out, num_reads = tmp_path_factory.mktemp("split"), 0
     load_cues = loading.load_cues
 
-    def counted(*arguments: Any) -> Any:
+    def counted(*arguments: Any, **settings: Any) -> Any:
         nonlocal num_reads
         num_reads += 1
-        return load_cues(*arguments)
+        return load_cues(*arguments, **settings)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(loading, "load_cues", counted)
