@@ -41,7 +41,7 @@ impl Opened {
         self.size
     }
 
-    /// Refuses a file of more bytes than `limit`; `needed_for` says what the limit is that of.
+    /// Refuses a file of more bytes than `limit`; `needed_for` says what the limit applies to.
     ///
     /// # Errors
     /// The file is larger.

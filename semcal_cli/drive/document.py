@@ -96,7 +96,6 @@ Color = Annotated[tuple[ColorValue, ...], length(3, 3)]
 ImageSide = Annotated[int, Field(gt=0, le=0xFFFF)]
 ElevationDeg = Annotated[float, Field(ge=-90.0, le=90.0)]
 
-
 Stamp = Annotated[float, Field(ge=-1e10, le=1e10)]
 """Time in seconds. The limits refuse nanoseconds since 1970."""
 Sigma = Annotated[float, Field(ge=0.0, le=1e6)]

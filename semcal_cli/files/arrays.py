@@ -23,7 +23,7 @@ def map_array(path: Path, max_bytes: int, needed_for: str = "") -> npt.NDArray[A
     Args:
         path: The file.
         max_bytes: Largest size.
-        needed_for: Words that say what the limit is that of.
+        needed_for: Words that say what the limit applies to.
 
     Raises:
         InputError: the file is missing, is larger, or holds no array.

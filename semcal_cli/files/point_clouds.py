@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 BYTES_A_POINT = 64
 """Bytes that a point may take in a file; see `rust/point_cloud/limit.rs`."""
 A_POINT = f", {BYTES_A_POINT} a point: see --max-points"
-"""What a limit in bytes is that of."""
+"""Words that say what a limit in bytes applies to."""
 LEAST_BYTES = 1 << 20
 """Bytes that any file may have."""
 CHUNK = 1_000_000

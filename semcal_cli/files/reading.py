@@ -63,7 +63,7 @@ def size_of(file: BinaryIO) -> int:
 
 
 def check_size(path: Path, size: int, limit: int, needed_for: str = "") -> None:
-    """Check the size of a file in bytes; `needed_for` says what the limit is that of.
+    """Check the size of a file in bytes; `needed_for` says what the limit applies to.
 
     Raises:
         InputError: the file is larger than the limit.
