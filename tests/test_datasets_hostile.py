@@ -230,7 +230,7 @@ def whole(text: str) -> Callable[[str], str]:
         (
             "carla",
             "sensors.json",
-            whole("[" + '{"a": ' * 600 + r'"\\"' + "}" * 600 + "]"),
+            whole("[" + '{"a": ' * 100 + r'"\\"' + "}" * 100 + "]"),
             "nested too deeply",
         ),
         ("nuscenes", "v1.0-mini/scene.json", whole("[[]]"), "[0]: found a list of 0, needed a mapping"),

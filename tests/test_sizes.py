@@ -19,11 +19,12 @@ from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.files import rows
 from semcal_cli.files.arrays import map_array
-from semcal_cli.files.dialect import parse
+from semcal_cli.files.dialect import Format, parse
 from semcal_cli.files.images import read_image
 from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.reading import hash_file, read_bytes, read_text
+from semcal_cli.files.yaml_values import MAX_DEPTH
 
 MAX_SECONDS = 5.0
 """Time of the processor in which a drive of 10,000 frames is read: it takes a third of a second."""
@@ -294,9 +295,20 @@ def test_rows_are_those_of_the_list(piece: int, tmp_path: Path, monkeypatch: pyt
         ('[{"a": NaN}]', "found NaN, needed a finite number"),
         ('[{"a": "\\ud800"}]', r"found '\\ud800', needed text without lone surrogates"),
         ('[{"a": ' + "[" * 100_000, "nested too deeply"),
+        ('[{"a": ' + "[" * 100 + "]" * 100 + "}]", "nested too deeply"),
+        ('[{"a": "' + "x" * rows.MAX_ROW + '"}]', rows.TOO_LONG),
+        ('[{"a": "' + "x" * 3 * rows.MAX_ROW + '"}]', rows.TOO_LONG),
+        ("[{" + ", ".join(f'"{index}": true' for index in range(300_000)) + "}]", rows.TOO_LONG),
     ],
 )
 def test_wrong_rows(text: str, complaint: str, tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(text)
     with pytest.raises(InputError, match=rf"a\.json: {complaint}$"):
         list(rows.read_rows(tmp_path / "a.json"))
+
+
+@pytest.mark.parametrize("format", ["yaml", "json"])
+def test_both_formats_are_as_deep(format: Format) -> None:
+    parse("[" * MAX_DEPTH + "]" * MAX_DEPTH, format)
+    with pytest.raises(ValueError, match=r"^nested too deeply$"):
+        parse("[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1), format)

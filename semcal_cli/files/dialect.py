@@ -7,12 +7,13 @@ refused: semcal's files do not need them, and with them a small file could grow 
 import json
 import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping
+from itertools import chain
 from typing import Any, Literal, TypeAlias
 
 import yaml
 
 from semcal_cli.files.messages import describe
-from semcal_cli.files.yaml_values import CORE_SCHEMA, parse_yaml, plain_value
+from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, plain_value
 
 Format: TypeAlias = Literal["yaml", "json"]
 FORMATS: dict[str, Format] = {".yaml": "yaml", ".yml": "yaml", ".json": "json"}
@@ -42,7 +43,11 @@ def parse(text: str, format: Format) -> Any:
         ValueError: the text is not well-formed; the message names the place and the error.
     """
     try:
-        document = JSON.decode(text) if format == "json" else parse_yaml(text)
+        if format == "yaml":
+            document = parse_yaml(text)
+        else:
+            document = JSON.decode(text)
+            check_depth(document)
         if "\\" in text:
             check_texts(document)
         return document
@@ -59,6 +64,25 @@ def check_texts(document: object) -> None:
     text = next(filter(_SURROGATE.search, _texts(document)), None)
     if text is not None:
         raise ValueError(f"found {ascii(text)[:60]}, needed text without lone surrogates")
+
+
+def check_depth(document: object) -> None:
+    """Check that a document of JSON is no deeper than one of YAML may be, whatever depth the interpreter bears.
+
+    Raises:
+        ValueError: it has more than `MAX_DEPTH` lists and mappings inside one another.
+    """
+    level = [document]
+    for _ in range(MAX_DEPTH + 1):
+        inner = [
+            value.values() if isinstance(value, dict) else value
+            for value in level
+            if isinstance(value, dict | list)
+        ]
+        if not inner:
+            return
+        level = list(chain.from_iterable(inner))
+    raise ValueError("nested too deeply")
 
 
 def compose_yaml(text: str) -> yaml.Node:

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import JSON, check_texts, reason
+from semcal_cli.files.dialect import JSON, check_depth, check_texts, reason
 from semcal_cli.files.messages import describe
 from semcal_cli.files.reading import check_size, open_file, size_of
+from semcal_cli.files.yaml_values import MAX_DEPTH
 
 MAX_ROWS_BYTES = 4 << 30
 """Largest size of a list of rows. The largest table of nuScenes has 1.2 GB."""
@@ -20,6 +21,9 @@ MAX_ROW = 1 << 20
 """Longest row, in characters."""
 PIECE = 1 << 20
 """Characters that are read at a time."""
+TOO_LONG = f"found a row of more than {MAX_ROW:,} characters, needed a shorter one"
+LONGEST_TOKEN = len("-Infinity")
+"""Characters of the longest word of JSON. One that is cut is an error at its beginning."""
 _BLANKS = re.compile(r"[ \t\n\r]*")
 
 
@@ -75,7 +79,19 @@ class _Pieces:
         while len(self._text) - self._place < MAX_ROW and self._read_on():
             pass
         start = self._place
-        value, self._place = JSON.raw_decode(self._text, start)
+        try:
+            value, self._place = JSON.raw_decode(self._text, start)
+        except JSONDecodeError as error:
+            is_cut = error.pos > len(self._text) - LONGEST_TOKEN or error.msg.startswith(
+                "Unterminated string"
+            )
+            if is_cut and self._read(1):
+                raise ValueError(TOO_LONG) from None
+            raise
+        if self._place - start > MAX_ROW:
+            raise ValueError(TOO_LONG)
+        if sum(self._text.count(opening, start, self._place) for opening in "[{") > MAX_DEPTH:
+            check_depth(value)
         if self._text.find("\\", start, self._place) >= 0:
             check_texts(value)
         return value
