@@ -13,6 +13,14 @@ pub enum Error {
         /// Phrases on what was found and what was needed.
         reason: String,
     },
+    /// The system failed to read a file, whatever is in it.
+    #[error("{}: {source}", path.display())]
+    System {
+        /// The file as the caller named it.
+        path: PathBuf,
+        /// The system's own error, with its number.
+        source: std::io::Error,
+    },
     /// An argument is out of its range or arguments disagree.
     #[error("{0}")]
     Input(String),

@@ -1,7 +1,8 @@
 //! Files: what opens them refuses what is no file, such as a pipe that nobody writes to, and what is too large.
 
+use std::cell::Cell;
 use std::fs::{File, OpenOptions};
-use std::io::{BufReader, ErrorKind, Read};
+use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -21,8 +22,8 @@ impl Opened {
     /// # Errors
     /// There is none at this path, or it cannot be read.
     pub fn open(path: &Path) -> Result<Self> {
-        let check = |metadata: std::io::Result<std::fs::Metadata>| {
-            let metadata = metadata.map_err(|e| complaint(path, &e))?;
+        let check = |metadata: io::Result<std::fs::Metadata>| {
+            let metadata = metadata.map_err(|e| complaint(path, e))?;
             if !metadata.is_file() {
                 let found = if metadata.is_dir() { "a folder" } else { "no regular file" };
                 return Err(Error::file(path, format!("is {found}, needs a file")));
@@ -30,7 +31,7 @@ impl Opened {
             Ok(metadata.len())
         };
         check(std::fs::metadata(path))?;
-        let file = without_waiting().read(true).open(path).map_err(|e| complaint(path, &e))?;
+        let file = without_waiting().read(true).open(path).map_err(|e| complaint(path, e))?;
         let size = check(file.metadata())?;
         Ok(Self { path: path.to_owned(), file, size })
     }
@@ -55,16 +56,53 @@ impl Opened {
     /// # Errors
     /// The file cannot be read.
     pub fn bytes(self) -> Result<Vec<u8>> {
-        let mut bytes = Vec::with_capacity(self.size as usize);
-        self.file.take(self.size).read_to_end(&mut bytes).map_err(|e| complaint(&self.path, &e))?;
+        let mut bytes = Vec::new();
+        let no_memory = |_| complaint(&self.path, ErrorKind::OutOfMemory.into());
+        bytes.try_reserve_exact(self.size as usize).map_err(no_memory)?;
+        self.file.take(self.size).read_to_end(&mut bytes).map_err(|e| complaint(&self.path, e))?;
         Ok(bytes)
     }
 
-    /// The content as a stream.
-    #[must_use]
-    pub fn stream(self) -> BufReader<File> {
+    /// Parses the content as a stream.
+    ///
+    /// # Errors
+    /// Those of `parse`; but if the system failed to read the file, that is the error, whatever `parse` made of it.
+    pub fn parse<T>(self, parse: impl FnOnce(Stream<'_>) -> Result<T>) -> Result<T> {
         const BUFFER_BYTES: usize = 1 << 16;
-        BufReader::with_capacity(BUFFER_BYTES, self.file)
+        let failure = Cell::new(None);
+        let watched = Watched { file: self.file, failure: &failure };
+        let result = parse(BufReader::with_capacity(BUFFER_BYTES, watched));
+        match failure.get() {
+            Some(number) => Err(complaint(&self.path, io::Error::from_raw_os_error(number))),
+            None => result,
+        }
+    }
+}
+
+/// The content of a file as a stream.
+pub type Stream<'a> = BufReader<Watched<'a>>;
+
+/// A file that keeps the number of the system's last failure to read it: parsers turn it into words of their own.
+#[derive(Debug)]
+pub struct Watched<'a> {
+    file: File,
+    failure: &'a Cell<Option<i32>>,
+}
+
+impl Read for Watched<'_> {
+    fn read(&mut self, bytes: &mut [u8]) -> io::Result<usize> {
+        let is_lasting = |e: &io::Error| e.kind() != ErrorKind::Interrupted;
+        let found = self.file.read(bytes);
+        if let Some(error) = found.as_ref().err().filter(|e| is_lasting(e)) {
+            self.failure.set(error.raw_os_error());
+        }
+        found
+    }
+}
+
+impl Seek for Watched<'_> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.file.seek(to)
     }
 }
 
@@ -102,10 +140,10 @@ fn without_waiting() -> OpenOptions {
     options
 }
 
-fn complaint(path: &Path, error: &std::io::Error) -> Error {
-    match error.kind() {
+fn complaint(path: &Path, source: io::Error) -> Error {
+    match source.kind() {
         ErrorKind::NotFound | ErrorKind::NotADirectory => Error::file(path, "no such file"),
-        _ => Error::file(path, error.to_string()),
+        _ => Error::System { path: path.to_owned(), source },
     }
 }
 

@@ -163,14 +163,16 @@ fn decode_png(
     transformations: Transformations,
 ) -> Result<(png::OutputInfo, Vec<u8>)> {
     let invalid = |e: png::DecodingError| Error::file(path, format!("is no readable PNG: {e}"));
-    let mut decoder = png::Decoder::new(open(path, size)?.stream());
-    decoder.set_transformations(transformations);
-    let mut reader = decoder.read_info().map_err(invalid)?;
-    check_size(path, (reader.info().width as usize, reader.info().height as usize), size)?;
-    let num_bytes = reader.output_buffer_size().ok_or_else(|| Error::file(path, "is too large"))?;
-    let mut lines = vec![0; num_bytes];
-    let info = reader.next_frame(&mut lines).map_err(invalid)?;
-    Ok((info, lines))
+    open(path, size)?.parse(|stream| {
+        let mut decoder = png::Decoder::new(stream);
+        decoder.set_transformations(transformations);
+        let mut reader = decoder.read_info().map_err(invalid)?;
+        check_size(path, (reader.info().width as usize, reader.info().height as usize), size)?;
+        let num_bytes = reader.output_buffer_size().ok_or_else(|| Error::file(path, "is too large"))?;
+        let mut lines = vec![0; num_bytes];
+        let info = reader.next_frame(&mut lines).map_err(invalid)?;
+        Ok((info, lines))
+    })
 }
 
 /// The samples of one PNG row, most significant bits first.

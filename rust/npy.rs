@@ -122,8 +122,17 @@ pub fn read_ids(
     file: Opened,
     check_shape: impl FnOnce(&[u64]) -> Result<()>,
 ) -> Result<Vec<u16>> {
+    let size = file.size();
+    file.parse(|stream| read_ids_of(path, stream, size, check_shape))
+}
+
+fn read_ids_of(
+    path: &Path,
+    mut stream: impl Read,
+    size: u64,
+    check_shape: impl FnOnce(&[u64]) -> Result<()>,
+) -> Result<Vec<u16>> {
     let complain = |reason: String| Error::file(path, reason);
-    let (size, mut stream) = (file.size(), file.stream());
     let bytes =
         read_checked(&mut stream).map_err(|reason| complain(format!("is no .npy array: {reason}")))?;
     let header = parse_header(&bytes).map_err(complain)?;

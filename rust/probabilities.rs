@@ -42,12 +42,14 @@ pub fn read(path: &Path, shape: &[usize]) -> Result<ClassShares> {
     let num_items: u64 = shape.iter().map(|&n| n as u64).product();
     let limit = num_items.saturating_mul(MAX_ITEM_BYTES).saturating_add(MORE_BYTES);
     let file = Opened::open(path)?.at_most(limit, &format!(" for {num_items} items"))?;
-    let mut archive = archive::open(file.stream()).map_err(invalid)?;
-    if archive.len() != 1 {
-        return Err(Error::file(path, format!("holds {} arrays, needs one", archive.len())));
-    }
-    let array = archive.by_index(0).map_err(invalid)?;
-    read_array(path, BufReader::new(array), shape)
+    file.parse(|stream| {
+        let mut archive = archive::open(stream).map_err(invalid)?;
+        if archive.len() != 1 {
+            return Err(Error::file(path, format!("holds {} arrays, needs one", archive.len())));
+        }
+        let array = archive.by_index(0).map_err(invalid)?;
+        read_array(path, BufReader::new(array), shape)
+    })
 }
 
 fn read_array(path: &Path, mut file: impl Read, shape: &[usize]) -> Result<ClassShares> {

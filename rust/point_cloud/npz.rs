@@ -11,7 +11,7 @@ use super::npy;
 use super::parsed::{Parsed, shown};
 use super::table::Table;
 use crate::archive;
-use crate::file::Opened;
+use crate::file::{Opened, Stream};
 use crate::npy::read_array;
 
 /// Names of the array that holds x y z, where there are several; the last is `numpy.savez`'s own.
@@ -58,9 +58,12 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'static>> {
 
 /// What the arrays of a file unpack to, as its table of contents says.
 pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
-    let mut archive = archive::open(Opened::open(path).ok()?.stream()).ok()?;
-    let mut sizes = (0..archive.len()).map(|index| Some(archive.by_index_raw(index).ok()?.size()));
-    sizes.try_fold(0u64, |sum, size| Some(sum.saturating_add(size?)))
+    let sum_of = |stream: Stream<'_>| {
+        let mut archive = archive::open(stream).ok()?;
+        let mut sizes = (0..archive.len()).map(|index| Some(archive.by_index_raw(index).ok()?.size()));
+        sizes.try_fold(0u64, |sum, size| Some(sum.saturating_add(size?)))
+    };
+    Opened::open(path).ok()?.parse(|stream| Ok(sum_of(stream))).ok()?
 }
 
 impl<R: Read + Seek> Arrays<R> {

@@ -65,7 +65,11 @@ pub(super) fn parse(bytes: &[u8], limit: Limit) -> Parsed<Table<'_>> {
 /// What the data of a file unpacks to, where it is compressed and the file starts with a header of usual length.
 pub(super) fn unpacked_bytes(path: &Path) -> Option<u64> {
     let mut start = Vec::new();
-    Opened::open(path).ok()?.stream().take(HEADER_BYTES).read_to_end(&mut start).ok()?;
+    Opened::open(path)
+        .ok()?
+        .parse(|stream| Ok(stream.take(HEADER_BYTES).read_to_end(&mut start)))
+        .ok()?
+        .ok()?;
     let (header, _) = parse_header(&start).ok()?;
     matches!(header.encoding, Encoding::Compressed).then(|| header.data_bytes().ok().map(|n| n as u64))?
 }

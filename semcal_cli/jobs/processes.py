@@ -21,13 +21,11 @@ from time import monotonic
 from typing import Any, TypeVar
 
 CHUNK = 65_536
-FAULTS = frozenset(
-    {
-        *(signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGSEGV),
-        *(signal.SIGSYS, signal.SIGTRAP),
-    }
-)
-"""Signals that a process brings upon itself; all others come from outside."""
+FAULTS = frozenset({signal.SIGFPE, signal.SIGILL, signal.SIGSEGV, signal.SIGSYS, signal.SIGTRAP})
+"""Signals that a process brings upon itself; all others come from outside. So does SIGBUS: the file behind mapped memory
+has shrunk, or its disk is full or broken. So does SIGABRT, with which the core ends where memory is refused, as a
+`MemoryError` and the kernel's SIGKILL do elsewhere. Some bugs abort as well: the question is then asked once more in vain.
+"""
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
