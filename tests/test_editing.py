@@ -196,3 +196,58 @@ def test_what_lies_beside_the_transform_is_not_looked_at(tmp_path: Path) -> None
     put_transform(T_ANY, tmp_path / "a.json", FormatOptions(camera="CAM"))
     np.testing.assert_allclose(read_transform(tmp_path / "a.json"), T_ANY, atol=1e-15)
     assert (tmp_path / "a.json").read_text().endswith("}, " + tail)
+
+
+@pytest.mark.parametrize(
+    ("before", "wanted", "after"),
+    [
+        (
+            "a:\n  - 1 # one\n  - 2 # two\n  - 3\n  # end\nb: 1\n",
+            [9],
+            "a:\n  - 9 # one\n   # two\n  # end\nb: 1\n",
+        ),
+        ("a:\r\n- 1\r\n-\r\n  2 # x\r\n", [1], "a:\r\n- 1\r\n # x\r\n"),
+        ("a: [1, # one, or\n  2, # two\n  3]\n", [9], "a: [9 # one, or\n   # two\n  ]\n"),
+        ("a: [1, 2,\n  3, ] # end\n", [9], "a: [9, ] # end\n"),
+        ("a: [1, 2] # end\n", [], "a: [] # end\n"),
+    ],
+)
+def test_comments_beside_removed_items_stay(before: str, wanted: object, after: str) -> None:
+    assert edit("a.yaml", before.encode(), lambda document: document.update(a=wanted)).decode() == after
+
+
+def numbered(T: Any, text: str) -> str:
+    """A text with the numbers of a matrix, by rows, for each @."""
+    for value in T.ravel().tolist():
+        text = text.replace("@", repr(value), 1)
+    return text
+
+
+ROW = "[@, @, @, @]"
+LAYOUTS = {
+    "a flat list": "  T_cam_lidar: [@, @, @, @, # x\n    @, @, @, @, # y, up\n    @,@,@,@,   @, @, @, @] # end\n",
+    "a flat block list": "  T_cam_lidar:\n" + "".join(f"  - @ # no. {i}\n" for i in range(16)),
+    "three rows": f"  T_cam_lidar:\n  - {ROW} # x\n  # y\n  -  {ROW}\n  - {ROW}\n",
+    "twelve numbers": f"  T_cam_lidar: [{', '.join(['@'] * 12)}] # p_camera = T p_lidar\n",
+    "four rows": "  T_cam_lidar:\n"
+    + "".join(f"  - # row {i}\n    - @\n    - @\n    - @ # z\n    - @\n" for i in range(4)),
+}
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_a_matrix_of_any_layout_keeps_it(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "chain.yaml"
+    text = f"# rig\ncam0:\n{LAYOUTS[name]}  rostopic: /a # left\n"
+    file.write_text(numbered(np.eye(4), text))
+    put_transform(T_ANY, file)
+    assert file.read_text() == numbered(T_ANY, text)
+    np.testing.assert_allclose(read_transform(file), T_ANY, atol=1e-15)
+
+
+def test_a_second_byte_order_mark_is_named(tmp_path: Path) -> None:
+    file = tmp_path / "chain.yaml"
+    file.write_bytes(2 * MARK + f"cam0:\n  T_cam_lidar: {np.eye(4).tolist()}\n".encode())
+    before = file.read_bytes()
+    with pytest.raises(InputError, match=r"chain.yaml: found two byte order marks, needed one or none$"):
+        put_transform(T_ANY, file)
+    assert file.read_bytes() == before

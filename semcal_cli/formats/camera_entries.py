@@ -11,7 +11,7 @@ from typing import Any
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer, from_rows
-from semcal_cli.formats.values import matrix_at
+from semcal_cli.formats.values import matrix_at, rows_like
 from semcal_cli.geometry.poses import Pose
 
 
@@ -35,7 +35,8 @@ def _format(name: str, equation: str, key: str, first_camera: str, *, as_json: b
                 f"{options.file}: found cameras {listed(found)}, needed --to-camera to name one of them"
             )
         camera = options.camera or (found[0] if found else first_camera)
-        document.setdefault(camera, {})[key] = T_camera_lidar.tolist()
+        entry = document.setdefault(camera, {})
+        entry[key] = rows_like(entry.get(key), T_camera_lidar)
 
     return Format(
         name,

@@ -20,6 +20,9 @@ from semcal_cli.formats.format import Source
 from semcal_cli.formats.spans import Place, place_of
 
 LINE_END = re.compile("\r\n|[\r\n\x85\u2028\u2029]")
+COMMENT = re.compile("#[^\r\n\x85\u2028\u2029]*")
+MARK = "\ufeff"
+"""Byte order mark."""
 PLAIN_WORD = re.compile(r"[A-Za-z_]\w*", re.ASCII)
 NO_TEXT = {"true", "false", "null", "yes", "no", "on", "off", "y", "n"}
 """Words that readers of YAML 1.1 or 1.2 take for something else than text."""
@@ -34,6 +37,8 @@ def edited(source: Source, change: Callable[[Any], object]) -> bytes:
     wanted = _copied(source.document)
     change(wanted)
     text = source.text
+    if text.startswith(MARK):
+        raise InputError(f"{source.path}: found two byte order marks, needed one or none")
     edits = _Edits(text, is_json=source.path.suffix.lower() == ".json")
     if _is_same(source.document, wanted):
         return source.content
@@ -99,8 +104,10 @@ class _Edits:
         match before, after:
             case dict(), dict() if before.keys() <= after.keys():
                 old, new = list(before), [key for key in after if key not in before]
-            case list(), list() if len(before) <= len(after):
-                old, new = list(range(len(before))), list(range(len(before), len(after)))
+            case list(), list() if after or not before:
+                old = list(range(min(len(before), len(after))))
+                new = list(range(len(before), len(after)))
+                self._remove(place, len(after))
             case _:
                 self._replace(place, after)
                 return
@@ -135,6 +142,33 @@ class _Edits:
         at = places[-1].end if places else place.start + 1
         separator = f",{gap or ' '}"
         self.pieces.append((at, at, (separator if places else "") + separator.join(new)))
+
+    def _remove(self, place: Place, count: int) -> None:
+        """Remove the items of a list after the first `count`, and leave the comments beside them."""
+        places = list(place.items.values())
+        for last, item in zip(places[count - 1 :], places[count:], strict=False):
+            start = last.end
+            gap = self.text[start : item.start]
+            if place.column is None and "#" not in gap:
+                self.pieces.append((start, item.end, ""))
+                continue
+            # Between two items stand blanks, comments and one sign.
+            sign = start + COMMENT.sub(lambda found: " " * len(found[0]), gap).index(
+                "," if place.column is None else "-"
+            )
+            if place.column is None:
+                self.pieces += [(sign, sign + 1, ""), (item.start, item.end, "")]
+            else:
+                self.pieces.append((*self._whole_line(start, sign, item.end), ""))
+
+    def _whole_line(self, low: int, start: int, end: int) -> tuple[int, int]:
+        """Extend a piece of the text to its whole lines, if they begin after `low` and nothing else stands on them."""
+        first = max((found.end() for found in LINE_END.finditer(self.text, low, start)), default=low)
+        after = LINE_END.search(self.text, end)
+        last = len(self.text) if after is None else after.end()
+        if self.text[first:start].strip() or self.text[end:last].strip():
+            return start, end
+        return first, last
 
     def _lines(self, key: Any, container: Any) -> list[str]:
         """Lines of an item in block style; the rows of a matrix stand on a line each."""

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 import numpy.typing as npt
@@ -247,13 +247,29 @@ def numbers_at(where: str, node: object, key: str, names: Sequence[str]) -> list
     return [number(f"{where}: {key}.{name}", at(f"{where}: {key}", part, name)) for name in names]
 
 
+def _is_flat(rows: object) -> TypeGuard[list[object]]:
+    """Tell whether a matrix is a list of its numbers by rows."""
+    return isinstance(rows, list) and len(rows) in (12, 16) and not any(isinstance(row, list) for row in rows)
+
+
+def rows_like(before: object, T: Pose) -> list[Any]:
+    """Rows of a transform, laid out as the matrix that they replace: in one list, or without the last row."""
+    if _is_flat(before):
+        numbers: list[Any] = T.ravel()[: len(before)].tolist()
+        return numbers
+    rows: list[Any] = T[: 3 if isinstance(before, list) and len(before) == 3 else 4].tolist()
+    return rows
+
+
 def matrix_at(where: str, node: object, key: str) -> list[float]:
-    """Look up the numbers, by rows, of the 4 x 4 or 3 x 4 matrix under a key.
+    """Look up the numbers, by rows, of the 4 x 4 or 3 x 4 matrix under a key: a list of rows, or one of numbers.
 
     Raises:
         InputError: the key is missing, or its value is not such a matrix.
     """
     rows = at(where, node, key)
+    if _is_flat(rows):
+        return [number(f"{where}: {key}", value) for value in rows]
     if (
         not isinstance(rows, list)
         or len(rows) not in (3, 4)

@@ -22,10 +22,9 @@ from typing import Any, TypeVar
 
 CHUNK = 65_536
 FAULTS = frozenset({signal.SIGFPE, signal.SIGILL, signal.SIGSEGV, signal.SIGSYS, signal.SIGTRAP})
-"""Signals that a process brings upon itself; all others come from outside. So does SIGBUS: the file behind mapped memory
-has shrunk, or its disk is full or broken. So does SIGABRT, with which the core ends where memory is refused, as a
-`MemoryError` and the kernel's SIGKILL do elsewhere. Some bugs abort as well: the question is then asked once more in vain.
-"""
+"""Signals that a process brings upon itself; all others come from outside. So does SIGBUS: the file behind mapped
+memory has shrunk, or its disk is full or broken. So does SIGABRT, with which the core ends where memory is refused, as
+the kernel's SIGKILL does elsewhere. Some bugs abort as well: the question is then asked again in vain."""
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
