@@ -14,6 +14,16 @@ import pytest
 from batches import SEMCAL, command, make_drives, run, summary
 
 from semcal_cli.batch.drives import folder_of
+from semcal_cli.batch.records import (
+    MAX_RECORD_BYTES,
+    FileState,
+    has_record,
+    read_inputs,
+    read_outcome,
+    read_state,
+    write_record,
+)
+from semcal_cli.batch.tasks import Task, failed
 from semcal_cli.formats import read_transform
 from semcal_cli.jobs import processes
 
@@ -220,3 +230,51 @@ def test_links_in_finished_folders_are_not_followed(
     os.link(precious, place / name)
     run([*first(drives, out)[:1], "--force", *first(drives, out)[1:]])
     assert precious.read_text() == "a year of work\n"
+
+
+def test_a_drive_of_terabytes_is_refused_at_once(drives: Path, tmp_path: Path) -> None:
+    """Sizes are judged before any file is hashed; a drive that is refused for its size stays so until it changes."""
+    drive, out = Path(shutil.copytree(drives / "000", tmp_path / "drive")), tmp_path / "out"
+    (sweep,) = drive.glob("points/*")
+    os.truncate(sweep, 1 << 40)
+    arguments = ["batch", str(drive), "-o", str(out), "--timeout", "60"]
+    assert run(arguments).exit_code == 1
+    (reason,) = summary(out)[0]["reasons"]
+    assert reason.startswith(f"{sweep}: found 1,099,511,627,776 bytes, needed at most")
+    (record,) = out.rglob("record.json")
+    before = record.stat().st_ino
+    assert run(arguments).exit_code == 1
+    assert record.stat().st_ino == before
+    os.truncate(sweep, 1 << 39)
+    assert run(arguments).exit_code == 1
+    assert summary(out)[0]["reasons"][0].startswith(f"{sweep}: found 549,755,813,888 bytes")
+
+
+def test_sizes_tell_of_a_change_before_hashes(drives: Path, tmp_path: Path) -> None:
+    task = Task("a", str(drives / "000"), str(tmp_path / "a"), "calibrate")
+    (tmp_path / "a").mkdir()
+    inputs = read_inputs(task)
+    assert len(inputs) > 2
+    assert all(state is not None and state.sha256 for state in inputs.values())
+    large = tmp_path / "large"
+    large.write_bytes(b"1")
+    write_record(task, failed("a", "why"), inputs | {str(large): read_state(large)}, timed_out=False)
+    assert read_outcome(task) == failed("a", "why")
+    os.utime(large, (1.0, 1.0))
+    assert read_outcome(task) == failed("a", "why")  # The hash says that nothing changed.
+    os.truncate(large, 1 << 40)
+    assert read_outcome(task) is None
+
+
+@pytest.mark.parametrize(("num_files", "is_known"), [(130_000, True), (300_000, False)])
+def test_a_record_has_one_limit_whoever_reads_it(num_files: int, is_known: bool, tmp_path: Path) -> None:
+    task = Task("a", str(tmp_path / "drive"), str(tmp_path / "a"), "calibrate")
+    (tmp_path / "a").mkdir()
+    state = FileState(size=0, mtime_ns=0, sha256="0" * 64)
+    states: dict[str, FileState | None] = {f"/none/{number}": state for number in range(num_files)}
+    write_record(task, failed("a", "why"), states, timed_out=False)
+    record = tmp_path / "a" / "record.json"
+    assert (record.stat().st_size <= MAX_RECORD_BYTES) == is_known
+    assert has_record(tmp_path / "a") == is_known
+    write_record(task, failed("a", "why"), dict.fromkeys(states), timed_out=False)
+    assert read_outcome(task) == failed("a", "why")

@@ -17,18 +17,21 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from pydantic import JsonValue
+from pydantic import JsonValue, TypeAdapter
 
 from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, OutcomeLine, Task
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.documents import read_document
+from semcal_cli.files.documents import parse_document
 from semcal_cli.files.kinds import FILE, check_own_file, kind_of
-from semcal_cli.files.reading import MAX_TABLE_BYTES, hash_file, read_text
+from semcal_cli.files.point_clouds import max_bytes
+from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, hash_file, read_text
 from semcal_cli.files.validation import StrictModel, Version, validate
 from semcal_cli.files.writing import write_text
 from semcal_cli.result.uncertainty import Covariance
 
+MAX_RECORD_BYTES = 32 << 20
+"""Largest size of a record, whoever reads it: that of a drive of some 100,000 files."""
 SIGNED = ', "sha256": "'
 """What precedes the hash of a record."""
 EARLIER_KEYS = {"asked", "timed_out_s", "outcome", "files"}
@@ -42,8 +45,8 @@ class FileState(StrictModel):
     """Size in bytes."""
     mtime_ns: int
     """Time of the last change, in nanoseconds since 1970."""
-    sha256: str
-    """Hash of the content."""
+    sha256: str | None
+    """Hash of the content; null if a file of the drive is so large that the drive is refused."""
 
 
 class RecordedOutcome(OutcomeLine):
@@ -65,27 +68,36 @@ class Record(StrictModel):
     """Outcome of the drive."""
     result: FileState | None
     """State of the result; null if there is none."""
-    files: dict[str, FileState | None]
-    """State of each file that was read, by its absolute path; null if the file could not be read."""
 
 
-def read_state(path: Path) -> FileState | None:
+_STATE: TypeAdapter[FileState | None] = TypeAdapter(FileState | None)
+"""State of a file that a drive names in a record; null if the file could not be read."""
+
+
+def read_state(path: Path, *, with_hash: bool = True) -> FileState | None:
     """Read the state of a file; None if the file cannot be read."""
     try:
-        digest, found = hash_file(path), path.stat()
+        digest, found = hash_file(path) if with_hash else None, path.stat()
     except (InputError, OSError):
         return None
     return FileState(size=found.st_size, mtime_ns=found.st_mtime_ns, sha256=digest)
 
 
 def read_inputs(task: Task) -> dict[str, FileState | None]:
-    """Read the state of each file that a task reads, by absolute path; for a broken drive, of its known files."""
+    """Read the state of each file that a task reads, by absolute path; for a broken drive, of its known files.
+
+    Sizes are judged first. A drive with a file that no command reads is refused: nothing of it is hashed, and its state
+    is that of sizes and times.
+    """
     file = drive_file(Path(task.path))
-    paths = [file, *map(Path, task.also)]
+    paths = dict.fromkeys((file, *map(Path, task.also)), MAX_DOCUMENT_BYTES)
     with suppress(InputError):
         drive = read_drive(file)
-        paths += map(drive.resolve, drive.files())
-    return {str(path): read_state(path) for path in paths}
+        paths |= dict.fromkeys(
+            map(drive.resolve, drive.files()), max(max_bytes(task.max_points), MAX_DOCUMENT_BYTES)
+        )
+    is_readable = all(_size(path) <= limit for path, limit in paths.items())
+    return {str(path): read_state(path, with_hash=is_readable) for path in paths}
 
 
 def write_record(
@@ -116,19 +128,21 @@ def read_outcome(task: Task) -> Outcome | None:
     if kind_of(path) != FILE:
         return None
     try:
-        text = read_text(path, limit=MAX_TABLE_BYTES)
-        body, _, _ = text.rpartition(SIGNED)
-        if text != _signed(body + "}"):
+        text = read_text(path, limit=MAX_RECORD_BYTES)
+        if not _is_signed(text):
             return None
-        record = validate(Record, json.loads(body + "}"), path)
-    except (InputError, ValueError, RecursionError):
+        document = json.loads(text.rpartition(SIGNED)[0] + "}")
+        # The first file that is wrong ends the check: there may be many, and pydantic keeps each error.
+        files = {name: _STATE.validate_python(state) for name, state in document.pop("files").items()}
+        record = validate(Record, document, path)
+    except (InputError, ValueError, LookupError, AttributeError, TypeError, RecursionError):
         return None  # It is no record, or one of another version.
     has_more_time = record.timed_out_s is not None and (task.timeout_s or math.inf) > record.timed_out_s
     if record.asked != _asked(task) or has_more_time:
         return None
     if record.outcome.status != FAILED and not _has_result(task, record.result):
         return None
-    if not all(_is_unchanged(path, state) for path, state in record.files.items()):
+    if not all(_is_unchanged(path, state) for path, state in files.items()):
         return None
     return Outcome(**vars(record.outcome))
 
@@ -137,7 +151,10 @@ def has_record(folder: Path) -> bool:
     """Tell whether a batch of any version left a record in a folder."""
     path = folder / RECORD
     try:
-        return kind_of(path) == FILE and read_document(path).keys() >= EARLIER_KEYS
+        if kind_of(path) != FILE:
+            return False
+        text = read_text(path, limit=MAX_RECORD_BYTES)
+        return _is_signed(text) or parse_document(text, path).keys() >= EARLIER_KEYS
     except InputError:
         return False
 
@@ -145,6 +162,18 @@ def has_record(folder: Path) -> bool:
 def _signed(text: str) -> str:
     """Add the hash of a record to its text, as the last key; an edited text does not fit it."""
     return f'{text[:-1]}{SIGNED}{hashlib.sha256(text.encode()).hexdigest()}"}}\n'
+
+
+def _is_signed(text: str) -> bool:
+    """Tell whether a text ends with the hash of what precedes it."""
+    return text == _signed(text.rpartition(SIGNED)[0] + "}")
+
+
+def _size(path: Path) -> int:
+    """Size of a file in bytes; 0 if there is none."""
+    with suppress(OSError, ValueError):
+        return path.stat().st_size
+    return 0
 
 
 def _has_result(task: Task, state: FileState | None) -> bool:
@@ -173,5 +202,7 @@ def _is_unchanged(path: str, state: FileState | None) -> bool:
         return False
     if (found.st_size, found.st_mtime_ns) == (state.size, state.mtime_ns):
         return True
+    if found.st_size != state.size or state.sha256 is None:
+        return False
     now = read_state(Path(path))
     return now is not None and now.sha256 == state.sha256

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
@@ -42,6 +43,8 @@ class Task:
     """Files that the command reads beside those of the drive."""
     num_threads: int = 1
     """Threads of the Rust core."""
+    max_points: int = MAX_POINTS
+    """Points of the largest sweep that the command reads."""
     timeout_s: float | None = None
     """Seconds after which the drive has failed; None: it may take as long as it does."""
 

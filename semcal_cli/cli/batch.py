@@ -163,7 +163,7 @@ def _make_tasks(
     from semcal_cli.batch.folders import check_apart, check_distinct, check_made_by_batch
     from semcal_cli.batch.tasks import Task
 
-    rest, also = _take_rest(command, calibration, is_here)
+    rest, also, max_points = _take_rest(command, calibration, is_here)
     given = find_drives(drives, sys.stdin)
     check_distinct(given)
     check_apart(given, output)
@@ -177,6 +177,7 @@ def _make_tasks(
             arguments=tuple(rest),
             also=tuple(also),
             num_threads=num_threads,
+            max_points=max_points,
             timeout_s=timeout_s,
         )
         for drive in given
@@ -185,8 +186,11 @@ def _make_tasks(
     return tasks
 
 
-def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[list[str], list[str]]:
-    """Check the options that go to the command, once for all drives; return them with absolute paths, and their files.
+def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[list[str], list[str], int]:
+    """Check the options that go to the command, once for all drives.
+
+    Returns:
+        The options with absolute paths, their files, and the points of the largest sweep that they allow.
 
     Raises:
         click.UsageError: the command has no such option, options exclude one another, or the batch sets one.
@@ -207,7 +211,7 @@ def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[l
         rest = [*rest, "--init", str(init.absolute())]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
-    return rest, [str(drive_file(path).absolute()) for path in named]
+    return rest, [str(drive_file(path).absolute()) for path in named], given["max_points"]
 
 
 def _checked_parameters(command: str, calibration: Path | None, rest: list[str]) -> dict[str, Any]:
