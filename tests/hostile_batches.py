@@ -8,11 +8,14 @@ from pathlib import Path
 
 from hostile_commands import Hostile
 
+from semcal_cli.batch.folders import MARK
+
 BOTH = ("batch", "drive", "other", "-o")
 QUICK = ("--", "--no-polish", "--search-deg", "5", "--init", "other")
 PRECIOUS = "a year of work\n"
 APART = "needed a folder apart from the drives$"
-UNKNOWN = "which no batch wrote, needed a folder that is new, empty or of a batch$"
+NEEDED = "needed a folder that is new, empty or of a batch$"
+UNKNOWN = f"which no batch wrote, {NEEDED}"
 
 
 def write(name: str, content: bytes = PRECIOUS.encode()) -> Callable[[Path], object]:
@@ -53,6 +56,35 @@ def stays(name: str) -> Callable[[Path], object]:
         assert (folder / name).read_text() == PRECIOUS
 
     return check
+
+
+def moved(folder: Path) -> None:
+    """Move the points out of a drive, which then names them by their path, and write a log beside them."""
+    points = folder / "elsewhere/points"
+    points.parent.mkdir()
+    (folder / "drive/points").rename(points)
+    drive = folder / "drive/drive.yaml"
+    drive.write_text(drive.read_text().replace("points: points/", "points: ../elsewhere/points/"))
+    (points / "log.txt").write_text(PRECIOUS)
+
+
+def linked(folder: Path) -> None:
+    """Move the points out of a drive, and leave a link."""
+    points = folder / "elsewhere/points"
+    points.parent.mkdir()
+    (folder / "drive/points").rename(points)
+    (folder / "drive/points").symlink_to(points)
+    (points / "log.txt").write_text(PRECIOUS)
+
+
+def results_of_a_batch(folder: Path) -> None:
+    """Write what a batch leaves, with the results of a drive."""
+    for name, content in (
+        (".lock", MARK),
+        ("third/.semcal_batch", MARK),
+        ("third/log.txt", PRECIOUS.encode()),
+    ):
+        write(f"out/{name}", content)(folder)
 
 
 def no_results(folder: Path) -> None:
@@ -119,6 +151,46 @@ FOLDERS: dict[str, Hostile] = {
         ("batch", "drive/drive.yaml", "-o", "drive"),
         rf"^semcal: error: drive: found the folder of drive drive/drive.yaml, {APART}",
         check=is_kept("drive/log.txt"),
+    ),
+    **{
+        f"results where a drive's files are, {output}": Hostile(
+            moved,
+            (*BOTH, output),
+            rf"^semcal: error: {output}: found {found} files of drive drive, {APART}",
+            check=is_kept("elsewhere/points/log.txt"),
+        )
+        for output, found in (
+            ("elsewhere/points", "a folder with"),
+            ("elsewhere", "a folder that holds"),
+            ("elsewhere/points/out", "a folder in one with"),
+        )
+    },
+    "results where a link in a drive leads": Hostile(
+        linked,
+        (*BOTH, "elsewhere/points"),
+        rf"^semcal: error: elsewhere/points: found a folder with files of drive drive, {APART}",
+        check=is_kept("elsewhere/points/log.txt"),
+    ),
+    "results where one drive of another batch has them": Hostile(
+        results_of_a_batch,
+        (*BOTH, "out/third"),
+        rf"^semcal: error: out/third: found the results of one drive of another batch, {NEEDED}",
+        check=stays("out/third/log.txt"),
+    ),
+    **{
+        f"results in those of another batch, {output}": Hostile(
+            results_of_a_batch,
+            (*BOTH, output),
+            rf"^semcal: error: {output}: found a folder in .*/{above}, the results of another batch, {NEEDED}",
+            check=stays("out/third/log.txt"),
+        )
+        for output, above in (("out/new", "out"), ("out/a/b", "out"), ("out/third/new", "out/third"))
+    },
+    "a drive's results where another batch has its own": Hostile(
+        write("out/drive/.lock", MARK),
+        (*BOTH, "out"),
+        rf"^semcal: error: out/drive: found the results of another batch, {NEEDED}",
+        check=no_work,
     ),
     "a person's folder for results": Hostile(
         write("out/summary.csv"),

@@ -111,6 +111,15 @@ def wrong_option(line: str, *options: str, exit_code: int = 2) -> Hostile:
 
 
 STREAMS: dict[str, Hostile] = {
+    **{
+        f"json and junit {name}": Hostile(
+            lambda folder: None,
+            (*VERIFY, name, "--json"),
+            r"^Error: --json, --junit: would both write to standard output: give --junit a file$",
+            exit_code=2,
+        )
+        for name in ("-", "/dev/stdout", "/proc/self/fd/1")
+    },
     **{f"junit {name}": junit(name) for name in ("/dev/stdout", "/dev/fd/1", "/proc/self/fd/1", "-", "out")},
     "several outputs into one stream": Hostile(
         nothing,

@@ -14,6 +14,7 @@ import pytest
 from batches import SEMCAL, command, make_drives, run, summary
 
 from semcal_cli.batch.drives import folder_of
+from semcal_cli.batch.folders import check_apart
 from semcal_cli.batch.records import (
     MAX_RECORD_BYTES,
     FileState,
@@ -24,6 +25,7 @@ from semcal_cli.batch.records import (
     write_record,
 )
 from semcal_cli.batch.tasks import Task, failed
+from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.jobs import processes
 
@@ -278,3 +280,13 @@ def test_a_record_has_one_limit_whoever_reads_it(num_files: int, is_known: bool,
     assert has_record(tmp_path / "a") == is_known
     write_record(task, failed("a", "why"), dict.fromkeys(states), timed_out=False)
     assert read_outcome(task) == failed("a", "why")
+
+
+def test_results_may_stand_beside_files_that_drives_share(drives: Path, tmp_path: Path) -> None:
+    """Poses above the drives do not claim the folder in which drives and results stand."""
+    drive = Path(shutil.copytree(drives / "000", tmp_path / "drives" / "a"))
+    text = (drive / "drive.yaml").read_text()
+    (drive / "drive.yaml").write_text(text + "motion: {poses: ../../poses.txt}\n")
+    check_apart([str(drive)], tmp_path / "out")
+    with pytest.raises(InputError, match="found a folder that holds drive"):
+        check_apart([str(drive)], tmp_path)

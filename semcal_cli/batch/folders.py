@@ -16,10 +16,11 @@ from semcal_cli.batch.drives import folder_of
 from semcal_cli.batch.records import has_record
 from semcal_cli.batch.summary import CSV, JSONL, has_summary
 from semcal_cli.batch.tasks import LOG, PART, RECORD, RESULTS, TIMES, Task
+from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.kinds import FILE, FOLDER, LINK, check_own_file, kind_of
 from semcal_cli.files.messages import os_reason
-from semcal_cli.files.reading import read_start
+from semcal_cli.files.reading import read_start, read_text
 from semcal_cli.jobs.resume import locked, open_own
 
 LOCK, MARKER = ".lock", ".semcal_batch"
@@ -28,12 +29,18 @@ MARK = b"A folder of semcal batch, which replaces its files.\n"
 """Content of a marker."""
 OF_ALL = (LOCK, CSV, JSONL)
 OF_DRIVE = (MARKER, RECORD, LOG, TIMES, *RESULTS.values(), *(f"{name}{PART}" for name in RESULTS.values()))
+_APART = "needed a folder apart from the drives"
+_NEEDED = "needed a folder that is new, empty or of a batch"
+_OUTWARD = re.compile(r"\.\.|\\|(?:^|[\s\"'\[{,:])/", re.MULTILINE)
+"""What the text of a drive has that names files elsewhere: parents, absolute paths, or escapes, which may hide them."""
 TEMPORARY = re.compile(r"\.[0-9a-f]{16}\.tmp")
 """Names of the files that `files.writing` renames when they are whole."""
 
 
 def check_apart(drives: Iterable[str], output: Path) -> None:
     """Check that the folder of all results is no drive's folder, and that none of them lies in the other.
+
+    The folders of the files that a drive names are its own as well, wherever they are.
 
     Args:
         drives: The drives, folders or files.
@@ -44,14 +51,21 @@ def check_apart(drives: Iterable[str], output: Path) -> None:
     """
     results = os.path.realpath(output)
     for drive in drives:
-        for folder in _folders_of_drive(drive):
+        own = _folders_of_drive(drive)
+        for folder in own:
             shared = os.path.commonpath([results, folder])
             if shared in (results, folder):
                 found = "the folder of" if results == folder else "a folder in"
                 found = found if shared == folder else "a folder that holds"
-                raise InputError(
-                    f"{output}: found {found} drive {drive}, needed a folder apart from the drives"
-                )
+                raise InputError(f"{output}: found {found} drive {drive}, {_APART}")
+        for folder in _folders_of_files(drive):
+            shared = os.path.commonpath([results, folder])
+            # A folder that holds the drive, and with it one of its files, may hold results as well.
+            is_above = any(os.path.commonpath([folder, place]) == folder for place in own)
+            if shared == results or (shared == folder and not is_above):
+                found = "a folder in one with" if shared == folder else "a folder that holds"
+                found = "a folder with" if results == folder else found
+                raise InputError(f"{output}: found {found} files of drive {drive}, {_APART}")
 
 
 def check_distinct(drives: Iterable[str]) -> None:
@@ -89,10 +103,15 @@ def check_made_by_batch(tasks: Sequence[Task], folder: Path, output: Path) -> No
     """
     for name in OF_ALL:
         check_own_file(output / name)
+    _check_of_no_other_batch(folder, output)
     _check_made_by_batch(folder / LOCK, has_summary, output)
     for task in tasks:
         place = _find_folder(task, folder, output)
         if place is not None:
+            if _mark(place / LOCK) == MARK:
+                raise InputError(
+                    f"{output / place.relative_to(folder)}: found the results of another batch, {_NEEDED}"
+                )
             _check_made_by_batch(place / MARKER, has_record, output / place.relative_to(folder))
 
 
@@ -144,6 +163,21 @@ def _folders_of_drive(drive: str) -> set[str]:
     return {os.path.realpath(path.parent), str(path.resolve().parent)}
 
 
+def _folders_of_files(drive: str) -> set[str]:
+    """Real folders of the files that a drive names; none for a drive that cannot be read.
+
+    A drive whose names cannot lead out of its own folder is not parsed, which takes long for many drives.
+    """
+    with suppress(InputError, OSError, ValueError):
+        file = drive_file(Path(drive))
+        with os.scandir(file.parent) as entries:
+            has_links = any(entry.is_symlink() for entry in entries)
+        if has_links or _OUTWARD.search(read_text(file)):
+            opened = read_drive(file)
+            return set(map(os.path.realpath, {opened.resolve(name).parent for name in opened.files()}))
+    return set()
+
+
 def _check_made_by_batch(marker: Path, is_earlier: Callable[[Path], bool], shown: Path) -> None:
     """Check that a folder has a marker, no files to lose, or results of a version that wrote no markers."""
     mark, folder = _mark(marker), marker.parent
@@ -152,8 +186,20 @@ def _check_made_by_batch(marker: Path, is_earlier: Callable[[Path], bool], shown
     # A batch that is killed as it begins leaves a part of a marker; the lock of earlier versions is empty.
     names = _names_of_results(folder) - ({marker.name} if MARK.startswith(mark) else set())
     if names and (marker.name in names or not is_earlier(folder)):
-        needed = "needed a folder that is new, empty or of a batch"
-        raise InputError(f"{shown}: found {min(names)}, which no batch wrote, {needed}")
+        raise InputError(f"{shown}: found {min(names)}, which no batch wrote, {_NEEDED}")
+
+
+def _check_of_no_other_batch(folder: Path, output: Path) -> None:
+    """Check that a folder of all results is no drive's of another batch, and lies in no results of one.
+
+    Raises:
+        InputError: it is, or it does.
+    """
+    if _mark(folder / MARKER) == MARK:
+        raise InputError(f"{output}: found the results of one drive of another batch, {_NEEDED}")
+    for above in Path(os.path.realpath(folder)).parents:
+        if MARK in (_mark(above / LOCK), _mark(above / MARKER)):
+            raise InputError(f"{output}: found a folder in {above}, the results of another batch, {_NEEDED}")
 
 
 def _find_folder(task: Task, folder: Path, output: Path) -> Path | None:

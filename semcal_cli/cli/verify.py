@@ -62,9 +62,12 @@ def verify(
     """Verify a transform on a drive."""
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.files.streams import descriptor
     from semcal_cli.files.writing import write_text
     from semcal_cli.verification import verify as check
 
+    if as_json and junit is not None and descriptor(junit) == 1:
+        raise click.UsageError("--json, --junit: would both write to standard output: give --junit a file")
     initial_pose, config, limits = settings_of(options)
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit)
