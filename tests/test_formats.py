@@ -263,7 +263,8 @@ def test_arrays_are_read_either_way_round(tmp_path: Path) -> None:
             "found transforms velodyne to cam0_optical, velodyne to cam1_optical, needed --camera and --lidar",
         ),
         ("a.yaml", "results: 'a", [], "while scanning a quoted scalar"),
-        ("a.json", "[" * 900 + "]" * 900, [], "needed a transform"),
+        ("a.json", "[" * 100 + "]" * 100, [], "needed a transform"),
+        ("a.json", "[" * 900 + "]" * 900, [], "nested too deeply"),
         ("a.npy", "\x93NUMPY", [], "a damaged NumPy array"),
         (
             "a.txt",
