@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hostile_commands import Hostile
+from hostile_files import absent, pipe
 
 from semcal_cli.batch.folders import MARK
 
@@ -28,16 +29,6 @@ def write(name: str, content: bytes = PRECIOUS.encode()) -> Callable[[Path], obj
     return make
 
 
-def pipe(name: str) -> Callable[[Path], object]:
-    """Make a named pipe, whose opening waits for ever."""
-
-    def make(folder: Path) -> None:
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        os.mkfifo(folder / name)
-
-    return make
-
-
 def link(name: str, target: str) -> Callable[[Path], object]:
     """Write a file `precious`, and make a link."""
 
@@ -47,15 +38,6 @@ def link(name: str, target: str) -> Callable[[Path], object]:
         (folder / name).symlink_to(folder / target)
 
     return make
-
-
-def stays(name: str) -> Callable[[Path], object]:
-    """Check that a file was not written to."""
-
-    def check(folder: Path) -> None:
-        assert (folder / name).read_text() == PRECIOUS
-
-    return check
 
 
 def moved(folder: Path) -> None:
@@ -85,20 +67,6 @@ def results_of_a_batch(folder: Path) -> None:
         ("third/log.txt", PRECIOUS.encode()),
     ):
         write(f"out/{name}", content)(folder)
-
-
-def no_results(folder: Path) -> None:
-    assert not (folder / "out").exists()
-
-
-def is_kept(name: str) -> Callable[[Path], object]:
-    """Check that a file was not written to, and that nothing was computed."""
-
-    def check(folder: Path) -> None:
-        assert (folder / name).read_text() == PRECIOUS
-        assert not list(folder.rglob("summary.*"))
-
-    return check
 
 
 def no_work(folder: Path) -> None:
@@ -132,13 +100,15 @@ FOLDERS: dict[str, Hostile] = {
         write("log.txt"),
         (*BOTH, "."),
         rf"^semcal: error: \.: found a folder that holds drive drive, {APART}",
-        check=is_kept("log.txt"),
+        kept=("log.txt",),
+        check=no_work,
     ),
     "results in a drive": Hostile(
         write("drive/log.txt"),
         (*BOTH, "drive/results"),
         rf"^semcal: error: drive/results: found a folder in drive drive, {APART}",
-        check=is_kept("drive/log.txt"),
+        kept=("drive/log.txt",),
+        check=no_work,
     ),
     "results that a link leads into a drive": Hostile(
         link("out", "drive"),
@@ -150,14 +120,16 @@ FOLDERS: dict[str, Hostile] = {
         write("drive/log.txt"),
         ("batch", "drive/drive.yaml", "-o", "drive"),
         rf"^semcal: error: drive: found the folder of drive drive/drive.yaml, {APART}",
-        check=is_kept("drive/log.txt"),
+        kept=("drive/log.txt",),
+        check=no_work,
     ),
     **{
         f"results where a drive's files are, {output}": Hostile(
             moved,
             (*BOTH, output),
             rf"^semcal: error: {output}: found {found} files of drive drive, {APART}",
-            check=is_kept("elsewhere/points/log.txt"),
+            kept=("elsewhere/points/log.txt",),
+            check=no_work,
         )
         for output, found in (
             ("elsewhere/points", "a folder with"),
@@ -169,20 +141,21 @@ FOLDERS: dict[str, Hostile] = {
         linked,
         (*BOTH, "elsewhere/points"),
         rf"^semcal: error: elsewhere/points: found a folder with files of drive drive, {APART}",
-        check=is_kept("elsewhere/points/log.txt"),
+        kept=("elsewhere/points/log.txt",),
+        check=no_work,
     ),
     "results where one drive of another batch has them": Hostile(
         results_of_a_batch,
         (*BOTH, "out/third"),
         rf"^semcal: error: out/third: found the results of one drive of another batch, {NEEDED}",
-        check=stays("out/third/log.txt"),
+        kept=("out/third/log.txt",),
     ),
     **{
         f"results in those of another batch, {output}": Hostile(
             results_of_a_batch,
             (*BOTH, output),
             rf"^semcal: error: {output}: found a folder in .*/{above}, the results of another batch, {NEEDED}",
-            check=stays("out/third/log.txt"),
+            kept=("out/third/log.txt",),
         )
         for output, above in (("out/new", "out"), ("out/a/b", "out"), ("out/third/new", "out/third"))
     },
@@ -196,19 +169,21 @@ FOLDERS: dict[str, Hostile] = {
         write("out/summary.csv"),
         (*BOTH, "out"),
         rf"^semcal: error: out: found summary.csv, {UNKNOWN}",
-        check=stays("out/summary.csv"),
+        kept=("out/summary.csv",),
     ),
     "another program's lock": Hostile(
         write("out/.lock"),
         (*BOTH, "out"),
         rf"^semcal: error: out: found .lock, {UNKNOWN}",
-        check=is_kept("out/.lock"),
+        kept=("out/.lock",),
+        check=no_work,
     ),
     "a person's folder for a drive's results": Hostile(
         write("out/other/calibration.yaml"),
         (*BOTH, "out"),
         rf"^semcal: error: out/other: found calibration.yaml, {UNKNOWN}",
-        check=is_kept("out/other/calibration.yaml"),
+        kept=("out/other/calibration.yaml",),
+        check=no_work,
     ),
     "a person's record": Hostile(
         write("out/other/record.json", b'{"outcome": 1}'),
@@ -226,19 +201,21 @@ FOLDERS: dict[str, Hostile] = {
         link("out/drive/log.txt", "precious"),
         (*BOTH, "out"),
         rf"^semcal: error: out/drive: found log.txt, {UNKNOWN}",
-        check=is_kept("precious"),
+        kept=("precious",),
+        check=no_work,
     ),
     "a link for the lock": Hostile(
         link("out/.lock", "precious"),
         (*BOTH, "out"),
         r"^semcal: error: out/.lock: found a link, needed a file or nothing$",
-        check=is_kept("precious"),
+        kept=("precious",),
+        check=no_work,
     ),
     "a link for the summary": Hostile(
         link("out/summary.jsonl", "precious"),
         (*BOTH, "out"),
         r"^semcal: error: out/summary.jsonl: found a link, needed a file or nothing$",
-        check=stays("precious"),
+        kept=("precious",),
     ),
 }
 PIPES: dict[str, Hostile] = {
@@ -326,11 +303,6 @@ NAMES: dict[str, Hostile] = {
         r"^semcal: error: list.txt: line 3: caf\\xe9: found a name that is not UTF-8, needed .*$",
         check=no_work,
     ),
-    "a list without an end": Hostile(
-        lambda folder: os.truncate(write("list.txt", b"")(folder) or folder / "list.txt", 3 << 30),
-        ("batch", "list.txt", "-o", "out"),
-        r"^semcal: error: list.txt: found more than 16 MiB, needed a list of drives$",
-    ),
     "no pattern": Hostile(
         lambda folder: None,
         ("batch", "x**y", "-o", "out"),
@@ -341,7 +313,7 @@ NAMES: dict[str, Hostile] = {
             drive_named(name),
             ("batch", name, "-o", "out"),
             rf"^semcal: error: {name}: found a drive whose results would go to {name}, a file of the batch, needed .*$",
-            check=no_results,
+            check=absent("out"),
         )
         for name in ("summary.csv", ".lock")
     },

@@ -175,7 +175,17 @@ def write_calibration(folder: Path) -> None:
     CliRunner().invoke(semcal, ["initialize", str(folder / "drive"), "-o", str(folder / "c.yaml"), "-q"])
 
 
-def pipe(key: str, name: str) -> Callable[[Path], None]:
+def pipe(name: str) -> Callable[[Path], None]:
+    """A maker of a pipe, whose opening waits for ever."""
+
+    def make(folder: Path) -> None:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        os.mkfifo(folder / name)
+
+    return make
+
+
+def pipe_of_frame(key: str, name: str) -> Callable[[Path], None]:
     """A maker of a pipe that a frame of the drive names."""
 
     def edit(document: dict[str, Any], drive: Path) -> None:
@@ -214,4 +224,13 @@ def zeros(name: str, content: bytes = b"", size: int = HUGE) -> Callable[[Path],
 
 def instead(name: str) -> Callable[[Path], None]:
     """A maker of a pipe that takes a file's place."""
-    return all_of(lambda folder: (folder / name).unlink(), lambda folder: os.mkfifo(folder / name))
+    return all_of(lambda folder: (folder / name).unlink(), pipe(name))
+
+
+def absent(*names: str) -> Callable[[Path], None]:
+    """A check that nothing was written under these names."""
+
+    def check(folder: Path) -> None:
+        assert not [name for name in names if (folder / name).exists()]
+
+    return check

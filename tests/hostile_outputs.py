@@ -8,6 +8,7 @@ from typing import Any
 
 import yaml
 from hostile_commands import Hostile
+from hostile_files import absent, pipe
 from test_calibration import POSE, make_calibration
 
 from semcal_cli.result.calibration import write_calibration
@@ -18,6 +19,7 @@ VERIFY = ("verify", "drive", "drive", "--quiet", "--junit")
 INCONCLUSIVE = 4
 """Exit code of the small drive's verification."""
 BATCH = ("batch", "drive", "other", "-o", "results", "--")
+NO_RESULTS = absent("results", "x")
 LIMIT_OF_COEFFICIENTS = r"camera\.distortion\[0\]: found 1e\+308, needed at most 1000000000000\.0$"
 
 
@@ -82,12 +84,6 @@ def rig(folder: Path) -> None:
     (folder / "rig" / "rig.yaml").write_text("semcal_rig: 1\ncameras: {a: ../drive, b: ../other}\n")
 
 
-def no_results(folder: Path) -> None:
-    """Asserts that no work was begun."""
-    assert not (folder / "results").exists()
-    assert not (folder / "x").exists()
-
-
 def every_failure_has_a_reason(folder: Path) -> None:
     """Asserts that the summary says why each drive failed."""
     lines = (folder / "results" / "summary.jsonl").read_text().splitlines()
@@ -107,7 +103,7 @@ def junit(name: str, line: str = NOTHING, exit_code: int = INCONCLUSIVE) -> Host
 
 def wrong_option(line: str, *options: str, exit_code: int = 2) -> Hostile:
     """Gives options to the command of a batch, which are wrong whatever the drive."""
-    return Hostile(nothing, (*BATCH, *options), line, exit_code, check=no_results)
+    return Hostile(nothing, (*BATCH, *options), line, exit_code, check=NO_RESULTS)
 
 
 STREAMS: dict[str, Hostile] = {
@@ -181,7 +177,7 @@ STREAMS: dict[str, Hostile] = {
         check=stdout_goes_on(),
     ),
     "a pipe that nothing reads": Hostile(
-        lambda folder: os.mkfifo(folder / "pipe"),
+        pipe("pipe"),
         (*VERIFY, "pipe"),
         r"^semcal: error: pipe: found a pipe that nothing reads, needed a reader$",
         check=is_still_a_pipe,
@@ -309,7 +305,7 @@ OPTIONS: dict[str, Hostile] = {
         ),
         r"--cue features: verify compares by the exact histogram",
         2,
-        check=no_results,
+        check=NO_RESULTS,
     ),
     "options that one drive does not take": Hostile(
         rig,

@@ -1,7 +1,6 @@
 """Hostile sizes: files that are or claim to be too large, and files whose opening would never end."""
 
 import json
-import os
 import re
 from functools import partial
 
@@ -22,6 +21,7 @@ from hostile_files import (
     of_pixels,
     pcd,
     pipe,
+    pipe_of_frame,
     ply,
     png,
     repeated,
@@ -165,7 +165,7 @@ DOCUMENTS = {
     ),
 }
 OF_FRAMES = {
-    f"a pipe for {key} {name}": Hostile(pipe(key, name), command, error(f"drive/{name}: {line}"))
+    f"a pipe for {key} {name}": Hostile(pipe_of_frame(key, name), command, error(f"drive/{name}: {line}"))
     for key, name, command, line in (
         ("points", "a.las", CALIBRATE, "found no regular file, needed a file"),
         ("points", "a.pcd", CALIBRATE, NO_FILE),
@@ -182,7 +182,7 @@ PIPES = {
         error("drive/drive.yaml: found no regular file, needed a file"),
     ),
     "a pipe for poses": Hostile(
-        all_of(edited(with_poses), lambda folder: os.mkfifo(folder / "drive" / "poses.txt")),
+        all_of(edited(with_poses), pipe("drive/poses.txt")),
         CALIBRATE,
         error("drive/poses.txt: found no regular file, needed a file"),
     ),

@@ -3,6 +3,7 @@
 import hashlib
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -14,6 +15,7 @@ from hostile_files import bmp, jpeg, npy, pcd, png, sparse
 
 from semcal_cli import _core
 from semcal_cli.cli import semcal
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
@@ -28,6 +30,18 @@ from semcal_cli.files.yaml_values import MAX_DEPTH
 
 MAX_SECONDS = 5.0
 """Time of the processor in which a drive of 10,000 frames is read: it takes a third of a second."""
+
+
+# Points.
+
+
+@pytest.mark.parametrize("read", [_core.read_point_clouds, read_point_clouds])
+def test_the_core_and_the_package_have_the_same_limit_of_points(
+    tmp_path: Path, read: Callable[[list[tuple[Path, Path | None]]], object]
+) -> None:
+    sparse(tmp_path / "a.bin", size=16 * (MAX_POINTS + 1))
+    with pytest.raises(InputError, match=f"found {MAX_POINTS + 1:,} points, needed at most {MAX_POINTS:,}:"):
+        read([(tmp_path / "a.bin", None)])
 
 
 # Files.

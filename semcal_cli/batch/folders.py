@@ -68,7 +68,7 @@ def check_apart(drives: Iterable[str], output: Path) -> None:
                 raise InputError(f"{output}: found {found} files of drive {drive}, {_APART}")
 
 
-def check_distinct(drives: Iterable[str]) -> None:
+def check_distinct_folders(drives: Iterable[str]) -> None:
     """Check that no two drives have the same results folder, and that none has the name of a file of results.
 
     Raises:

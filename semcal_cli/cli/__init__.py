@@ -31,9 +31,9 @@ from semcal_cli.cli.report import report
 from semcal_cli.cli.synth import synth
 from semcal_cli.cli.verify import verify
 from semcal_cli.errors import InputError, SemcalError
+from semcal_cli.files.picture_sizes import MAX_PIXELS
 
 EXIT_FAILURE = 1
-MAX_IMAGE_PIXELS = 2**27
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -68,7 +68,7 @@ def main() -> None:
 def run(arguments: Sequence[str]) -> Ending:
     """Run a command; an expected failure is one line on stderr and exit code 1."""
     # OpenCV reads these when it is imported: they limit the size of an unpacked image, and leave error messages to us.
-    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_IMAGE_PIXELS))
+    os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     # NumPy need not warn of overflowing numbers: their results are checked.
     warnings.simplefilter("ignore", RuntimeWarning)

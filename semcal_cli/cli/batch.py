@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import click
 
@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     from semcal_cli.batch.tasks import Task
 
 EXIT_STOPPED = 130
-COMMANDS: dict[str, tuple[click.Command, Callable[[Mapping[str, Any]], object]]] = {
+Check: TypeAlias = Callable[[Mapping[str, Any], Sequence[click.Parameter]], object]
+"""Checks the values of a command's parameters without a drive, and which parameters are given on the command line."""
+COMMANDS: dict[str, tuple[click.Command, Check]] = {
     "calibrate": (calibrate, settings_of_calibrate),
-    "verify": (verify, settings_of_verify),
+    "verify": (verify, lambda values, given: settings_of_verify(values)),
 }
 """The commands, each with the function that checks its options without a drive."""
 OURS = {
@@ -160,12 +162,12 @@ def _make_tasks(
             theirs.
     """
     from semcal_cli.batch.drives import find_drives, folder_of
-    from semcal_cli.batch.folders import check_apart, check_distinct, check_made_by_batch
+    from semcal_cli.batch.folders import check_apart, check_distinct_folders, check_made_by_batch
     from semcal_cli.batch.tasks import Task
 
     rest, also, max_points = _take_rest(command, calibration, is_here)
     given = find_drives(drives, sys.stdin)
-    check_distinct(given)
+    check_distinct_folders(given)
     check_apart(given, output)
     folder = output.absolute()
     tasks = [
@@ -229,11 +231,12 @@ def _checked_parameters(command: str, calibration: Path | None, rest: list[str])
     run, check = COMMANDS[command]
     root = click.get_current_context().parent
     with run.make_context(command, [*arguments, *rest], root) as context:
-        for parameter in given_parameters(context):
+        given = given_parameters(context)
+        for parameter in given:
             if isinstance(parameter, click.Option) and parameter.name in OURS:
                 raise click.UsageError(f"-- {parameter.opts[0]}: is not for many drives")
         try:
-            check(context.params | {"output": Path(RESULTS[command])})
+            check(context.params | {"output": Path(RESULTS[command])}, given)
         except click.UsageError as error:
             error.ctx = context
             raise

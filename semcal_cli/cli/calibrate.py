@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,7 @@ from semcal_cli.cli.options import (
 from semcal_cli.cli.paper import PAPER_PARAMETERS, make_paper, paper_options
 from semcal_cli.cli.refinement import make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
-from semcal_cli.config import LABELS, CalibrationConfig
+from semcal_cli.config import LABELS, CalibrationConfig, Cue
 from semcal_cli.files.streams import takes_several
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def calibrate(
     """
     from semcal_cli.rig.document import find_rig
 
-    settings = settings_of(options)
+    settings = settings_of(options, given_parameters(click.get_current_context()))
     common, config, initial_pose = settings.common, settings.config, settings.initial_pose
     run = partial(_by_method(settings), config=config, initial_pose=initial_pose)
     if (rig := find_rig(drive)) is not None:
@@ -133,11 +133,12 @@ class Settings:
     """Whether each part of a drive is calibrated in which the camera was moved."""
 
 
-def settings_of(given: Mapping[str, Any]) -> Settings:
+def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> Settings:
     """Check all that can be said about the options without the drive, and make settings of them.
 
     Args:
-        given: Parameters of the current context, which is one of `calibrate`.
+        values: Values of the command's parameters, by their names.
+        given: The parameters that are given on the command line.
 
     Raises:
         click.UsageError: two options exclude one another, or one needs another.
@@ -145,9 +146,9 @@ def settings_of(given: Mapping[str, Any]) -> Settings:
     """
     from semcal_cli.cli.outputs import Outputs
 
-    options = dict(given)
+    options = dict(values)
     is_paper = options["method"] == "paper"
-    _check_method(options["method"])
+    _check_method(options["method"], options["cues"], given)
     search_config, initial_pose = make_search(options)
     to, format_options = options["to"], take_format_options(options, "to_")
     if to is None and any(vars(format_options).values()):
@@ -201,32 +202,22 @@ def _calibrate_drive(
     """Calibrate one camera, write the result, and return the exit code."""
     from semcal_cli.cli.drive import loaded_drive
 
-    opened = loaded_drive(
-        drive,
-        config,
-        outputs,
-        initial_pose,
-        threads=common.threads,
-        quiet=common.quiet,
-        max_points=common.max_points,
-    )
-    with opened as (data, terminal):
+    with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
         calibration = run(data, relative_to=outputs.folder, on_event=terminal.on_event)
     code = outputs.write(calibration, terminal, common.threads)
     outputs.illustrate(data.drive, calibration, terminal)
     return code
 
 
-def _check_method(method: str) -> None:
+def _check_method(method: str, cues: tuple[Cue, ...], given: Sequence[click.Parameter]) -> None:
     """Check that no option is given that the method does not have.
 
     Raises:
         click.UsageError: such an option is given.
     """
-    context = click.get_current_context()
-    for parameter in given_parameters(context):
+    for parameter in given:
         name = str(parameter.name)
-        by_labels = name == "cues" and context.params["cues"] == LABELS
+        by_labels = name == "cues" and cues == LABELS
         if name in PAPER_PARAMETERS and method != "paper":
             raise click.UsageError(f"{parameter.opts[0]}: is of --method paper")
         allowed = {"soic": WITH_SOIC, "paper": WITH_PAPER}.get(method, (name,))

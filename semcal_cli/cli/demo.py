@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from semcal_cli.cli.options import PATH, quiet_option, seed_option, threads_option
+from semcal_cli.cli.options import PATH, RunOptions, quiet_option, seed_option, threads_option
 
 NUM_FRAMES = 8
 
@@ -44,7 +44,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     console.print(f"making {NUM_FRAMES} frames of a synthetic street in {drive}")
     synthesize(SynthConfig(num_frames=NUM_FRAMES, seed=seed), drive, force=True)
     config, outputs = CalibrationConfig(seed), Outputs(result, page=page)
-    with loaded_drive(drive, config, outputs, threads=threads, quiet=quiet) as (data, terminal):
+    with loaded_drive(drive, config, outputs, RunOptions(threads, quiet)) as (data, terminal):
         calibration = calibrate(data, config, relative_to=outputs.folder, on_event=terminal.on_event)
     code = outputs.write(calibration, terminal, threads)
     initial = np.array(calibration.stages["initial"].T_camera_lidar)

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from semcal_cli.cli.outputs import Outputs
 from semcal_cli.cli.terminal import Terminal
-from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.jobs.threads import set_num_threads
 
 if TYPE_CHECKING:
+    from semcal_cli.cli.options import RunOptions
     from semcal_cli.config import CalibrationConfig
     from semcal_cli.initialization.initial_pose import InitialPose
 
@@ -24,12 +24,9 @@ def loaded_drive(
     drive: Path,
     config: CalibrationConfig,
     outputs: Outputs,
+    asked: RunOptions,
     initial_pose: InitialPose | None = None,
     parts: Sequence[Outputs] = (),
-    *,
-    threads: int | None,
-    quiet: bool,
-    max_points: int = MAX_POINTS,
 ) -> Iterator[tuple[LoadedDrive, Terminal]]:
     """Load a drive, and show the progress of all that is done with it.
 
@@ -37,18 +34,16 @@ def loaded_drive(
         drive: Folder of the drive, or its drive.yaml.
         config: Settings, which say what is read.
         outputs: Output files, which are checked before anything long begins.
+        asked: How the drive is read, and what is shown.
         initial_pose: Pose to start at, whose file no output may replace.
         parts: Output files of the parts of the drive, which are checked with the others.
-        threads: Number of threads of the Rust stages; None takes all.
-        quiet: Whether only errors are shown.
-        max_points: Points of the largest sweep that is read.
 
     Raises:
         InputError: the drive, one of its files or an output is wrong.
         CalibrationError: one side's labels carry no information.
     """
-    spec = read_drive(drive, max_points)
+    spec = read_drive(drive, asked.max_points)
     outputs.check(spec, initial_pose, parts)
-    set_num_threads(threads)
-    with Terminal(quiet=quiet) as terminal:
+    set_num_threads(asked.threads)
+    with Terminal(quiet=asked.quiet) as terminal:
         yield load(spec, config, terminal.on_event), terminal

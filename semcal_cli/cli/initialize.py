@@ -42,16 +42,7 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)
     outputs = Outputs(asked.output, asked.log)
-    opened = loaded_drive(
-        drive,
-        config,
-        outputs,
-        initial_pose,
-        threads=asked.threads,
-        quiet=asked.quiet,
-        max_points=asked.max_points,
-    )
-    with opened as (data, terminal):
+    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
         if images is not None:
             read = [data.drive.path, *map(data.drive.resolve, data.drive.files())]
             check_image_folder(images, MAX_IMAGES, read)

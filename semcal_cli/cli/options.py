@@ -94,6 +94,13 @@ def choice_option(
     return click.option(name, type=click.Choice(choices), default=default, show_default=True, help=help)
 
 
+def with_options(command: Command, options: Sequence[Callable[[Command], Command]]) -> Command:
+    """Add options to a command, whose help shows them in this order."""
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
 drive_argument = click.argument("drive", type=PATH)
 
 
@@ -211,16 +218,25 @@ cue_option = click.option(
 
 
 @dataclass(frozen=True)
-class ResultOptions:
+class RunOptions:
+    """Options of every command that loads a drive."""
+
+    threads: int | None
+    """Number of threads of the Rust stages; None takes all."""
+    quiet: bool
+    """Whether only errors are shown."""
+    max_points: int = MAX_POINTS
+    """Points of the largest sweep that is read."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ResultOptions(RunOptions):
     """Options of every command that computes a calibration."""
 
     output: Path | None
     log: Path | None
     seed: int
-    threads: int | None
-    quiet: bool
     max_frames: int
-    max_points: int
     cues: tuple[Cue, ...]
 
 

@@ -8,7 +8,7 @@ from typing import Any, get_args
 import click
 
 from semcal_cli.baselines.config import PaperConfig
-from semcal_cli.cli.options import Command, FiniteRange, number_option
+from semcal_cli.cli.options import Command, FiniteRange, number_option, with_options
 from semcal_cli.config import (
     LABELS,
     MINE_WITH_VECTORS,
@@ -87,9 +87,7 @@ PAPER_OPTIONS = (
 
 def paper_options(command: Command) -> Command:
     """Add the options for the choices that the paper leaves open."""
-    for option in reversed(PAPER_OPTIONS):
-        command = option(command)
-    return command
+    return with_options(command, PAPER_OPTIONS)
 
 
 def make_paper(options: dict[str, Any], search: InitializationConfig, is_started: bool) -> PaperConfig:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import Command, FiniteRange
+from semcal_cli.cli.options import Command, FiniteRange, with_options
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
@@ -64,9 +64,7 @@ PRIOR_OPTIONS = (
 
 def prior_options(command: Command) -> Command:
     """Add the options for prior knowledge of the pose."""
-    for option in reversed(PRIOR_OPTIONS):
-        command = option(command)
-    return command
+    return with_options(command, PRIOR_OPTIONS)
 
 
 def make_priors(

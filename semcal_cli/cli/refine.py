@@ -45,16 +45,7 @@ def refine(drive: Path, init: Path, max_baseline_m: float, **options: Any) -> No
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, refinement=refinement)
     outputs = Outputs(asked.output, asked.log)
-    opened = loaded_drive(
-        drive,
-        config,
-        outputs,
-        initial_pose,
-        threads=asked.threads,
-        quiet=asked.quiet,
-        max_points=asked.max_points,
-    )
-    with opened as (data, terminal):
+    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
         on_event = terminal.on_event
         initial = start_at(data, initial_pose, on_event)
         stages = refine_and_polish(data, initial, refinement, config.seed, priors, on_event, from_afar=True)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from semcal_cli.cli.options import Command, choice_option
+from semcal_cli.cli.options import Command, choice_option, with_options
 from semcal_cli.cli.priors import make_priors, prior_options
 from semcal_cli.config import Device, Estimator, RefinementConfig
 
@@ -43,10 +43,7 @@ REFINEMENT_OPTIONS = (
 
 def refinement_options(command: Command) -> Command:
     """Add the options for the refinement of a pose, and for prior knowledge of it."""
-    command = prior_options(command)
-    for option in reversed(REFINEMENT_OPTIONS):
-        command = option(command)
-    return command
+    return with_options(prior_options(command), REFINEMENT_OPTIONS)
 
 
 def make_refinement(

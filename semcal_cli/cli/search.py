@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, Command, FiniteRange, max_baseline_option
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    PATH,
+    Command,
+    FiniteRange,
+    max_baseline_option,
+    with_options,
+)
 from semcal_cli.config import AlignmentConfig, InitializationConfig, Zoom
 
 if TYPE_CHECKING:
@@ -65,9 +72,7 @@ SEARCH_OPTIONS = (
 
 def search_options(command: Command) -> Command:
     """Add the options for the search of the initial calibration."""
-    for option in reversed(SEARCH_OPTIONS):
-        command = option(command)
-    return command
+    return with_options(command, SEARCH_OPTIONS)
 
 
 def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialPose | None]:

@@ -50,9 +50,8 @@ def calibrate_parts(
         CalibrationError: the drive or a part has no answer; the results of the others are written.
     """
     of_parts = [outputs.of_part(number) for number in range(1, MAX_PARTS + 1)]
-    load = partial(loaded_drive, threads=options.threads, quiet=options.quiet, max_points=options.max_points)
     run = partial(calibrate, relative_to=outputs.folder, hashes={})
-    with load(drive, config, outputs, initial_pose, of_parts) as (data, terminal):
+    with loaded_drive(drive, config, outputs, options, initial_pose, of_parts) as (data, terminal):
         whole = run(data, on_event=terminal.on_event)
     code = outputs.write(whole, terminal, options.threads)
     outputs.illustrate(data.drive, whole, terminal)

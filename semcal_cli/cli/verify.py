@@ -14,6 +14,7 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     OUTPUT_FILE,
     PATH,
+    RunOptions,
     cue_option,
     drive_argument,
     limit_options,
@@ -71,10 +72,8 @@ def verify(
     initial_pose, config, limits = settings_of(options)
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit)
-    opened = loaded_drive(
-        drive, config, outputs, initial_pose, threads=threads, quiet=quiet, max_points=max_points
-    )
-    with opened as (data, terminal):
+    asked = RunOptions(threads, quiet, max_points)
+    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
         found = check(data, initial_pose, limits, config.seed, terminal.on_event)
     cases = [Case.of_check(check, found.reasons) for check in found.checks]
     if junit is not None:

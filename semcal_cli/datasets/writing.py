@@ -13,7 +13,6 @@ import numpy as np
 
 from semcal_cli.datasets.choice import Choice, most_varied, narrowed
 from semcal_cli.datasets.files import need_file, writable_name
-from semcal_cli.datasets.image_headers import holds_colors
 from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
@@ -21,6 +20,7 @@ from semcal_cli.drive.document import DRIVE_FILE, Drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.messages import os_reason
+from semcal_cli.files.picture_sizes import holds_colors
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
 from semcal_cli.files.writing import write_bytes, write_text
 from semcal_cli.formats.values import rigid

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 import cv2
@@ -21,7 +22,7 @@ from semcal_cli.config import IntensityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
-from semcal_cli.drive.motion import compensated
+from semcal_cli.drive.motion import Compensated, compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError
@@ -64,8 +65,7 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
         contrasts = list(
             pool.map(partial(_of_points, config), [sweep.points for sweep in moved], intensities)
         )
-    names = [str(level) for level in range(config.num_levels)]
-    limits = _limits(drive, "intensity", np.concatenate(contrasts), config)
+    labelled = _in_levels(drive, moved, contrasts, config)
     # Each image has its own exposure; the sensor's intensity has one scale.
     images = []
     for image in grey:
@@ -73,11 +73,7 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
         classes = np.where(seen, levels, NO_CLASS).astype(np.uint8)
         # Certain, but as shares: levels have no borders whose pixels are in doubt.
         images.append(LabelledImage(classes, _core.ClassShares.certain(classes.ravel())))
-    labelled = [
-        LabelledCloud(sweep.points, np.digitize(values, limits).astype(np.uint8))
-        for sweep, values in zip(moved, contrasts, strict=True)
-    ]
-    return make_observations(drive, clouds, moved, labelled, images, (names, names))
+    return make_observations(drive, clouds, moved, labelled, images, _names(config))
 
 
 def observe_raw_intensity(
@@ -101,20 +97,35 @@ def observe_raw_intensity(
     seen = lens_mask(drive.camera)
     intensities = [_intensity(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
     grey = [_grey_values(drive, frame) for frame in drive.frames]
-    names = [str(level) for level in range(config.num_levels)]
-    limits = _limits(drive, "intensity", np.concatenate(intensities), config)
-    grey_limits = _limits(drive, "grey", np.concatenate([image[seen] for image in grey]), config)
     labelled = [
-        LabelledCloud(sweep.points, np.digitize(values, limits).astype(np.uint8), vectors=vectors)
-        for sweep, values, vectors in zip(moved, intensities, _standardized(intensities), strict=True)
-    ]
-    images = [
-        LabelledImage(
-            np.where(seen, np.digitize(image, grey_limits), NO_CLASS).astype(np.uint8), vectors=vectors
+        replace(cloud, vectors=vectors)
+        for cloud, vectors in zip(
+            _in_levels(drive, moved, intensities, config), _standardized(intensities), strict=True
         )
+    ]
+    limits = _limits(drive, "grey", np.concatenate([image[seen] for image in grey]), config)
+    images = [
+        LabelledImage(np.where(seen, np.digitize(image, limits), NO_CLASS).astype(np.uint8), vectors=vectors)
         for image, vectors in zip(grey, _standardized(grey), strict=True)
     ]
-    return make_observations(drive, clouds, moved, labelled, images, (names, names))
+    return make_observations(drive, clouds, moved, labelled, images, _names(config))
+
+
+def _in_levels(
+    drive: Drive, sweeps: Sequence[Compensated], values: Sequence[Values], config: IntensityConfig
+) -> list[LabelledCloud]:
+    """Label the points of all sweeps with equally frequent levels of their values, which have one scale."""
+    limits = _limits(drive, "intensity", np.concatenate(values), config)
+    return [
+        LabelledCloud(sweep.points, np.digitize(each, limits).astype(np.uint8))
+        for sweep, each in zip(sweeps, values, strict=True)
+    ]
+
+
+def _names(config: IntensityConfig) -> tuple[list[str], list[str]]:
+    """Name the levels, which are the classes of either side."""
+    names = [str(level) for level in range(config.num_levels)]
+    return names, names
 
 
 def _standardized(values: Sequence[Values]) -> list[npt.NDArray[np.float16]]:

@@ -6,7 +6,7 @@ refused: semcal's files do not need them, and with them a small file could grow 
 
 import json
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from typing import Any, Literal, TypeAlias
 
@@ -119,28 +119,16 @@ def _texts(document: object) -> Iterator[str]:
 
 
 def _mapping(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    keys = [key for key, _ in pairs]
-    if (index := _repeated(keys)) is not None:
-        raise ValueError(_given_twice(keys[index]))
-    return dict(pairs)
+    mapping: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in mapping:
+            raise ValueError(f"key {describe(key)} is given twice")
+        mapping[key] = value
+    return mapping
 
 
 def _refuse_constant(name: str) -> float:
     raise ValueError(f"found {name}, needed a finite number")
-
-
-def _repeated(keys: Iterable[Hashable]) -> int | None:
-    """Index of the first key that repeats an earlier one."""
-    seen: set[Hashable] = set()
-    for index, key in enumerate(keys):
-        if key in seen:
-            return index
-        seen.add(key)
-    return None
-
-
-def _given_twice(key: object) -> str:
-    return f"key {describe(key)} is given twice"
 
 
 JSON = json.JSONDecoder(object_pairs_hook=_mapping, parse_constant=_refuse_constant)

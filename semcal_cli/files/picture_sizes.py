@@ -6,15 +6,18 @@ import os
 import struct
 from collections.abc import Callable
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import BinaryIO, NamedTuple, TypeAlias
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import open_file, size_of
 
 MAGIC_BYTES = 4
 """Bytes by which a format is recognised."""
-PNG_HEADER = struct.Struct(">8x4x4sII")
-"""Signature, and length, name, width and height of the first chunk."""
+PNG = b"\x89PNG"
+PNG_HEADER = struct.Struct(">8x4x4sIIxB")
+"""Signature, and length, name, width, height and type of the colours of the first chunk."""
+TRUE_COLORS = (2, 6)
+"""Types of PNG with colours, without and with alpha. The other types have one number a pixel."""
 BMP_HEADER = struct.Struct("<14xI8x")
 """Header of the file, and the size of the header of the picture, with the width and height that follow."""
 OLD_BMP_BYTES = 12
@@ -66,17 +69,38 @@ def stated_size(path: Path, file: BinaryIO) -> Size:
     return size
 
 
+def holds_colors(path: Path) -> bool:
+    """Tell whether a label image is a PNG of colours, whose pixels are not ids.
+
+    Raises:
+        InputError: the file is missing, or cannot be read.
+    """
+    with open_file(path) as file:
+        header = _png_header(file)
+    return header is not None and header.color_type in TRUE_COLORS
+
+
 def damaged_picture(path: Path) -> InputError:
     """Make the error of a picture that cannot be decoded."""
     return InputError(f"{path}: found a damaged picture, needed a whole one")
 
 
-def _png(file: BinaryIO) -> Size | None:
-    header = file.read(PNG_HEADER.size)
-    if len(header) < PNG_HEADER.size:
+class _PngHeader(NamedTuple):
+    size: Size
+    color_type: int
+
+
+def _png_header(file: BinaryIO) -> _PngHeader | None:
+    start = file.read(PNG_HEADER.size)
+    if len(start) < PNG_HEADER.size or not start.startswith(PNG):
         return None
-    name, width, height = PNG_HEADER.unpack(header)
-    return (width, height) if name == b"IHDR" else None
+    name, width, height, color_type = PNG_HEADER.unpack(start)
+    return _PngHeader((width, height), color_type) if name == b"IHDR" else None
+
+
+def _png(file: BinaryIO) -> Size | None:
+    header = _png_header(file)
+    return None if header is None else header.size
 
 
 def _bmp(file: BinaryIO) -> Size | None:
@@ -124,7 +148,7 @@ def _next_marker(file: BinaryIO) -> int | None:
 
 
 _READERS: dict[bytes, Callable[[BinaryIO], Size | None]] = {
-    b"\x89PNG": _png,
+    PNG: _png,
     b"\xff\xd8\xff": _jpeg,
     b"BM": _bmp,
 }

@@ -21,9 +21,12 @@ _OF_ANY_PROCESS = re.compile(r"/proc/[0-9]+(/task/[0-9]+)?/fd")
 
 
 def descriptor(path: Path) -> int | None:
-    """Number of this process's descriptor that a path names, as /dev/stdout or /dev/fd/3, also by links; else None.
+    """Find the descriptor of this process that a path names: 1 for /dev/stdout, 3 for /dev/fd/3.
 
-    The real path does not tell: it is that of the file that the shell opened.
+    The path may be a link to such a name. Its real path does not help: that is the file that the shell opened.
+
+    Returns:
+        The number of the descriptor, or None if the path names none.
 
     Raises:
         InputError: the path names a descriptor of another process.

@@ -20,8 +20,8 @@ def write_text(text: str, path: Path) -> None:
 def write_bytes(content: bytes, path: Path) -> None:
     """Write a file as a whole or not at all: to a temporary file beside it, which is then renamed.
 
-    Descriptors of this process, as /dev/stdout, devices and pipes are written to, not replaced. A replaced file keeps
-    its permissions.
+    A descriptor of this process (such as /dev/stdout), a device or a pipe is never replaced: the content goes into it.
+    A file that is replaced keeps its permissions.
 
     Raises:
         InputError: the file cannot be written. An existing file stays untouched then.

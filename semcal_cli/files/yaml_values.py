@@ -95,10 +95,11 @@ def _compose(next_event: Callable[[], Event]) -> Any:
     outer: list[tuple[list[Any] | dict[Hashable, Any], Hashable]] = []
     key: Hashable = _NO_KEY
     for _ in range(MAX_VALUES):
-        event = next_event()
+        event: Any = next_event()
         kind = type(event)
         if kind is ScalarEvent:
-            value = _scalar(event)
+            _check_plain(event)
+            value = plain_value(event.value) if event.implicit[0] else event.value
         elif kind is SequenceStartEvent or kind is MappingStartEvent:
             _check_plain(event)
             if len(outer) == MAX_DEPTH:
@@ -128,12 +129,6 @@ def _compose(next_event: Callable[[], Event]) -> Any:
 
 
 _NO_KEY = object()
-
-
-def _scalar(event: Any) -> Any:
-    if event.anchor or event.tag:
-        raise _refused(event)
-    return plain_value(event.value) if event.implicit[0] else event.value
 
 
 def plain_value(text: str) -> Any:

@@ -69,7 +69,7 @@ def choose(
         option: Option that gives it.
 
     Raises:
-        InputError: the file has no such name, or the words of its names do not tell.
+        InputError: the file does not have the name that the user wants, or the words of its names leave a choice.
     """
     if wanted is not None and wanted in names:
         return wanted
@@ -82,7 +82,7 @@ def check_two(where: str, camera: str, lidar: str, needed: str) -> None:
     """Check that camera and LiDAR are not the same entry of a file.
 
     Raises:
-        InputError: they are; the transform between them says nothing.
+        InputError: they are the same, so that the file has no transform from one sensor to the other.
     """
     if camera == lidar:
         raise InputError(f"{where}: found {camera!r} for both camera and LiDAR, needed {needed}")
