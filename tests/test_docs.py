@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+from semcal_cli.batch import records
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.datasets import ply
 from semcal_cli.experiments import journal
@@ -14,6 +15,7 @@ DOCS = Path(__file__).parents[1] / "docs"
 LIMITS = {
     reading.MAX_DOCUMENT_BYTES: "bytes",
     reading.MAX_TABLE_BYTES: "bytes",
+    records.MAX_RECORD_BYTES: "bytes",
     journal.MAX_BYTES: "bytes",
     ply.MAX_BYTES: "bytes",
     rows.MAX_ROWS_BYTES: "bytes",
