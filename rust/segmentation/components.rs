@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 
 use super::SegmentationConfig;
-use super::scan::{Row, Scan};
+use super::scan::{Direction, Row, Scan};
 
 /// Cells across which patches are connected: up, and to either side.
 const REACH: (usize, isize) = (2, 3);
@@ -21,7 +21,9 @@ pub(super) fn find(
     if members.is_empty() {
         return Vec::new();
     }
-    let patches = Patches::of(Scan::of(points), points, members, config);
+    let directions: Vec<Direction> = points.iter().map(Direction::of).collect();
+    let places = members.iter().map(|&member| (directions[member], points[member].norm())).collect();
+    let patches = Patches::of(Scan::of(&directions), places, config);
     let mut sets = Sets::new(patches.patches.len());
     for row in 0..patches.scan.rows.len() {
         for column in 0..patches.scan.rows[row].columns {
@@ -58,28 +60,33 @@ struct Patches {
 }
 
 impl Patches {
-    fn of(scan: Scan, points: &[Vector3<f64>], members: &[usize], config: &SegmentationConfig) -> Self {
-        let place = |(number, &member): (usize, &usize)| {
-            let (row, column) = scan.place(&points[member]);
-            (scan.rows[row].first + column, points[member].norm(), number, row)
+    /// Those of members with these directions and ranges.
+    fn of(scan: Scan, places: Vec<(Direction, f64)>, config: &SegmentationConfig) -> Self {
+        let place = |(number, (direction, range)): (usize, (Direction, f64))| {
+            let (row, column) = scan.place(&direction);
+            // Positive numbers sort as their bits do.
+            ((scan.rows[row].first + column) as u32, (range as f32).to_bits(), number as u32, row as u32)
         };
-        let mut placed: Vec<(usize, f64, usize, usize)> = members.iter().enumerate().map(place).collect();
-        placed.sort_unstable_by(|a, b| a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.cmp(&b.2)));
+        let mut placed: Vec<(u32, u32, u32, u32)> = places.into_iter().enumerate().map(place).collect();
+        placed.sort_unstable_by_key(|&(cell, range, number, _)| {
+            (u64::from(cell) << 32 | u64::from(range), number)
+        });
         let mut starts = vec![0; scan.num_cells() + 1];
         let mut patches: Vec<Patch> = Vec::new();
-        let mut of_member = vec![0; members.len()];
-        let mut last_cell = usize::MAX;
+        let mut of_member = vec![0; placed.len()];
+        let mut last_cell = u32::MAX;
         for (cell, range, number, row) in placed {
-            let gap = config.gap(range, scan.rows[row].spacing());
+            let range = f64::from(f32::from_bits(range));
+            let gap = config.gap(range, scan.rows[row as usize].spacing);
             match patches.last_mut().filter(|patch| cell == last_cell && range - patch.farthest <= gap) {
                 Some(patch) => patch.farthest = range,
                 None => {
                     patches.push(Patch { nearest: range, farthest: range });
-                    starts[cell + 1] += 1;
+                    starts[cell as usize + 1] += 1;
                 }
             }
             last_cell = cell;
-            of_member[number] = patches.len() - 1;
+            of_member[number as usize] = patches.len() - 1;
         }
         (1..starts.len()).for_each(|cell| starts[cell] += starts[cell - 1]);
         Self { scan, patches, starts, of_member }
@@ -102,17 +109,16 @@ impl Patches {
             // The sparser side of unevenly spaced rings tells what is near.
             let height = rows[other].elevation - rows[row].elevation;
             let rays = if other == row {
-                rows[row].spacing()
+                rows[row].spacing
             } else {
-                (height / (other - row) as f64).max(rows[row].elevation - below).max(rows[row].spacing())
+                (height / (other - row) as f64).max(rows[row].elevation - below).max(rows[row].spacing)
             };
             let columns = rows[other].columns;
             let opposite = (2 * column + 1) * columns / (2 * rows[row].columns);
             for offset in if other == row { 1..=REACH.1 } else { -REACH.1..=REACH.1 } {
-                let beside = (opposite as isize + offset).rem_euclid(columns as isize) as usize;
-                let there = self.at(&rows[other], beside);
+                let there = self.at(&rows[other], wrapped(opposite as isize + offset, columns));
                 if !there.is_empty() {
-                    let angle = height.hypot(offset as f64 * rows[row].spacing());
+                    let angle = height.hypot(offset as f64 * rows[row].spacing);
                     self.connect_patches(here.clone(), there, (angle, rays), config, sets);
                 }
             }
@@ -145,6 +151,13 @@ impl SegmentationConfig {
     fn gap(&self, range: f64, rays: f64) -> f64 {
         self.object_gap_m + self.object_gap_rays * range * rays
     }
+}
+
+/// A column less than a turn outside of the first or the last one.
+fn wrapped(column: isize, columns: usize) -> usize {
+    let columns = columns as isize;
+    let inside = if column < 0 { column + columns } else { column };
+    (if inside >= columns { inside - columns } else { inside }).clamp(0, columns - 1) as usize
 }
 
 /// Disjoint sets of numbers.

@@ -46,32 +46,33 @@ pub(super) fn find(points: &[Vector3<f64>], tolerance_m: f64) -> Vec<bool> {
             plane_through(&known, cell, around, &foretold[cell]).0.unwrap_or(foretold[cell])
         })
         .collect();
-    let is_ground = |p: &Vector3<f64>| (p.z - planes[cell_of(p)].height(p.x, p.y)).abs() <= tolerance_m;
-    points.iter().map(is_ground).collect()
+    let above = |(p, &cell): (&Vector3<f64>, &usize)| p.z - planes[cell].height(p.x, p.y);
+    points.iter().zip(&cells.of_point).map(|pair| above(pair).abs() <= tolerance_m).collect()
 }
 
 /// The points of each cell, from the lowest to the highest.
 struct Cells {
+    of_point: Vec<usize>,
     points: Vec<Vector3<f64>>,
     starts: Vec<usize>,
 }
 
 impl Cells {
     fn of(points: &[Vector3<f64>]) -> Self {
-        let cell: Vec<usize> = points.iter().map(cell_of).collect();
+        let of_point: Vec<usize> = points.iter().map(cell_of).collect();
         let mut starts = vec![0; NUM_RINGS * NUM_SECTORS + 1];
-        cell.iter().for_each(|&cell| starts[cell + 1] += 1);
+        of_point.iter().for_each(|&cell| starts[cell + 1] += 1);
         (1..starts.len()).for_each(|i| starts[i] += starts[i - 1]);
         let mut next = starts.clone();
         let mut sorted = vec![Vector3::zeros(); points.len()];
-        for (point, cell) in points.iter().zip(cell) {
+        for (point, &cell) in points.iter().zip(&of_point) {
             sorted[next[cell]] = *point;
             next[cell] += 1;
         }
         for i in 1..starts.len() {
-            sorted[starts[i - 1]..starts[i]].sort_by(|a, b| a.z.total_cmp(&b.z));
+            sorted[starts[i - 1]..starts[i]].sort_unstable_by(|a, b| a.z.total_cmp(&b.z));
         }
-        Self { points: sorted, starts }
+        Self { of_point, points: sorted, starts }
     }
 
     fn at(&self, cell: usize) -> &[Vector3<f64>] {

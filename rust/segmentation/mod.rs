@@ -11,6 +11,8 @@ mod cut;
 mod ground;
 mod plane;
 mod scan;
+#[cfg(test)]
+mod tests;
 mod up;
 
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
@@ -52,11 +54,11 @@ impl Default for SegmentationConfig {
     fn default() -> Self {
         Self {
             ground_tolerance_m: 0.2,
-            ground_cell_m: 4.0,
+            ground_cell_m: 3.0,
             object_gap_m: 0.25,
             object_gap_rays: 1.5,
-            object_cell_m: 4.0,
-            min_points: 30,
+            object_cell_m: 3.0,
+            min_points: 20,
         }
     }
 }

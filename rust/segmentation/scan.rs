@@ -27,6 +27,19 @@ const MAX_CELL: f64 = 0.06;
 /// Size of the cells that tell which part of the sphere a sweep fills, radians.
 const COARSE: f64 = PI / 90.0;
 
+/// Angles of a point about the LiDAR's z axis, radians.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Direction {
+    azimuth: f64,
+    elevation: f64,
+}
+
+impl Direction {
+    pub(super) fn of(point: &Vector3<f64>) -> Self {
+        Self { azimuth: azimuth(point), elevation: elevation(point) }
+    }
+}
+
 /// A row of cells.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Row {
@@ -34,15 +47,10 @@ pub(super) struct Row {
     pub(super) elevation: f64,
     /// Cells around the turn.
     pub(super) columns: usize,
+    /// Angle between neighbouring columns, radians of arc.
+    pub(super) spacing: f64,
     /// Number of the row's first cell.
     pub(super) first: usize,
-}
-
-impl Row {
-    /// Angle between neighbouring columns, radians of arc.
-    pub(super) fn spacing(&self) -> f64 {
-        TAU / self.columns as f64 * self.elevation.cos()
-    }
 }
 
 /// The cells of a sweep.
@@ -55,20 +63,19 @@ pub(super) struct Scan {
 }
 
 impl Scan {
-    /// The cells that suit a sweep.
-    pub(super) fn of(points: &[Vector3<f64>]) -> Self {
+    /// The cells that suit a sweep of these directions.
+    pub(super) fn of(directions: &[Direction]) -> Self {
         let mut counts = vec![0u32; NUM_BINS];
         let mut filled = vec![false; 90 * 180];
-        for point in points {
-            let elevation = elevation(point);
-            counts[bin(elevation)] += 1;
-            filled[coarse_cell(azimuth(point), elevation)] = true;
+        for direction in directions {
+            counts[bin(direction.elevation)] += 1;
+            filled[coarse_cell(direction)] = true;
         }
         let rings = rings(&counts);
-        if rings.len() >= MIN_RINGS && points.len() >= MIN_RETURNS * rings.len() {
+        if rings.len() >= MIN_RINGS && directions.len() >= MIN_RETURNS * rings.len() {
             Self::of_rings(&rings, share_of_turn(&filled))
         } else {
-            let cell = (RETURNS_PER_CELL * solid_angle(&filled) / points.len() as f64).sqrt();
+            let cell = (RETURNS_PER_CELL * solid_angle(&filled) / directions.len() as f64).sqrt();
             Self::of_squares(cell.clamp(MIN_CELL, MAX_CELL))
         }
     }
@@ -106,11 +113,11 @@ impl Scan {
         self.rows.last().map_or(0, |row| row.first + row.columns)
     }
 
-    /// The row and the column of a point.
-    pub(super) fn place(&self, point: &Vector3<f64>) -> (usize, usize) {
-        let row = usize::from(self.row_of_bin[bin(elevation(point))]);
+    /// The row and the column of a direction.
+    pub(super) fn place(&self, direction: &Direction) -> (usize, usize) {
+        let row = usize::from(self.row_of_bin[bin(direction.elevation)]);
         let columns = self.rows[row].columns;
-        let column = (azimuth(point) + PI) / TAU * columns as f64;
+        let column = (direction.azimuth + PI) / TAU * columns as f64;
         (row, (column as usize).min(columns - 1))
     }
 }
@@ -139,8 +146,9 @@ fn rings(counts: &[u32]) -> Vec<Ring> {
 
 fn numbered(rows: impl Iterator<Item = (f64, usize)>) -> Vec<Row> {
     let mut first = 0;
-    let row = |(elevation, columns)| {
-        let row = Row { elevation, columns, first };
+    let row = |(elevation, columns): (f64, usize)| {
+        let spacing = TAU / columns as f64 * elevation.cos();
+        let row = Row { elevation, columns, spacing, first };
         first += columns;
         row
     };
@@ -151,9 +159,9 @@ fn bin(elevation: f64) -> usize {
     (((elevation + FRAC_PI_2) / BIN) as usize).min(NUM_BINS - 1)
 }
 
-fn coarse_cell(azimuth: f64, elevation: f64) -> usize {
-    let row = (((elevation + FRAC_PI_2) / COARSE) as usize).min(89);
-    row * 180 + (((azimuth + PI) / COARSE) as usize).min(179)
+fn coarse_cell(direction: &Direction) -> usize {
+    let row = (((direction.elevation + FRAC_PI_2) / COARSE) as usize).min(89);
+    row * 180 + (((direction.azimuth + PI) / COARSE) as usize).min(179)
 }
 
 /// Share of the azimuths that have returns.
