@@ -6,7 +6,7 @@
 
 use nalgebra::Vector3;
 
-use super::SegmentationConfig;
+use super::config::SegmentationConfig;
 use super::scan::{Direction, Row, Scan};
 
 /// Cells across which patches are connected: up, and to either side.
@@ -143,13 +143,6 @@ impl Patches {
                 }
             }
         }
-    }
-}
-
-impl SegmentationConfig {
-    /// The largest gap within an object, metres, where neighbouring rays are `rays` radians apart.
-    fn gap(&self, range: f64, rays: f64) -> f64 {
-        self.object_gap_m + self.object_gap_rays * range * rays
     }
 }
 

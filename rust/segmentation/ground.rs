@@ -95,25 +95,29 @@ fn middle(cell: usize) -> [f64; 2] {
     [radius * angle.cos(), radius * angle.sin()]
 }
 
-/// The height of the ground below the sensor: the lowest one at which many cells begin.
+/// The height of the ground below the sensor: the lowest one that the low points of many cells tell, each with the
+/// uncertainty of a slope.
 fn level_below(cells: &Cells) -> Option<f64> {
-    let num_bins = (MAX_HEIGHT_M / HEIGHT_BIN_M) as usize + 2;
-    let mut counts = vec![0usize; num_bins];
-    for cell in 0..NUM_RINGS * NUM_SECTORS {
-        let low = low_point(cells.at(cell));
-        if let Some(low) =
-            low.filter(|low| low.x.hypot(low.y) < NEAR_M && (-MAX_HEIGHT_M..0.0).contains(&low.z))
-        {
-            counts[(-low.z / HEIGHT_BIN_M) as usize + 1] += 1;
+    let num_bins = (MAX_HEIGHT_M / HEIGHT_BIN_M) as usize + 1;
+    let mut votes = vec![0.0; num_bins];
+    for low in (0..NUM_RINGS * NUM_SECTORS).filter_map(|cell| low_point(cells.at(cell))) {
+        let radius = low.x.hypot(low.y);
+        if radius < NEAR_M && (-MAX_HEIGHT_M..0.0).contains(&low.z) {
+            let bin = (-low.z / HEIGHT_BIN_M) as usize;
+            let reach = 1 + (BEND * radius / HEIGHT_BIN_M) as usize;
+            for vote in &mut votes[bin.saturating_sub(reach)..=(bin + reach).min(num_bins - 1)] {
+                *vote += 1.0 / reach as f64;
+            }
         }
     }
-    let smooth = |bin: usize| counts[bin - 1] + counts[bin] + counts[(bin + 1).min(num_bins - 1)];
-    let most = (1..num_bins).map(smooth).max().filter(|&most| most > 0)?;
-    let is_common = |&bin: &usize| smooth(bin) as f64 >= LOWER_LEVEL_SHARE * most as f64;
-    // The commonest one near the lowest common one, since its neighbours share its cells.
-    let lowest = (1..num_bins).rev().find(is_common)?;
-    let bin = (lowest.saturating_sub(2).max(1)..=lowest).rev().max_by_key(|&bin| smooth(bin))?;
-    Some(-(bin as f64 - 0.5) * HEIGHT_BIN_M)
+    let most = votes.iter().copied().fold(0.0, f64::max);
+    let is_common = |bin: usize| votes[bin] > 0.0 && votes[bin] >= LOWER_LEVEL_SHARE * most;
+    let mut bin = (0..num_bins).rev().find(|&bin| is_common(bin))?;
+    // Up to the top of that level.
+    while bin > 0 && votes[bin - 1] > votes[bin] {
+        bin -= 1;
+    }
+    Some(-(bin as f64 + 0.5) * HEIGHT_BIN_M)
 }
 
 /// The lowest of sorted points but for stray returns.

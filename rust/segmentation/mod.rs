@@ -7,6 +7,7 @@
 //! returns, so that a pattern need be no range image. What is large is cut into pieces.
 
 mod components;
+mod config;
 mod cut;
 mod ground;
 mod plane;
@@ -18,6 +19,7 @@ mod up;
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
 use rayon::prelude::*;
 
+pub use config::SegmentationConfig;
 pub use up::{Up, estimate_up};
 
 use crate::spherical::to_f64;
@@ -32,36 +34,6 @@ const MAX_RANGE_M: f64 = 1000.0;
 const DENSE_SWEEP: f64 = 50_000.0;
 /// A segment needs this many points in any sweep.
 const FEWEST_POINTS: usize = 6;
-
-/// Settings of the segmentation.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SegmentationConfig {
-    /// A point is ground if it lies no farther than this above or below the ground's surface.
-    pub ground_tolerance_m: f64,
-    /// Longest extent of a segment of the ground.
-    pub ground_cell_m: f64,
-    /// Returns with less than this between them belong together, however near the sensor.
-    pub object_gap_m: f64,
-    /// Factor on the distance of neighbouring rays at a return's range, which adds to `object_gap_m`.
-    pub object_gap_rays: f64,
-    /// Longest extent of a segment of an object.
-    pub object_cell_m: f64,
-    /// Least number of points of a segment in a dense sweep.
-    pub min_points: usize,
-}
-
-impl Default for SegmentationConfig {
-    fn default() -> Self {
-        Self {
-            ground_tolerance_m: 0.2,
-            ground_cell_m: 3.0,
-            object_gap_m: 0.25,
-            object_gap_rays: 1.5,
-            object_cell_m: 3.0,
-            min_points: 20,
-        }
-    }
-}
 
 /// What a segment is part of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
