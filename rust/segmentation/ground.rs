@@ -104,9 +104,9 @@ fn level_below(cells: &Cells) -> Option<f64> {
         let radius = low.x.hypot(low.y);
         if radius < NEAR_M && (-MAX_HEIGHT_M..0.0).contains(&low.z) {
             let bin = (-low.z / HEIGHT_BIN_M) as usize;
-            let reach = 1 + (BEND * radius / HEIGHT_BIN_M) as usize;
+            let reach = (BEND * radius / HEIGHT_BIN_M) as usize;
             for vote in &mut votes[bin.saturating_sub(reach)..=(bin + reach).min(num_bins - 1)] {
-                *vote += 1.0 / reach as f64;
+                *vote += 1.0 / (2 * reach + 1) as f64;
             }
         }
     }
