@@ -23,6 +23,7 @@ pub mod probabilities;
 pub mod pyramid;
 pub mod registration;
 pub mod se3;
+pub mod segmentation;
 pub mod semantic_distance;
 pub mod speckle;
 pub mod spherical;

@@ -13,6 +13,7 @@ from semcal_cli.config import (
     ExactConfig,
     InitializationConfig,
     PolishConfig,
+    SegmentationConfig,
     SensitivityConfig,
     SynthConfig,
 )
@@ -21,6 +22,9 @@ _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]
 
 __all__ = [
+    "GROUND",
+    "NO_SEGMENT",
+    "OBJECT",
     "Agreement",
     "Aligned",
     "AnchoredPoints",
@@ -40,14 +44,17 @@ __all__ = [
     "Projected",
     "RenderedFrame",
     "Renderer",
+    "SegmentedSweep",
     "SemanticDistance",
     "Sensitivity",
     "SphericalImages",
     "Trajectory",
+    "Up",
     "agreement",
     "align",
     "despeckle",
     "estimate_grid",
+    "estimate_up",
     "held_out_gain",
     "parse_point_cloud",
     "polish",
@@ -60,6 +67,8 @@ __all__ = [
     "register",
     "sample_correspondences",
     "scan_grid",
+    "segment_sweep",
+    "segment_sweeps",
     "sensitivity",
     "set_num_threads",
     "steps_at_label_borders",
@@ -67,6 +76,12 @@ __all__ = [
     "student_quantile",
     "synthetic_classes",
 ]
+
+NO_SEGMENT: int
+"""The segment of a point that has none."""
+GROUND: int
+OBJECT: int
+"""Kinds of segments."""
 
 @final
 class Camera:
@@ -619,3 +634,52 @@ def quaternion(t: _Float64) -> list[float]:
 
 def synthetic_classes() -> list[tuple[int, str]]:
     """Ids and names of the classes of synthetic streets, which are CARLA's."""
+
+@final
+class Up:
+    """The direction away from the ground, and how plain the ground is. Shares are of the area seen within 30 m."""
+
+    @property
+    def direction(self) -> _Float64:
+        """(3,) unit vector, LiDAR frame."""
+    @property
+    def height_m(self) -> float:
+        """The sensor above the ground."""
+    @property
+    def share_on_plane(self) -> float:
+        """Share of what is seen that is on the ground's plane."""
+    @property
+    def share_below(self) -> float:
+        """Share of what is seen that lies clearly below it."""
+
+@final
+class SegmentedSweep:
+    """The segments of a sweep: cells of the ground, and objects that stand on it."""
+
+    @property
+    def ids(self) -> NDArray[np.uint32]:
+        """(N,) segment of each point, or `NO_SEGMENT`."""
+    @property
+    def num_segments(self) -> int: ...
+    @property
+    def kinds(self) -> NDArray[np.uint8]:
+        """(num_segments,) `GROUND` or `OBJECT`; those of the ground come first."""
+    @property
+    def up(self) -> _Float64 | None:
+        """(3,) away from the ground, LiDAR frame; None where no ground was found, and everything is an object."""
+
+def estimate_up(points: Sequence[_Float32]) -> Up | None:
+    """The direction away from the ground of a drive's sweeps (N, 3), whichever way the LiDAR is mounted.
+
+    None where no plane has nearly all returns on one side.
+    """
+
+def segment_sweep(
+    points: _Float32, config: SegmentationConfig, up: Sequence[float] | _Float64 | None = None
+) -> SegmentedSweep:
+    """Segment a sweep (N, 3), metres, LiDAR frame. Without `up` the direction is estimated from the sweep."""
+
+def segment_sweeps(
+    points: Sequence[_Float32], config: SegmentationConfig, up: Sequence[float] | _Float64 | None = None
+) -> list[SegmentedSweep]:
+    """Segment a drive's sweeps in parallel. Without `up` the direction is estimated from all of them together."""

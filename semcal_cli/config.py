@@ -313,6 +313,24 @@ class CalibrationConfig:
 
 
 @dataclass(frozen=True)
+class SegmentationConfig:
+    """Settings of the segmentation of sweeps by geometry."""
+
+    ground_tolerance_m: float = 0.2
+    """A point is ground if it lies no farther than this above or below the ground's surface."""
+    ground_cell_m: float = 3.0
+    """Longest extent of a segment of the ground."""
+    object_gap_m: float = 0.25
+    """Returns with less than this between them belong together, however near the sensor."""
+    object_gap_rays: float = 1.5
+    """Factor on the distance of neighbouring rays at a return's range, which adds to `object_gap_m`."""
+    object_cell_m: float = 3.0
+    """Longest extent of a segment of an object."""
+    min_points: int = 20
+    """Least number of points of a segment of a dense sweep."""
+
+
+@dataclass(frozen=True)
 class Limits:
     """How far a transform may be off."""
 

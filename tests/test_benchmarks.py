@@ -91,6 +91,13 @@ RUNS: dict[str, tuple[str, list[str]]] = {
             r"\| inspect \| 1 x 0, 1 x 1 \| \d+ \| 0 \| .*",
         ],
     ),
+    "segmentation": (
+        "segmentation.py --rounds 1 --frames 1 --columns 100",
+        [
+            rf"\| {name} \| \d+ \| {NUMBER} \| \d+ \| {NUMBER} \| {NUMBER} \|"
+            for name in ("64 rings", "16 rings", "rosette")
+        ],
+    ),
     "speed ratio": (
         "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed "
         "--repeats 1 --pairs 1 --width 64 --height 48",

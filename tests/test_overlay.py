@@ -13,12 +13,12 @@ from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
+from semcal_cli.report.colors import class_colors
 from semcal_cli.report.overlay import (
     Overlays,
     _depth_colors,
     before_after,
     by_agreement,
-    class_colors,
     draw_legend,
     goes_together,
     points_in_image,
@@ -126,7 +126,7 @@ def test_wrong_input(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["small.png"]
 
 
-@pytest.mark.parametrize("by", ["class", "depth", "agreement"])
+@pytest.mark.parametrize("by", ["class", "depth", "agreement", "segment"])
 def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Path, by: str) -> None:
     off = street_truth.copy()
     off[0, 3] += 0.3
@@ -166,13 +166,13 @@ def test_near_is_red_and_far_is_blue() -> None:
     assert far[0] > far[2]
 
 
-def test_a_drive_without_labels_is_shown_by_depth(street: Path, tmp_path: Path) -> None:
+def test_a_drive_without_labels_is_shown_by_depth_and_by_segment(street: Path, tmp_path: Path) -> None:
     drive = Path(shutil.copytree(street, tmp_path / "drive"))
     document = yaml.safe_load((drive / "drive.yaml").read_text())
     for frame in document["frames"]:
         del frame["point_labels"], frame["image_labels"]
     (drive / "drive.yaml").write_text(yaml.safe_dump(document))
-    for by, is_enough in (("depth", True), ("class", False)):
+    for by, is_enough in (("depth", True), ("segment", True), ("class", False)):
         arguments = ["overlay", str(drive), str(drive), "--by", by, "-o", str(tmp_path / by), "-q"]
         found = CliRunner().invoke(semcal, arguments)
         assert (found.exit_code == 0) == is_enough

@@ -24,10 +24,10 @@ from semcal_cli.geometry.poses import camera_center, pose_from_mounting
 from semcal_cli.report import ReportInput, read_report_input, write_report
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
+from semcal_cli.report.colors import class_colors
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.overlay import class_colors
 from semcal_cli.report.words import uncertainty_sentences, verdict
 from semcal_cli.result.calibration import read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize

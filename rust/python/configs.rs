@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use super::errors::value_error;
 use crate::alignment::{AlignmentConfig, PolishConfig, SensitivityConfig};
 use crate::registration::RegistrationConfig;
+use crate::segmentation::SegmentationConfig;
 use crate::semantic_distance::DescentConfig;
 use crate::world::{Lidar, ScanPattern};
 use crate::zoom::Zoom;
@@ -46,6 +47,14 @@ from_attributes! {
         min_cells_of_most,
         num_hypotheses,
         separation: separation_deg.to_radians(),
+    }
+    SegmentationConfig {
+        ground_tolerance_m,
+        ground_cell_m,
+        object_gap_m,
+        object_gap_rays,
+        object_cell_m,
+        min_points,
     }
     DescentConfig {
         step_rad: step_deg.to_radians(),

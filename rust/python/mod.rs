@@ -14,6 +14,7 @@ mod observations;
 mod point_clouds;
 mod poses;
 mod registration;
+mod segmentation;
 mod semantic_distance;
 mod spherical;
 mod statistics;
@@ -47,6 +48,14 @@ mod _core {
     use super::poses::quaternion;
     #[pymodule_export]
     use super::registration::{PyCorrespondences, PyHypothesis, register, sample_correspondences};
+    #[pymodule_export]
+    const NO_SEGMENT: u32 = crate::segmentation::NO_SEGMENT;
+    #[pymodule_export]
+    const GROUND: u8 = crate::segmentation::Kind::Ground as u8;
+    #[pymodule_export]
+    const OBJECT: u8 = crate::segmentation::Kind::Object as u8;
+    #[pymodule_export]
+    use super::segmentation::{PySegmentedSweep, PyUp, estimate_up, segment_sweep, segment_sweeps};
     #[pymodule_export]
     use super::semantic_distance::{PyDistanceMinimum, PySemanticDistance};
     #[pymodule_export]

@@ -19,7 +19,8 @@ from semcal_cli.cli.options import (
 if TYPE_CHECKING:
     from semcal_cli.report.overlay import Coloring
 
-COLORINGS = ("class", "depth", "agreement")
+COLORINGS = ("class", "depth", "agreement", "segment")
+WITHOUT_LABELS = ("depth", "segment")
 
 
 @click.command(
@@ -41,8 +42,9 @@ COLORINGS = ("class", "depth", "agreement")
     "--by",
     COLORINGS,
     default="class",
-    help="Meaning of the colours: the class of the point; its distance from the camera (needs no labels); or whether "
-    "its class and the pixel's go together.",
+    help="Meaning of the colours: the class of the point; its distance from the camera; whether its class and the "
+    "pixel's go together; or the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
+    "object. Distance and parts need no labels.",
 )
 @number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
 @max_points_option
@@ -73,7 +75,7 @@ def overlay(
     frames = evenly_spaced(spec.frames, max_frames)
     check_image_folder(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
     spec = spec.model_copy(update={"frames": tuple(frames)})
-    observations = load_points(spec) if by == "depth" else read_observations(spec)
+    observations = load_points(spec) if by in WITHOUT_LABELS else read_observations(spec)
     console = make_console(quiet)
     for path in Overlays(spec, observations, poses, by).write_all(output):
         console.print(str(path), markup=False)

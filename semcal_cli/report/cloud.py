@@ -14,8 +14,9 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.geometry.poses import camera_center, inverse
+from semcal_cli.report.colors import Colors, hex_color, palettes
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.overlay import Colors, hex_color, palettes, points_in_image
+from semcal_cli.report.overlay import points_in_image
 
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
 """Largest number of points kept that the camera sees, and of points that it does not see."""

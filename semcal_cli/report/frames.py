@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import cv2
 
+from semcal_cli.report.colors import Legend, hex_color
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.overlay import Image, Legend, hex_color
+from semcal_cli.report.overlay import Image
 
 MAX_FRAMES = 20
 MAX_TOTAL_BYTES = 3_000_000

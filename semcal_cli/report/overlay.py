@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import colorsys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import SegmentationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive
@@ -23,67 +23,11 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.report.colors import Colors, Legend, palettes, segment_colors
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
-Colors: TypeAlias = npt.NDArray[np.uint8]
-"""(C, 3) blue, green, red of each class, or of each point."""
-Legend: TypeAlias = dict[str, tuple[int, ...]]
-"""Blue, green and red of each named entry."""
-Coloring: TypeAlias = Literal["class", "depth", "agreement"]
-
-# Red, green, blue. CARLA's palette, with those colours lightened that are too dark for dots on an image.
-CARLA_COLORS = {
-    "road": (170, 95, 170),
-    "sidewalk": (244, 35, 232),
-    "building": (200, 145, 95),
-    "wall": (135, 135, 205),
-    "fence": (235, 190, 190),
-    "pole": (210, 210, 210),
-    "traffic_light": (250, 170, 30),
-    "traffic_sign": (220, 220, 0),
-    "vegetation": (125, 170, 40),
-    "terrain": (152, 251, 152),
-    "sky": (70, 130, 180),
-    "pedestrian": (220, 20, 60),
-    "rider": (255, 80, 0),
-    "car": (60, 120, 255),
-    "truck": (0, 200, 255),
-    "bus": (0, 160, 170),
-    "train": (0, 130, 160),
-    "motorcycle": (130, 80, 255),
-    "bicycle": (210, 70, 120),
-    "static": (110, 190, 160),
-    "dynamic": (170, 120, 50),
-    "other": (85, 140, 125),
-    "water": (65, 90, 215),
-    "road_line": (157, 234, 50),
-    "ground": (145, 0, 145),
-    "bridge": (150, 100, 100),
-    "rail_track": (230, 150, 140),
-    "guard_rail": (180, 165, 180),
-}
-# Red, green, blue. Okabe and Ito's colours without black, then some of Tol's: told apart by the colour-blind.
-QUALITATIVE_COLORS = (
-    (230, 159, 0),
-    (86, 180, 233),
-    (0, 158, 115),
-    (240, 228, 66),
-    (0, 114, 178),
-    (213, 94, 0),
-    (204, 121, 167),
-    (221, 204, 119),
-    (170, 68, 153),
-    (153, 153, 51),
-    (204, 102, 119),
-    (120, 100, 230),
-    (160, 50, 100),
-    (220, 220, 220),
-    (150, 100, 60),
-)
-
-GOLDEN_RATIO = 0.618034
-SATURATION = 0.65
+Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment"]
 
 # Red, green, blue, of Okabe and Ito's.
 AGREEMENT_COLORS = {
@@ -107,35 +51,6 @@ MARGIN_COLOR = (32, 32, 32)
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 FONT_HEIGHT = 22
 """Pixels of the font's capitals at scale 1."""
-
-
-def class_colors(names: Sequence[str]) -> Colors:
-    """Choose the colour of each class: CARLA's for its names, else the next of a fixed list, then of the hues."""
-    unknown = [name for name in names if name not in CARLA_COLORS]
-    colors = {name: _color(number) for number, name in enumerate(unknown)}
-    rgb = [(CARLA_COLORS | colors)[name] for name in names]
-    return np.array(rgb, dtype=np.uint8).reshape(-1, 3)[:, ::-1]
-
-
-def _color(number: int) -> tuple[int, int, int]:
-    if number < len(QUALITATIVE_COLORS):
-        return QUALITATIVE_COLORS[number]
-    hue = number * GOLDEN_RATIO % 1.0
-    red, green, blue = colorsys.hsv_to_rgb(hue, SATURATION, 1.0 - 0.3 * (number % 2))
-    return round(255 * red), round(255 * green), round(255 * blue)
-
-
-def palettes(observations: Observations) -> tuple[Colors, Colors]:
-    """Choose the colours of the classes of points and of pixels; classes of one name have one colour."""
-    points, image = observations.point_class_names, observations.image_class_names
-    names = list(dict.fromkeys([*points, *image]))
-    colors = class_colors(names)
-    return colors[[names.index(name) for name in points]], colors[[names.index(name) for name in image]]
-
-
-def hex_color(blue_green_red: tuple[int, ...]) -> str:
-    """Write a colour as #rrggbb."""
-    return "#{2:02x}{1:02x}{0:02x}".format(*blue_green_red)
 
 
 def overlay_paths(folder: Path, count: int) -> list[Path]:
@@ -209,12 +124,12 @@ class Overlays:
     drive: Drive
     """Drive whose images are drawn."""
     observations: Observations
-    """Observations of the same drive; without labels if the colours show depth."""
+    """Observations of the same drive; without labels if the colours show depth or segments."""
     poses: Mapping[str, Pose]
     """T_camera_lidar (4, 4) by caption; at least one."""
     by: Coloring = "class"
-    """Meaning of the colours: the point's class; its distance from the camera; or whether its class and the pixel's
-    are found together more often than by chance at the last pose."""
+    """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's are
+    found together more often than by chance at the last pose; or the segment of the sweep that it is part of."""
 
     def write_all(self, folder: Path) -> Iterator[Path]:
         """Write the PNG of every frame into a folder, which is made, and give each path when it is written.
@@ -275,11 +190,20 @@ class Overlays:
                 colors[kinds],
                 dict(zip(AGREEMENT_COLORS, map(tuple, colors.tolist()), strict=True)),
             )
+        if self.by == "segment":
+            shown = ~seen.is_hidden
+            colors, legend = segment_colors(self._segmented[frame])
+            return seen.pixels[shown], colors[seen.indices[shown]], legend
         names = self.observations.point_class_names
         palette, _ = palettes(self.observations)
         pixels, classes = _by_class(seen, self.observations.clouds[frame].classes)
         present = {names[index]: tuple(palette[index].tolist()) for index in np.unique(classes).tolist()}
         return pixels, palette[classes], present
+
+    @cached_property
+    def _segmented(self) -> list[_core.SegmentedSweep]:
+        clouds = [cloud.points for cloud in self.observations.clouds]
+        return _core.segment_sweeps(clouds, SegmentationConfig())
 
     @cached_property
     def _together(self) -> npt.NDArray[np.bool_]:

@@ -24,7 +24,8 @@ from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.registration import Registration, place
-from semcal_cli.report.overlay import Colors, Image, add_caption, overlay_paths, palettes
+from semcal_cli.report.colors import Colors, palettes
+from semcal_cli.report.overlay import Image, add_caption, overlay_paths
 from semcal_cli.result.calibration import Calibration
 
 AROUND_DEG = 10.0

@@ -1,0 +1,148 @@
+//! Segments of a sweep by geometry alone: cells of the ground, and objects that stand on it.
+//!
+//! The ground is grown outward from the sensor over a polar grid, as in Patchwork (Lim, Oh and Myung, RA-L 2021), but with
+//! planes through the low points of neighbouring cells instead of one plane a cell, since a cell of a sparse sweep holds
+//! part of one ring. What is left falls into components of neighbouring returns, as in Bogoslavskyi and Stachniss, *Fast
+//! Range Image-Based Segmentation of Sparse 3D Laser Scans for Online Operation* (IROS 2016), but in cells that keep all
+//! returns, so that a pattern need be no range image. What is large is cut into pieces.
+
+mod components;
+mod config;
+mod cut;
+mod ground;
+mod plane;
+mod scan;
+#[cfg(test)]
+mod tests;
+mod up;
+
+use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
+use rayon::prelude::*;
+
+pub use config::SegmentationConfig;
+pub use up::{Up, estimate_up};
+
+use crate::spherical::to_f64;
+
+/// The segment of a point that has none.
+pub const NO_SEGMENT: u32 = u32::MAX;
+/// Points nearer to the sensor than this are no returns, metres.
+const MIN_RANGE_M: f64 = 0.05;
+/// Points beyond this are no returns, metres: no LiDAR reaches so far.
+const MAX_RANGE_M: f64 = 1000.0;
+/// Returns of a sweep in which a segment needs `min_points`; in a sparser sweep it needs fewer in proportion.
+const DENSE_SWEEP: f64 = 50_000.0;
+/// A segment needs this many points in any sweep.
+const FEWEST_POINTS: usize = 6;
+
+/// What a segment is part of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Kind {
+    /// The surface on which everything stands.
+    Ground = 0,
+    /// Anything else.
+    Object = 1,
+}
+
+/// The segments of a sweep.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SegmentedSweep {
+    /// Segment of each point, or [`NO_SEGMENT`]. Those of the ground come first.
+    pub ids: Vec<u32>,
+    /// Kind of each segment.
+    pub kinds: Vec<Kind>,
+    /// Away from the ground, LiDAR frame; none where no ground was found, and everything is an object.
+    pub up: Option<UnitVector3<f64>>,
+}
+
+/// The segments of each of a drive's sweeps. Without `up`, the direction is estimated from all of them together.
+pub fn segment_sweeps(
+    sweeps: &[&[[f32; 3]]],
+    up: Option<UnitVector3<f64>>,
+    config: &SegmentationConfig,
+) -> Vec<SegmentedSweep> {
+    let up = up.or_else(|| estimate_up(sweeps).map(|up| up.direction));
+    sweeps.par_iter().map(|sweep| segment_with(sweep, up, config)).collect()
+}
+
+/// The segments of one sweep. Without `up`, the direction is estimated from it.
+pub fn segment_sweep(
+    points: &[[f32; 3]],
+    up: Option<UnitVector3<f64>>,
+    config: &SegmentationConfig,
+) -> SegmentedSweep {
+    segment_with(points, up.or_else(|| estimate_up(&[points]).map(|up| up.direction)), config)
+}
+
+fn segment_with(
+    points: &[[f32; 3]],
+    up: Option<UnitVector3<f64>>,
+    config: &SegmentationConfig,
+) -> SegmentedSweep {
+    let returns = Returns::of(points);
+    let min_points = least_points(returns.points.len(), config.min_points);
+    let is_ground = match up {
+        Some(up) => ground::find(&upright(&returns.points, &up), config.ground_tolerance_m),
+        None => vec![false; returns.points.len()],
+    };
+    let mut segments = Segments { ids: vec![NO_SEGMENT; points.len()], kinds: Vec::new() };
+    let (ground, rest): (Vec<usize>, Vec<usize>) = (0..returns.points.len()).partition(|&i| is_ground[i]);
+    let cut = |members, size| cut::into_pieces(&returns.points, members, size, min_points);
+    segments.extend(Kind::Ground, cut(ground, config.ground_cell_m), &returns.index);
+    for component in components::find(&returns.points, &rest, config) {
+        segments.extend(Kind::Object, cut(component, config.object_cell_m), &returns.index);
+    }
+    SegmentedSweep { ids: segments.ids, kinds: segments.kinds, up }
+}
+
+/// Points that are returns.
+struct Returns {
+    /// Metres, LiDAR frame.
+    points: Vec<Vector3<f64>>,
+    /// The index of each among all points.
+    index: Vec<usize>,
+}
+
+impl Returns {
+    fn of(points: &[[f32; 3]]) -> Self {
+        let all = points.iter().map(to_f64).enumerate();
+        // A range that is not a number is in no interval.
+        let is_return = |(_, p): &(usize, Vector3<f64>)| (MIN_RANGE_M..MAX_RANGE_M).contains(&p.norm());
+        let (index, points) = all.filter(is_return).unzip();
+        Self { points, index }
+    }
+}
+
+/// Segments, while they are found.
+struct Segments {
+    ids: Vec<u32>,
+    kinds: Vec<Kind>,
+}
+
+impl Segments {
+    /// Gives each piece the next number; `index` leads from returns to points.
+    fn extend(&mut self, kind: Kind, pieces: Vec<Vec<usize>>, index: &[usize]) {
+        for piece in pieces {
+            for member in piece {
+                self.ids[index[member]] = self.kinds.len() as u32;
+            }
+            self.kinds.push(kind);
+        }
+    }
+}
+
+/// Least number of points of a segment in a sweep of `num_returns`.
+fn least_points(num_returns: usize, min_points: usize) -> usize {
+    let share = (num_returns as f64 / DENSE_SWEEP).min(1.0);
+    ((share * min_points as f64).round() as usize).max(FEWEST_POINTS.min(min_points)).max(1)
+}
+
+/// The points, turned so that `up` is z.
+fn upright(points: &[Vector3<f64>], up: &UnitVector3<f64>) -> Vec<Vector3<f64>> {
+    let to_z = UnitQuaternion::rotation_between(up, &Vector3::z());
+    let turn =
+        to_z.unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI));
+    let turn = turn.to_rotation_matrix();
+    points.iter().map(|point| turn * point).collect()
+}

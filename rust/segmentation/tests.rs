@@ -1,0 +1,202 @@
+//! Sweeps of simple scenes, and what holds of any sweep.
+
+use nalgebra::{Rotation3, Unit, UnitVector3, Vector3};
+use proptest::prelude::*;
+
+use super::*;
+
+/// Height of the sensor above the ground, metres.
+const HEIGHT: f64 = 1.8;
+const CONFIG: SegmentationConfig = SegmentationConfig {
+    ground_tolerance_m: 0.2,
+    ground_cell_m: 3.0,
+    object_gap_m: 0.25,
+    object_gap_rays: 1.5,
+    object_cell_m: 3.0,
+    min_points: 20,
+};
+
+/// A box that stands across the axes: its lowest and its highest corner.
+type Box3 = ([f64; 3], [f64; 3]);
+
+/// What a ray from the sensor hits first: a box or the ground `z = ground(x, y) - HEIGHT`; whether it is a box.
+fn hit(ray: &Vector3<f64>, ground: fn(f64, f64) -> f64, boxes: &[Box3]) -> Option<(Vector3<f64>, bool)> {
+    let enters = |(low, high): &Box3| {
+        let sides = (0..3).map(|i| (low[i] / ray[i], high[i] / ray[i]));
+        let (near, far) = sides
+            .fold((0.0f64, f64::INFINITY), |(near, far), (a, b)| (near.max(a.min(b)), far.min(a.max(b))));
+        (near > 0.0 && near < far).then_some(near)
+    };
+    let to_box = boxes.iter().filter_map(enters).fold(f64::INFINITY, f64::min);
+    let is_below = |range: f64| ray.z * range < ground(ray.x * range, ray.y * range) - HEIGHT;
+    let to_ground = (1..4000).map(|step| f64::from(step) * 0.02).find(|&range| is_below(range));
+    let range = to_ground.unwrap_or(f64::INFINITY).min(to_box);
+    range.is_finite().then(|| (ray * range, to_box <= range))
+}
+
+/// A sweep of 64 or 16 rings, and which points are on a box.
+fn sweep(rings: usize, ground: fn(f64, f64) -> f64, boxes: &[Box3]) -> (Vec<[f32; 3]>, Vec<bool>) {
+    let ray = |number: usize| {
+        let elevation = (2.0 - 32.0 * ((number % rings) as f64 + 0.5) / rings as f64).to_radians();
+        let azimuth = (0.5 * (number / rings) as f64 + 0.1).to_radians();
+        crate::spherical::from_angles(azimuth, elevation)
+    };
+    let hits = (0..rings * 720).filter_map(|number| hit(&ray(number), ground, boxes));
+    hits.map(|(point, is_box)| (<[f32; 3]>::from(point.map(|x| x as f32)), is_box)).unzip()
+}
+
+/// Share of the points of ground, or of boxes, whose segment is of a kind.
+fn share(sweep: &SegmentedSweep, on_box: &[bool], of_boxes: bool, kind: Kind) -> f64 {
+    let of_these: Vec<u32> =
+        sweep.ids.iter().zip(on_box).filter(|(_, on_box)| **on_box == of_boxes).map(|(&id, _)| id).collect();
+    let is_kind = |id: &&u32| sweep.kinds.get(**id as usize) == Some(&kind);
+    of_these.iter().filter(is_kind).count() as f64 / of_these.len() as f64
+}
+
+fn objects(sweep: &SegmentedSweep) -> usize {
+    sweep.kinds.iter().filter(|&&kind| kind == Kind::Object).count()
+}
+
+fn z() -> Option<UnitVector3<f64>> {
+    Some(Vector3::z_axis())
+}
+
+#[test]
+fn a_box_on_a_slope_is_one_object_and_the_slope_is_ground() {
+    let slope = |x: f64, _: f64| 0.12 * x;
+    let boxes = [([7.0, -1.0, 0.8 - HEIGHT], [9.0, 1.0, 2.6 - HEIGHT])];
+    for rings in [64, 32, 16] {
+        let (points, on_box) = sweep(rings, slope, &boxes);
+        let found = segment_sweep(&points, z(), &CONFIG);
+        assert_eq!(share(&found, &on_box, false, Kind::Object), 0.0, "{rings} rings");
+        assert_eq!(objects(&found), 1, "{rings} rings");
+        // The lowest 0.2 m of the box count as ground.
+        assert!(share(&found, &on_box, true, Kind::Object) > 0.75, "{rings} rings");
+        assert!(share(&found, &on_box, false, Kind::Ground) > 0.95, "{rings} rings");
+    }
+}
+
+#[test]
+fn a_kerb_stays_ground() {
+    let kerb = |_: f64, y: f64| if y.abs() > 3.5 { 0.15 } else { 0.0 };
+    for rings in [64, 16] {
+        let (points, on_box) = sweep(rings, kerb, &[]);
+        let found = segment_sweep(&points, z(), &CONFIG);
+        assert_eq!(objects(&found), 0, "{rings} rings");
+        assert!(share(&found, &on_box, false, Kind::Ground) > 0.97, "{rings} rings");
+    }
+}
+
+#[test]
+fn boxes_apart_are_objects_apart_and_a_long_wall_is_cut() {
+    let level = |_: f64, _: f64| 0.0;
+    let side_by_side = [([7.0, -2.0, -HEIGHT], [7.2, -0.5, -0.3]), ([7.0, 0.5, -HEIGHT], [7.2, 2.0, -0.3])];
+    let (points, _) = sweep(64, level, &side_by_side);
+    assert_eq!(objects(&segment_sweep(&points, z(), &CONFIG)), 2);
+    let wall = [([8.0, -8.0, -HEIGHT], [8.5, 8.0, 0.0])];
+    let (points, _) = sweep(64, level, &wall);
+    assert!((6..=11).contains(&objects(&segment_sweep(&points, z(), &CONFIG))));
+}
+
+#[test]
+fn up_is_found_however_the_lidar_is_mounted() {
+    let boxes = [([7.0, -3.0, -HEIGHT], [9.0, 3.0, 0.5]), ([-9.0, 3.0, -HEIGHT], [5.0, 3.5, 0.5])];
+    let (points, _) = sweep(32, |_, _| 0.0, &boxes);
+    for (axis, angle) in [([1.0, 0.0, 0.0], 3.1), ([0.0, 1.0, 0.0], 1.6), ([1.0, 2.0, 3.0], 0.7)] {
+        let turn = Rotation3::from_axis_angle(&Unit::new_normalize(Vector3::from(axis)), angle);
+        let turned = turned(&points, &turn);
+        let up = estimate_up(&[&turned]).unwrap();
+        assert!(up.direction.dot(&(turn * Vector3::z())) > 0.9998, "{up:?}");
+        assert!((up.height_m - HEIGHT).abs() < 0.05 && up.share_below == 0.0, "{up:?}");
+    }
+}
+
+#[test]
+fn without_ground_everything_is_an_object() {
+    let points: Vec<[f32; 3]> = (0..4000)
+        .map(|i| {
+            crate::spherical::from_angles(f64::from(i) * 2.399_963, (f64::from(i) / 2000.0 - 1.0).asin())
+        })
+        .map(|ray| (ray * 8.0).map(|x| x as f32).into())
+        .collect();
+    assert_eq!(estimate_up(&[&points]), None);
+    let found = segment_sweep(&points, None, &CONFIG);
+    assert!(found.up.is_none() && objects(&found) == found.kinds.len() && !found.kinds.is_empty());
+}
+
+#[test]
+fn what_is_no_return_has_no_segment() {
+    let (mut points, _) = sweep(32, |_, _| 0.0, &[]);
+    let bad = [[0.0; 3], [f32::NAN, 1.0, 1.0], [f32::INFINITY, 0.0, 0.0], [1e38; 3], [f32::MIN_POSITIVE; 3]];
+    points.splice(100..100, bad);
+    let found = segment_sweep(&points, z(), &CONFIG);
+    assert!(found.ids[100..105].iter().all(|&id| id == NO_SEGMENT));
+    assert!(found.ids.iter().any(|&id| id != NO_SEGMENT));
+}
+
+#[test]
+fn few_or_equal_points_are_no_trouble() {
+    for points in [vec![], vec![[1.0, 2.0, 3.0]], vec![[0.0; 3]; 9], vec![[5.0, 1.0, -1.0]; 100_000]] {
+        for up in [None, z()] {
+            let found = segment_sweep(&points, up, &CONFIG);
+            assert_eq!(found.ids.len(), points.len());
+            assert_eq!(found.kinds.len(), usize::from(points.len() == 100_000));
+        }
+    }
+}
+
+#[test]
+fn sweeps_are_alike_on_any_number_of_threads() {
+    let boxes = [([7.0, -1.0, -HEIGHT], [9.0, 1.0, 0.0])];
+    let (points, _) = sweep(32, |x, _| 0.05 * x, &boxes);
+    let run = |num_threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(num_threads).build().unwrap();
+        pool.install(|| segment_sweeps(&[&points, &points[9..]], None, &CONFIG))
+    };
+    assert_eq!(run(1), run(3));
+}
+
+fn turned(points: &[[f32; 3]], turn: &Rotation3<f64>) -> Vec<[f32; 3]> {
+    points.iter().map(|point| (turn * to_f64(point)).map(|x| x as f32).into()).collect()
+}
+
+/// Points of any kind: on a coarse grid, so that they share cells, or wild.
+fn any_points() -> impl Strategy<Value = Vec<[f32; 3]>> {
+    let near = (-40i16..40, -40i16..40, -9i16..9).prop_map(|(x, y, z)| [x, y, z].map(|x| f32::from(x) / 3.0));
+    let wild = [any::<f32>(), any::<f32>(), any::<f32>()];
+    prop::collection::vec(prop_oneof![9 => near, 1 => wild], 0..2000)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn segments_are_numbered_from_zero_and_large_enough(
+        points in any_points(), up in [-1f64..1.0, -1f64..1.0, 0.01f64..1.0], knows_up: bool
+    ) {
+        let up = knows_up.then(|| Unit::new_normalize(Vector3::from(up)));
+        let found = segment_sweep(&points, up, &CONFIG);
+        let mut sizes = vec![0; found.kinds.len()];
+        for &id in found.ids.iter().filter(|&&id| id != NO_SEGMENT) {
+            sizes[id as usize] += 1;
+        }
+        let num_returns = Returns::of(&points).points.len();
+        prop_assert!(sizes.iter().all(|&size| size >= least_points(num_returns, CONFIG.min_points)));
+        prop_assert!(found.kinds.is_sorted_by_key(|&kind| kind as u8));
+    }
+
+    #[test]
+    fn kinds_turn_with_the_sweep(angle in 0f64..6.3, tilt in -0.3f64..0.3) {
+        let boxes = [([7.0, -1.0, -HEIGHT], [9.0, 1.0, 0.5]), ([-9.0, 3.0, -HEIGHT], [5.0, 4.0, 0.5])];
+        let (points, _) = sweep(32, |x, _| 0.05 * x, &boxes);
+        let turn = Rotation3::from_euler_angles(tilt, 0.0, angle);
+        let up = Unit::new_unchecked(turn * Vector3::z());
+        let (one, other) = (
+            segment_sweep(&points, z(), &CONFIG),
+            segment_sweep(&turned(&points, &turn), Some(up), &CONFIG),
+        );
+        let kind = |sweep: &SegmentedSweep, i: usize| sweep.kinds.get(sweep.ids[i] as usize).copied();
+        let alike = (0..points.len()).filter(|&i| kind(&one, i) == kind(&other, i)).count();
+        prop_assert!(alike as f64 > 0.97 * points.len() as f64, "{} of {}", alike, points.len());
+    }
+}

@@ -1,0 +1,80 @@
+"""Prints a Markdown table: how long sweeps take to segment, and how pure their segments are.
+
+python tests/benchmarks/segmentation.py [--rounds 5] [--frames 20] [--columns 1875]
+
+Synthetic sweeps of 64 x 1875 rays, 120,000 each, unless told otherwise; the same number of rays in other patterns. The
+direction of up is estimated within the time. Medians. Purity is the share of points in segments that have the class of
+most of their segment, where the classes of the ground are one.
+"""
+
+from __future__ import annotations
+
+import argparse
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+
+from semcal_cli import _core
+from semcal_cli.config import SegmentationConfig, SynthConfig
+
+SEED = 5100
+GROUND_CLASSES = ("road", "road_line", "sidewalk", "terrain")
+
+
+def sweeps(config: SynthConfig) -> list[_core.RenderedFrame]:
+    camera = _core.Camera("plumb_bob", 64, 48, [[32, 0, 31.5], [0, 32, 23.5], [0, 0, 1]], [0.0] * 5)
+    forward = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
+    renderer = _core.Renderer(camera, forward, config)
+    return [renderer.frame(config.seed, number) for number in range(config.num_frames)]
+
+
+def purity(frames: list[_core.RenderedFrame], found: list[_core.SegmentedSweep]) -> tuple[float, float]:
+    """Share of the points in segments that are of their segment's class, and share of all points that have one."""
+    ground = [number for number, name in _core.synthetic_classes() if name in GROUND_CLASSES]
+    num_pure = num_in_segments = 0
+    for frame, sweep in zip(frames, found, strict=True):
+        classes = (frame.point_labels & 0xFFFF).astype(np.int64)
+        classes[np.isin(classes, ground)] = ground[0]
+        has = sweep.ids != _core.NO_SEGMENT
+        counts = np.zeros((sweep.num_segments, 256), int)
+        np.add.at(counts, (sweep.ids[has], classes[has]), 1)
+        num_pure += int(counts.max(axis=1, initial=0).sum())
+        num_in_segments += int(has.sum())
+    return num_pure / num_in_segments, num_in_segments / sum(len(frame.points) for frame in frames)
+
+
+def row(name: str, config: SynthConfig, rounds: int) -> str:
+    frames = sweeps(config)
+    points = [np.ascontiguousarray(frame.points[:, :3]) for frame in frames]
+    times = []
+    for _ in range(rounds):
+        start = perf_counter()
+        found = _core.segment_sweeps(points, SegmentationConfig())
+        times.append(perf_counter() - start)
+    pure, segmented = purity(frames, found)
+    num_segments = sum(sweep.num_segments for sweep in found) / len(found)
+    num_points = sum(map(len, points)) / len(points)
+    return f"| {name} | {num_points:.0f} | {median(times):.2f} | {num_segments:.0f} | {pure:.3f} | {segmented:.3f} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=5, help="measurements of each pattern")
+    parser.add_argument("--frames", type=int, default=20, help="sweeps of each pattern")
+    parser.add_argument("--columns", type=int, default=1875, help="firings a turn")
+    options = parser.parse_args()
+    size = {"num_frames": options.frames, "columns": options.columns, "seed": SEED, "width": 64, "height": 48}
+    patterns = {
+        "64 rings": SynthConfig(**size),
+        "16 rings": SynthConfig(**size, channels=16),
+        "rosette": SynthConfig(**size, pattern="rosette"),
+    }
+    print(f"| {options.frames} sweeps | returns of one | s | segments of one | purity | share in segments |")
+    print("|---|---|---|---|---|---|")
+    for name, config in patterns.items():
+        print(row(name, config, options.rounds))
+
+
+if __name__ == "__main__":
+    main()
