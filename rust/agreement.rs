@@ -104,10 +104,17 @@ pub fn held_out_gain(
     });
     let pairs = before.iter().zip(&after).filter(|(b, a)| **b != 0.0 || **a != 0.0);
     let gains: Vec<f64> = pairs.map(|(before, after)| after - before).collect();
-    let (count, sum) = (gains.len() as f64, gains.iter().sum::<f64>());
-    let scatter: f64 = gains.iter().map(|gain| (gain - sum / count).powi(2)).sum();
-    let sigma = if gains.len() < 2 { f64::INFINITY } else { (scatter * count / (count - 1.0)).sqrt() };
-    HeldOutGain { gain: sum, sigma }
+    HeldOutGain::of_parts(gains)
+}
+
+impl HeldOutGain {
+    /// The sum of the gains of independent parts.
+    pub fn of_parts(gains: Vec<f64>) -> Self {
+        let (count, sum) = (gains.len() as f64, gains.iter().sum::<f64>());
+        let scatter: f64 = gains.iter().map(|gain| (gain - sum / count).powi(2)).sum();
+        let sigma = if gains.len() < 2 { f64::INFINITY } else { (scatter * count / (count - 1.0)).sqrt() };
+        Self { gain: sum, sigma }
+    }
 }
 
 /// The standard error of the mutual information: pairs in a cluster are dependent, clusters are independent. A pair

@@ -71,7 +71,8 @@ fn agreeing(
     let pair = |&(point, class): &LabelledReturn, image: &LabelImage<u8>| {
         let pixel = pixel_of(&to_f64(&point))?;
         let image_class = image.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize);
-        let agree = image_class != NO_CLASS && pointwise[hypothesis.joint.index(class, image_class)] > 0.0;
+        let agree = image_class != NO_CLASS
+            && pointwise[hypothesis.joint.index(usize::from(class), image_class)] > 0.0;
         agree.then_some(Correspondence { point, pixel })
     };
     let frames = images.returns.iter().zip(&observations.frames);

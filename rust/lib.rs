@@ -17,6 +17,7 @@ pub mod motion;
 pub mod mutual_information;
 pub mod npy;
 pub mod observation;
+pub mod partitions;
 pub mod point_cloud;
 pub mod powell;
 pub mod probabilities;

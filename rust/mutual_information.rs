@@ -1,33 +1,48 @@
 //! Mutual information of the classes of points and of the pixels that they project onto.
 
+use std::ops::Range;
+
+use rayon::prelude::*;
+
 use crate::classes::NO_CLASS;
 
-/// Weighted counts of the pairs (point class, image class).
+/// Number of rows that one task takes at least.
+const ROWS_A_TASK: usize = 2048;
+
+/// Weighted counts of the pairs (row, image class). A row is a class of points, or a segment of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JointHistogram {
     num_image_classes: usize,
-    /// Row-major `num_point_classes x num_image_classes`.
+    /// Row of the first weights: a part of the data may cover some of the rows only.
+    first_row: usize,
+    /// Row-major `num_rows x num_image_classes`.
     pub weights: Vec<f64>,
 }
 
 impl JointHistogram {
     /// An empty histogram.
-    pub fn new(num_point_classes: usize, num_image_classes: usize) -> Self {
-        Self { num_image_classes, weights: vec![0.0; num_point_classes * num_image_classes] }
+    pub fn new(num_rows: usize, num_image_classes: usize) -> Self {
+        Self::of_rows(0..num_rows, num_image_classes)
+    }
+
+    /// An empty histogram of some of the rows.
+    pub fn of_rows(rows: Range<usize>, num_image_classes: usize) -> Self {
+        Self { num_image_classes, first_row: rows.start, weights: vec![0.0; rows.len() * num_image_classes] }
     }
 
     /// Counts a pair; one side without a class carries no information.
     #[inline]
     pub fn add(&mut self, point_class: u8, image_class: u8, weight: f64) {
         if point_class != NO_CLASS && image_class != NO_CLASS {
-            let index = self.index(point_class, image_class);
+            let index = self.index(usize::from(point_class), image_class);
             self.weights[index] += weight;
         }
     }
 
-    /// Adds another histogram of the same classes.
+    /// Adds another histogram, of the same rows or of some of them.
     pub fn merge(&mut self, other: &Self) {
-        for (sum, x) in self.weights.iter_mut().zip(&other.weights) {
+        let start = (other.first_row - self.first_row) * self.num_image_classes;
+        for (sum, x) in self.weights[start..].iter_mut().zip(&other.weights) {
             *sum += x;
         }
     }
@@ -75,17 +90,47 @@ impl JointHistogram {
         self.weights.iter().enumerate().map(cell).collect()
     }
 
-    /// The weights of a point class.
+    /// The same but for rounding, and zero in rows that are empty: fast where most cells are.
+    pub fn pointwise_of_many_rows(&self, floor: f64) -> Vec<f64> {
+        let (mut columns, total) = (vec![0.0; self.num_image_classes], self.total());
+        for row in self.weights.chunks_exact(self.num_image_classes) {
+            columns.iter_mut().zip(row).for_each(|(column, weight)| *column += weight);
+        }
+        let of_columns: Vec<f64> = columns.iter().map(|column| total.ln() - column.max(floor).ln()).collect();
+        let of_unseen = floor.ln();
+        let mut table = vec![0.0; self.weights.len()];
+        let rows = self.weights.par_chunks(self.num_image_classes);
+        table.par_chunks_mut(self.num_image_classes).zip(rows).with_min_len(ROWS_A_TASK).for_each(
+            |(values, row)| {
+                let sum: f64 = row.iter().sum();
+                if sum > 0.0 {
+                    let of_row = sum.max(floor).ln();
+                    for ((value, &weight), of_column) in values.iter_mut().zip(row).zip(&of_columns) {
+                        let of_cell = if weight > floor { weight.ln() } else { of_unseen };
+                        *value = of_cell + of_column - of_row;
+                    }
+                }
+            },
+        );
+        table
+    }
+
+    /// The weights of a row.
     #[inline]
-    pub fn row_mut(&mut self, point_class: u8) -> &mut [f64] {
-        let start = self.index(point_class, 0);
+    pub fn row_mut(&mut self, row: usize) -> &mut [f64] {
+        let start = self.index(row, 0);
         &mut self.weights[start..start + self.num_image_classes]
+    }
+
+    /// The weights of some rows.
+    pub fn rows(&self, rows: Range<usize>) -> &[f64] {
+        &self.weights[self.index(rows.start, 0)..self.index(rows.end, 0)]
     }
 
     /// Index of a pair in `weights` and [`JointHistogram::pointwise`].
     #[inline]
-    pub fn index(&self, point_class: u8, image_class: u8) -> usize {
-        usize::from(point_class) * self.num_image_classes + usize::from(image_class)
+    pub fn index(&self, row: usize, image_class: u8) -> usize {
+        (row - self.first_row) * self.num_image_classes + usize::from(image_class)
     }
 
     fn marginals(&self) -> (Vec<f64>, Vec<f64>) {
@@ -104,7 +149,7 @@ mod tests {
     use super::*;
 
     fn histogram(weights: [[f64; 2]; 2]) -> JointHistogram {
-        JointHistogram { num_image_classes: 2, weights: weights.concat() }
+        JointHistogram { num_image_classes: 2, first_row: 0, weights: weights.concat() }
     }
 
     #[test]

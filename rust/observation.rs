@@ -1,5 +1,6 @@
 //! The input of the pipeline: labelled points and label images with dense class ids.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::camera::Camera;
@@ -7,6 +8,7 @@ use crate::class_shares::ClassShares;
 use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
+use crate::partitions::Partitions;
 
 /// A sweep and an image taken at one moment. A clone shares all arrays; frames that differ, for example in the label
 /// image over one cloud, share the others.
@@ -23,6 +25,8 @@ pub struct Frame {
     pub point_shares: Option<Arc<ClassShares>>,
     /// Shares of classes of each pixel, with the same rules as for points.
     pub image_shares: Option<Arc<ClassShares>>,
+    /// Segments of the points, which take the place of their classes when a pose is refined.
+    pub partitions: Option<Arc<Partitions>>,
 }
 
 impl Frame {
@@ -34,6 +38,7 @@ impl Frame {
             image_classes: image_classes.into(),
             point_shares: None,
             image_shares: None,
+            partitions: None,
         }
     }
 }
@@ -49,6 +54,10 @@ pub struct Observations {
     pub num_point_classes: usize,
     /// Image classes are `0..num_image_classes`, or [`NO_CLASS`].
     pub num_image_classes: usize,
+    /// Row of the joint histogram of the first segment of each frame with partitions, behind those of the classes.
+    first_rows: Vec<usize>,
+    /// Rows of the joint histogram: classes, and the segments of each frame in each of its partitions.
+    pub num_rows: usize,
 }
 
 impl Observations {
@@ -82,12 +91,77 @@ impl Observations {
                 format!("{points} points need as many shares of classes below {num_point_classes}")
             } else if !fits(frame.image_shares.as_deref(), image.ids.len(), num_image_classes) {
                 format!("{} pixels need as many shares of classes below {num_image_classes}", image.ids.len())
+            } else if frame.partitions.as_ref().is_some_and(|found| found.num_points() != points) {
+                format!("{points} points need as many segments")
             } else {
                 continue;
             };
             return Err(Error::Input(format!("frame {index}: {complaint}")));
         }
-        Ok(Self { camera, frames, num_point_classes, num_image_classes })
+        let found = Self {
+            camera,
+            frames: Vec::new(),
+            num_point_classes,
+            num_image_classes,
+            first_rows: Vec::new(),
+            num_rows: 0,
+        };
+        Ok(found.with_frames(frames))
+    }
+
+    /// Observations of other frames with the same classes.
+    pub fn with_frames(&self, frames: Vec<Frame>) -> Self {
+        let mut num_rows = self.num_point_classes;
+        let first_row = |frame: &Frame| {
+            let first = num_rows;
+            num_rows += frame.partitions.as_ref().map_or(0, |found| found.num_rows);
+            first
+        };
+        let first_rows = frames.iter().map(first_row).collect();
+        Self { camera: self.camera.clone(), frames, first_rows, num_rows, ..*self }
+    }
+
+    /// Calls `with` with each row of the joint histogram to which a point adds: that of its class, or those of its
+    /// segments.
+    #[inline]
+    pub fn for_rows(&self, frame: usize, point: usize, class: u8, mut with: impl FnMut(usize)) {
+        match &self.frames[frame].partitions {
+            None => with(usize::from(class)),
+            Some(partitions) => {
+                partitions
+                    .rows(point)
+                    .iter()
+                    .for_each(|&row| with(self.first_rows[frame] + usize::from(row)));
+            }
+        }
+    }
+
+    /// Whether a frame has partitions.
+    pub fn has_partitions(&self) -> bool {
+        self.num_rows > self.num_point_classes
+    }
+
+    /// The rows of some neighbouring frames.
+    pub fn rows_of(&self, frames: Range<usize>) -> Range<usize> {
+        let end = self.first_rows.get(frames.end).copied().unwrap_or(self.num_rows);
+        let has_partitions = |frame: &Frame| frame.partitions.is_some();
+        let among = &self.frames[frames.clone()];
+        if among.iter().all(has_partitions) {
+            self.first_rows[frames.start]..end
+        } else if among.iter().any(has_partitions) {
+            0..end
+        } else {
+            0..self.num_point_classes
+        }
+    }
+
+    /// The rows of each null partition, with the weight of its information.
+    pub fn null_rows(&self) -> impl Iterator<Item = (Range<usize>, f64)> {
+        let of_frame = |(frame, &first): (&Frame, &usize)| {
+            let partitions = frame.partitions.as_ref()?;
+            Some((first + partitions.num_segments..first + partitions.num_rows, partitions.null_weight()))
+        };
+        self.frames.iter().zip(&self.first_rows).filter_map(of_frame)
     }
 }
 

@@ -13,10 +13,10 @@ from semcal_cli.config import (
     ExactConfig,
     InitializationConfig,
     PolishConfig,
-    SegmentationConfig,
     SensitivityConfig,
     SynthConfig,
 )
+from semcal_cli.drive.cue_config import SegmentationConfig
 
 _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]
@@ -39,6 +39,7 @@ __all__ = [
     "LabelledImage",
     "MiniBatch",
     "Observations",
+    "Partitions",
     "PointCloud",
     "Polished",
     "Projected",
@@ -67,6 +68,8 @@ __all__ = [
     "register",
     "sample_correspondences",
     "scan_grid",
+    "segment_information",
+    "segment_information_gain",
     "segment_sweep",
     "segment_sweeps",
     "sensitivity",
@@ -75,6 +78,7 @@ __all__ = [
     "steps_at_label_changes",
     "student_quantile",
     "synthetic_classes",
+    "turned_partitions",
 ]
 
 NO_SEGMENT: int
@@ -132,7 +136,11 @@ class LabelledCloud:
     """Points (N, 3) and their classes (N,), copied once; shared by all observations that are made with it."""
 
     def __new__(
-        cls, points: _Float32, classes: NDArray[np.uint8], shares: ClassShares | None
+        cls,
+        points: _Float32,
+        classes: NDArray[np.uint8],
+        shares: ClassShares | None = None,
+        partitions: Partitions | None = None,
     ) -> LabelledCloud: ...
 
 @final
@@ -151,6 +159,7 @@ class Observations:
         frames: Sequence[tuple[LabelledCloud, LabelledImage]],
         num_point_classes: int,
         num_image_classes: int,
+        by_classes: bool = False,
     ) -> Observations: ...
 
 @final
@@ -667,6 +676,32 @@ class SegmentedSweep:
     @property
     def up(self) -> _Float64 | None:
         """(3,) away from the ground, LiDAR frame; None where no ground was found, and everything is an object."""
+
+@final
+class Partitions:
+    """The segments of a sweep's points, and null partitions, in which they lie elsewhere."""
+
+def turned_partitions(
+    points: Sequence[_Float32], segmented: Sequence[SegmentedSweep], num_turns: int
+) -> list[Partitions]:
+    """The segments of a drive's sweeps (N, 3), each with `num_turns` null partitions.
+
+    In each the segments lie as if the sweep had been turned about the direction away from the ground, by equal parts
+    of the azimuths that the sweeps cover.
+    """
+
+def segment_information(
+    observations: Observations, T_camera_lidar: _Float64, edge_band_px: int
+) -> list[tuple[list[int], float, float]]:
+    """What segments tell of the pictures at a pose (4, 4), less what null partitions tell.
+
+    For each square of the pictures, by frame, row and column: the sum over its visible points, nats, and their weight.
+    """
+
+def segment_information_gain(
+    observations: Observations, before: _Float64, after: _Float64, edge_band_px: int
+) -> HeldOutGain:
+    """The gain of that information, its mean over all points, from one pose (4, 4) to another."""
 
 def estimate_up(points: Sequence[_Float32]) -> Up | None:
     """The direction away from the ground of a drive's sweeps (N, 3), whichever way the LiDAR is mounted.

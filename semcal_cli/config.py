@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
-Cue: TypeAlias = Literal["labels", "intensity", "features"]
+Cue: TypeAlias = Literal["labels", "segments", "intensity", "features"]
 """What points and pixels are compared by."""
 Estimator: TypeAlias = Literal["exact", "mine"]
 Optimizer: TypeAlias = Literal["adam", "sgd"]
@@ -47,30 +47,6 @@ MIN_OVERLAP = 0.03
 
 FAR_DEG = 3.0
 """The refinement converges from 20 degrees and half a metre if its coarsest blocks have this size."""
-
-
-@dataclass(frozen=True)
-class IntensityConfig:
-    """How intensities become levels.
-
-    With 16 levels and surroundings of 4 degrees, 10 of 10 refinements on two development drives of 20 pairs from 2
-    degrees and 0.2 m came back; with intensities as they are, 5 of 10.
-    """
-
-    num_levels: int = 16
-    """Number of levels, which take the place of classes."""
-    surroundings_deg: float = 4.0
-    """Standard deviation of the window over which mean and contrast are taken."""
-
-
-@dataclass(frozen=True)
-class FeaturesConfig:
-    """How feature vectors become codes (k-means)."""
-
-    num_codes: int = 24
-    """Number of codes, which take the place of classes."""
-    iterations: int = 20
-    """Iterations of k-means."""
 
 
 @dataclass(frozen=True)
@@ -310,24 +286,6 @@ class CalibrationConfig:
     is_raw: bool = False
     """Whether labels and intensities are taken as they are: isolated pixels of label images are not mended, and
     intensities and grey values are numbers instead of levels."""
-
-
-@dataclass(frozen=True)
-class SegmentationConfig:
-    """Settings of the segmentation of sweeps by geometry."""
-
-    ground_tolerance_m: float = 0.2
-    """A point is ground if it lies no farther than this above or below the ground's surface."""
-    ground_cell_m: float = 3.0
-    """Longest extent of a segment of the ground."""
-    object_gap_m: float = 0.25
-    """Returns with less than this between them belong together, however near the sensor."""
-    object_gap_rays: float = 1.5
-    """Factor on the distance of neighbouring rays at a return's range, which adds to `object_gap_m`."""
-    object_cell_m: float = 3.0
-    """Longest extent of a segment of an object."""
-    min_points: int = 20
-    """Least number of points of a segment of a dense sweep."""
 
 
 @dataclass(frozen=True)

@@ -144,7 +144,7 @@ def initialize(
         return all(prior.allows(T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for prior in priors)
 
     T_given = None if initial_pose is None else initial_pose.T_camera_lidar
-    found = search(data.observations, config, seed, T_given, is_possible)
+    found = search(data.for_search, config, seed, T_given, is_possible)
     note = f"{len(found.hypotheses)} hypotheses" if len(found.hypotheses) > 1 else "1 hypothesis"
     if found.runner_up_margin is not None:
         note += f", runner-up {found.runner_up_margin:.1f} standard errors behind"
@@ -288,7 +288,7 @@ def assess(
     if stages.fused is None and stages.polished is not None and not stages.polished.is_accepted:
         found = compare_frames(data, T_camera_lidar, agreement)
     else:
-        with_label_bleed = with_label_bleed and data.cues == LABELS
+        with_label_bleed = with_label_bleed and {*data.cues} <= {"labels", "segments"}
         polish_config = _polish_config(config)
         found = assess_pose(
             data, T_camera_lidar, agreement, polish_config, stages.fused, with_label_bleed=with_label_bleed

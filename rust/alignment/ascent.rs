@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use super::level::Level;
 use super::pose::within_baseline;
 use super::sample::Counted;
+use super::view::in_view;
 use crate::observation::Observations;
 use crate::se3;
 
@@ -62,12 +63,12 @@ pub fn align(
     config: &AlignmentConfig,
     seed: u64,
 ) -> Vec<Aligned> {
-    let level = Level::new(Arc::clone(observations), factor, config.edge_band_px, config.max_points);
+    let level = Level::new(in_view(observations, starts), factor, config.edge_band_px, config.max_points);
     let align = |start| {
         let (pose, drift) = ascend(&level, start, counted, config, seed);
         let samples = level.samples(&pose, counted);
         let joint = level.joint(&samples, &pose);
-        let mutual_information = joint.mutual_information() - joint.bias();
+        let mutual_information = level.information(&joint) - level.bias(&joint);
         Aligned { pose, mutual_information, drift, num_points: samples.len() }
     };
     starts.par_iter().map(align).collect()
@@ -86,9 +87,12 @@ fn ascend(
     if samples.len() < MIN_POINTS {
         return (pose, 0.0);
     }
-    samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
     // All of one size, or nearly: a last one with a handful of points would be noise.
     let num_batches = samples.len().div_ceil(config.batch_size);
+    // Segments are counted frame by frame, which is fast while the points of a frame stay together.
+    if num_batches > 1 || !level.observations.has_partitions() {
+        samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+    }
     let mut batches = samples.chunks(samples.len().div_ceil(num_batches)).cycle();
     let Some(preconditioner) = level.preconditioner(&samples, &pose) else {
         return (pose, f64::INFINITY);

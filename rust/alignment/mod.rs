@@ -8,9 +8,13 @@
 //! Overlap: points are chosen at an anchor pose, with the weights that they have there. While the lens still projects
 //! them they keep counting when they leave the picture, with the class at the nearest border: a pose cannot raise the
 //! objective by pushing points out.
+//!
+//! Where points have partitions, the rows of the histogram are their segments, and what is maximised is the information
+//! less that of null partitions: see [`crate::partitions`].
 
 mod anchored;
 mod ascent;
+mod information;
 mod level;
 mod polish;
 mod pose;
@@ -19,9 +23,11 @@ mod sample;
 #[cfg(test)]
 mod scene;
 mod sensitivity;
+mod view;
 
 pub use anchored::{Anchored, MiniBatch};
 pub use ascent::{Aligned, AlignmentConfig, align};
+pub use information::{SquareInformation, information, information_gain};
 pub use polish::{PolishConfig, Polished, polish};
 pub use sample::Counted;
 pub use sensitivity::{Sensitivity, SensitivityConfig, sensitivity};

@@ -11,6 +11,7 @@ use nalgebra::{Isometry3, Matrix6, Vector6};
 use super::level::Level;
 use super::pose::within_baseline;
 use super::sample::{Counted, Sample};
+use super::view::in_view;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::se3;
@@ -67,7 +68,7 @@ pub fn polish(
     counted: Counted,
     config: &PolishConfig,
 ) -> Polished {
-    let level = Level::new(Arc::clone(observations), FACTOR, config.edge_band_px, usize::MAX);
+    let level = Level::new(in_view(observations, &[*start]), FACTOR, config.edge_band_px, usize::MAX);
     let start = within_baseline(start, config.max_baseline_m);
     // The curvature is with respect to twists, so that it outlives the motions of a round.
     let mut is_stale = inverse_curvature.is_none();
@@ -111,7 +112,7 @@ impl Objective<'_> {
     /// Mutual information, and its gradient with respect to a twist.
     fn value_and_gradient(&self, pose: &Isometry3<f64>) -> (f64, Vector6<f64>) {
         let (joint, gradient) = self.level.joint_and_gradient(&self.samples, &self.constant, pose);
-        (joint.mutual_information(), gradient)
+        (self.level.information(&joint), gradient)
     }
 
     fn moved(&self, pose: &Isometry3<f64>, twist: &Vector6<f64>) -> Isometry3<f64> {

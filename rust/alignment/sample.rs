@@ -18,6 +18,8 @@ pub struct Sample {
     pub position: Vector3<f64>,
     pub class: u8,
     pub frame: u32,
+    /// Index among the frame's points.
+    pub point: u32,
     /// Labelled share of the blocks around it at the anchor pose.
     pub weight: f32,
 }
@@ -27,6 +29,7 @@ pub struct Sample {
 pub(super) struct ProjectedSample {
     pub class: u8,
     pub frame: u32,
+    pub point: u32,
     pub weight: f32,
     pub p_camera: Vector3<f64>,
     pub pixel: Point2<f64>,

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use crate::camera::Camera;
 use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
+use crate::partitions::Partitions;
 
 const WIDTH: usize = 64;
 const HEIGHT: usize = 48;
@@ -31,4 +32,22 @@ pub(super) fn scene(shift: f64) -> Arc<Observations> {
     let image_classes = LabelImage { width: WIDTH, height: HEIGHT, ids };
     let frame = Frame::certain(points, point_classes, image_classes);
     Arc::new(Observations::new(camera, vec![frame], 3, 3).expect("valid observations"))
+}
+
+/// Frames of the scene, in which each blob is a segment, with two null partitions that lie elsewhere.
+pub(super) fn segmented(num_frames: usize) -> Arc<Observations> {
+    let frame = |index: usize| {
+        let mut frame = scene(0.3 * index as f64).frames[0].clone();
+        let count = frame.points.len();
+        let ids = |shift: usize| (0..count).map(move |i| (i + shift) % count);
+        let segment = |i: usize| u32::from(frame.point_classes[i]) + 3 * u32::from(i % 30 > 14);
+        let mixed = ids(0).zip(ids(count / 3)).zip(ids(2 * count / 3));
+        let ids: Vec<u32> = mixed.flat_map(|((a, b), c)| [segment(a), segment(b), segment(c)]).collect();
+        frame.partitions = Some(Arc::new(Partitions::new(&ids, 6, 3).expect("ids of each point")));
+        frame
+    };
+    let camera = scene(0.0).camera.clone();
+    Arc::new(
+        Observations::new(camera, (0..num_frames).map(frame).collect(), 3, 3).expect("valid observations"),
+    )
 }

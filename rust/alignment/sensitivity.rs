@@ -10,10 +10,11 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, Isometry3, Vector3, Vector6};
 use rayon::prelude::*;
 
-use super::level::{LEAST_WEIGHT, Level};
+use super::level::{Level, Values};
 use super::pose::to_camera;
 use super::preconditioner::MAX_MOTION_POINTS;
 use super::sample::{Counted, ProjectedSample, Sample};
+use super::view::in_view;
 use crate::camera::{Camera, NUM_INTRINSICS};
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
@@ -64,7 +65,8 @@ pub fn sensitivity(
     pose: &Isometry3<f64>,
     config: &SensitivityConfig,
 ) -> Option<Sensitivity> {
-    let level = Level::new(Arc::clone(observations), config.factor, config.edge_band_px, config.max_points);
+    let level =
+        Level::new(in_view(observations, &[*pose]), config.factor, config.edge_band_px, config.max_points);
     let mut samples = level.samples(pose, Counted::Visible);
     let constant = level.take_constant(&mut samples, pose, CONSTANT_RADIUS);
     let to_anchor = to_camera(pose);
@@ -77,15 +79,15 @@ pub fn sensitivity(
     let motions = problem.motions();
     let steps = problem.unit_steps(&motions)?;
     let (joint, chunks) = problem.projected(&DVector::zeros(steps.nrows()));
-    let total = joint.total();
-    let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
+    let total = level.total(&joint);
+    let values = level.values(&joint);
     let side = (observations.camera.width as f64 / config.regions_across as f64).max(1.0);
     let mut parts: BTreeMap<[u32; 3], DVector<f64>> = BTreeMap::new();
     for projected in chunks.iter().flatten() {
         let cell = |x: f64| if config.regions_across > 1 { (x.max(0.0) / side) as u32 } else { 0 };
         let part = [projected.frame, cell(projected.pixel.y), cell(projected.pixel.x)];
         let score = parts.entry(part).or_insert_with(|| DVector::zeros(steps.nrows()));
-        problem.add_score(projected, &joint, &pointwise, score);
+        problem.add_score(projected, &values, score);
     }
     let frame_curvatures = problem.frame_curvatures(&steps)?;
     let n = steps.nrows();
@@ -165,7 +167,7 @@ impl Problem<'_> {
     /// chosen at the pose.
     fn gradients(&self, parameters: &DVector<f64>) -> DMatrix<f64> {
         let (joint, chunks) = self.projected(parameters);
-        let pointwise = joint.pointwise_at_least(LEAST_WEIGHT);
+        let values = self.level.values(&joint);
         let of_chunk = |chunk: &Vec<ProjectedSample>| {
             let mut sums: Vec<(usize, DVector<f64>)> = Vec::new();
             for projected in chunk {
@@ -174,7 +176,7 @@ impl Problem<'_> {
                     sums.push((frame, DVector::zeros(self.num_parameters())));
                 }
                 let (_, sum) = sums.last_mut().expect("one was just added");
-                self.add_score(projected, &joint, &pointwise, sum);
+                self.add_score(projected, &values, sum);
             }
             sums
         };
@@ -184,20 +186,14 @@ impl Problem<'_> {
             let mut column = gradients.column_mut(frame);
             column += sum;
         }
-        gradients / joint.total().max(1.0)
+        gradients / self.level.total(&joint).max(1.0)
     }
 
     /// Adds the contribution of a point to the gradient, times the total weight.
-    fn add_score(
-        &self,
-        projected: &ProjectedSample,
-        joint: &JointHistogram,
-        pointwise: &[f64],
-        sum: &mut DVector<f64>,
-    ) {
-        let ProjectedSample { class, frame, weight, p_camera, pixel } = projected;
+    fn add_score(&self, projected: &ProjectedSample, values: &Values<'_>, sum: &mut DVector<f64>) {
+        let ProjectedSample { frame, weight, p_camera, pixel, .. } = projected;
         let Sampled::Mixed(shares) = self.level.maps[*frame as usize].at(pixel) else { return };
-        let per_pixel = shares.gradient(&pointwise[joint.index(*class, 0)..]) * f64::from(*weight);
+        let per_pixel = values.of(projected, |values| shares.gradient(values)) * f64::from(*weight);
         let force: Vector3<f64> = self.camera().jacobian(p_camera).tr_mul(&per_pixel);
         let torque = p_camera.cross(&force);
         let twist = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);

@@ -7,7 +7,7 @@ use super::errors::value_error;
 use super::observations::PyObservations;
 use super::poses::isometry;
 use super::threads::detached;
-use crate::agreement::{held_out_gain as measure_gain, measure as measure_agreement};
+use crate::agreement::{HeldOutGain, held_out_gain as measure_gain, measure as measure_agreement};
 use crate::observation::Observations;
 
 #[pyclass(name = "Agreement", frozen, get_all)]
@@ -27,6 +27,12 @@ pub(super) struct PyAgreement {
 pub(super) struct PyHeldOutGain {
     gain: f64,
     sigma: f64,
+}
+
+impl From<HeldOutGain> for PyHeldOutGain {
+    fn from(found: HeldOutGain) -> Self {
+        Self { gain: found.gain, sigma: found.sigma }
+    }
 }
 
 #[pyfunction]
@@ -71,5 +77,5 @@ pub(super) fn held_out_gain(
         return Err(value_error("the held-out observations have other numbers of classes"));
     }
     let found = detached(py, || measure_gain(&observations.0, &held_out.0, &before, &after));
-    Ok(PyHeldOutGain { gain: found.gain, sigma: found.sigma })
+    Ok(found.into())
 }

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, Matrix6};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
+use super::agreement::PyHeldOutGain;
 use super::arrays::matrix_6x6;
 use super::errors::value_error;
 use super::observations::PyObservations;
@@ -148,4 +149,29 @@ pub(super) fn check_factor(factor: usize, camera: &Camera) -> PyResult<()> {
 
 pub(super) fn counted(visible_only: bool) -> Counted {
     if visible_only { Counted::Visible } else { Counted::All }
+}
+
+#[pyfunction]
+pub(super) fn segment_information(
+    py: Python<'_>,
+    observations: &PyObservations,
+    t_camera_lidar: PyReadonlyArray2<f64>,
+    edge_band_px: usize,
+) -> PyResult<Vec<([u32; 3], f64, f64)>> {
+    let pose = isometry(&t_camera_lidar)?;
+    let found = detached(py, || alignment::information(&observations.0, &pose, edge_band_px));
+    Ok(found.into_iter().map(|(square, found)| (square, found.sum, found.weight)).collect())
+}
+
+#[pyfunction]
+pub(super) fn segment_information_gain(
+    py: Python<'_>,
+    observations: &PyObservations,
+    before: PyReadonlyArray2<f64>,
+    after: PyReadonlyArray2<f64>,
+    edge_band_px: usize,
+) -> PyResult<PyHeldOutGain> {
+    let (before, after) = (isometry(&before)?, isometry(&after)?);
+    let found = detached(py, || alignment::information_gain(&observations.0, &before, &after, edge_band_px));
+    Ok(PyHeldOutGain::from(found))
 }

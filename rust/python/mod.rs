@@ -27,7 +27,10 @@ mod _core {
     #[pymodule_export]
     use super::agreement::{PyAgreement, PyHeldOutGain, agreement, held_out_gain};
     #[pymodule_export]
-    use super::alignment::{PyAligned, PyPolished, PySensitivity, align, polish, sensitivity};
+    use super::alignment::{
+        PyAligned, PyPolished, PySensitivity, align, polish, segment_information, segment_information_gain,
+        sensitivity,
+    };
     #[pymodule_export]
     use super::anchored::{PyAnchoredPoints, PyMiniBatch};
     #[pymodule_export]
@@ -55,7 +58,9 @@ mod _core {
     #[pymodule_export]
     const OBJECT: u8 = crate::segmentation::Kind::Object as u8;
     #[pymodule_export]
-    use super::segmentation::{PySegmentedSweep, PyUp, estimate_up, segment_sweep, segment_sweeps};
+    use super::segmentation::{
+        PyPartitions, PySegmentedSweep, PyUp, estimate_up, segment_sweep, segment_sweeps, turned_partitions,
+    };
     #[pymodule_export]
     use super::semantic_distance::{PyDistanceMinimum, PySemanticDistance};
     #[pymodule_export]

@@ -8,29 +8,35 @@ use pyo3::prelude::*;
 use super::arrays::{dense_image, rows};
 use super::camera::PyCamera;
 use super::labels::PyClassShares;
+use super::segmentation::PyPartitions;
 use crate::class_shares::ClassShares;
 use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
+use crate::partitions::Partitions;
 
 #[pyclass(name = "LabelledCloud", frozen)]
 pub(super) struct PyLabelledCloud {
     points: Arc<Vec<[f32; 3]>>,
     classes: Arc<Vec<u8>>,
     shares: Option<Arc<ClassShares>>,
+    partitions: Option<Arc<Partitions>>,
 }
 
 #[pymethods]
 impl PyLabelledCloud {
     #[new]
+    #[pyo3(signature = (points, classes, shares=None, partitions=None))]
     fn new(
         points: PyReadonlyArray2<f32>,
         classes: PyReadonlyArray1<u8>,
         shares: Option<&PyClassShares>,
+        partitions: Option<&PyPartitions>,
     ) -> PyResult<Self> {
         Ok(Self {
             points: Arc::new(rows("points", &points)?),
             classes: Arc::new(classes.as_array().to_vec()),
             shares: shares.map(|shares| Arc::clone(&shares.0)),
+            partitions: partitions.map(|partitions| Arc::clone(&partitions.0)),
         })
     }
 }
@@ -62,13 +68,15 @@ pub(super) struct PyObservations(pub(super) Arc<Observations>);
 #[pymethods]
 impl PyObservations {
     #[new]
+    #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, by_classes=false))]
     fn new(
         camera: &PyCamera,
         frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>)>,
         num_point_classes: usize,
         num_image_classes: usize,
+        by_classes: bool,
     ) -> PyResult<Self> {
-        let frames = frames.iter().map(|(cloud, image)| frame(cloud, image)).collect();
+        let frames = frames.iter().map(|(cloud, image)| frame(cloud, image, by_classes)).collect();
         let observations = Observations::new(camera.0.clone(), frames, num_point_classes, num_image_classes)?;
         Ok(Self(Arc::new(observations)))
     }
@@ -81,12 +89,13 @@ impl PyLabelledImage {
     }
 }
 
-fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage) -> Frame {
+fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, by_classes: bool) -> Frame {
     Frame {
         points: Arc::clone(&cloud.points),
         point_classes: Arc::clone(&cloud.classes),
         image_classes: Arc::clone(&image.classes),
         point_shares: cloud.shares.clone(),
         image_shares: image.shares.clone(),
+        partitions: cloud.partitions.clone().filter(|_| !by_classes),
     }
 }

@@ -1,5 +1,7 @@
 //! Segments of sweeps.
 
+use std::sync::Arc;
+
 use nalgebra::{UnitVector3, Vector3};
 use numpy::{IntoPyArray, PyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -7,6 +9,7 @@ use pyo3::prelude::*;
 use super::arrays::borrowed_rows;
 use super::errors::value_error;
 use super::threads::detached;
+use crate::partitions::Partitions;
 use crate::segmentation::{self, SegmentationConfig, SegmentedSweep};
 
 #[pyclass(name = "Up", frozen, get_all)]
@@ -17,22 +20,31 @@ pub(super) struct PyUp {
     share_below: f64,
 }
 
-#[pyclass(name = "SegmentedSweep", frozen, get_all)]
+#[pyclass(name = "SegmentedSweep", frozen)]
 pub(super) struct PySegmentedSweep {
+    #[pyo3(get)]
     ids: Py<PyArray1<u32>>,
+    #[pyo3(get)]
     kinds: Py<PyArray1<u8>>,
+    #[pyo3(get)]
     num_segments: usize,
+    #[pyo3(get)]
     up: Option<Py<PyArray1<f64>>>,
+    sweep: Arc<SegmentedSweep>,
 }
+
+#[pyclass(name = "Partitions", frozen)]
+pub(super) struct PyPartitions(pub(super) Arc<Partitions>);
 
 impl PySegmentedSweep {
     fn new(py: Python<'_>, sweep: SegmentedSweep) -> Self {
-        let kinds: Vec<u8> = sweep.kinds.into_iter().map(|kind| kind as u8).collect();
+        let kinds: Vec<u8> = sweep.kinds.iter().map(|&kind| kind as u8).collect();
         Self {
-            ids: sweep.ids.into_pyarray(py).unbind(),
+            ids: PyArray1::from_slice(py, &sweep.ids).unbind(),
             num_segments: kinds.len(),
             kinds: kinds.into_pyarray(py).unbind(),
             up: sweep.up.map(|up| vector(py, up)),
+            sweep: Arc::new(sweep),
         }
     }
 }
@@ -86,4 +98,22 @@ pub(super) fn segment_sweeps(
     let (sweeps, up): (Vec<&[[f32; 3]]>, _) = (sweeps.iter().map(AsRef::as_ref).collect(), unit(up)?);
     let segmented = detached(py, || segmentation::segment_sweeps(&sweeps, up, &config));
     Ok(segmented.into_iter().map(|sweep| PySegmentedSweep::new(py, sweep)).collect())
+}
+
+#[pyfunction]
+pub(super) fn turned_partitions(
+    py: Python<'_>,
+    points: Vec<PyReadonlyArray2<f32>>,
+    segmented: Vec<PyRef<'_, PySegmentedSweep>>,
+    num_turns: usize,
+) -> PyResult<Vec<PyPartitions>> {
+    let sweeps = points.iter().map(|sweep| borrowed_rows("points", sweep)).collect::<PyResult<Vec<_>>>()?;
+    let sweeps: Vec<&[[f32; 3]]> = sweeps.iter().map(AsRef::as_ref).collect();
+    let segmented: Vec<Arc<SegmentedSweep>> = segmented.iter().map(|each| Arc::clone(&each.sweep)).collect();
+    let segmented: Vec<&SegmentedSweep> = segmented.iter().map(AsRef::as_ref).collect();
+    if sweeps.iter().map(|sweep| sweep.len()).ne(segmented.iter().map(|each| each.ids.len())) {
+        return Err(value_error("the sweeps are not those that were segmented"));
+    }
+    let partitions = detached(py, || segmentation::turned(&sweeps, &segmented, num_turns))?;
+    Ok(partitions.into_iter().map(|each| PyPartitions(Arc::new(each))).collect())
 }

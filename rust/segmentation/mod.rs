@@ -14,12 +14,14 @@ mod plane;
 mod scan;
 #[cfg(test)]
 mod tests;
+mod turned;
 mod up;
 
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
 use rayon::prelude::*;
 
 pub use config::SegmentationConfig;
+pub use turned::turned;
 pub use up::{Up, estimate_up};
 
 use crate::spherical::to_f64;

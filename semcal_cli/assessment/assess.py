@@ -109,8 +109,8 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
     check = check_frames(observations, T_camera_lidar, names)
     findings = (*check.findings, *check_pairs(observations, T_camera_lidar, agreement, names))
     notes = (*data.notes, *_notes_on_scenes(observations))
-    if "labels" in data.cues:
-        aligned = check_label_alignment(data.drive, data.of_cue("labels"))
+    if data.cues[0] in ("labels", "segments"):
+        aligned = check_label_alignment(data.drive, observations)
         findings += tuple(map(Finding, aligned.findings))
         notes += aligned.notes
     return Assessment(None, findings, notes, check.parts)

@@ -10,11 +10,13 @@ import operator
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -74,7 +76,23 @@ def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:
-    return _corrected(_core.agreement(observations.core, T_camera_lidar))
+    """What points tell of the pixels, nats, less what is due to chance."""
+    return _fit(observations, T_camera_lidar).nats
+
+
+class _Fit(NamedTuple):
+    """How well observations agree at a pose."""
+
+    nats: float
+    sigma_nats: float
+
+
+def _fit(observations: Observations, T_camera_lidar: Pose) -> _Fit:
+    if observations.has_segments:
+        found = segment_information(observations, T_camera_lidar)
+        return _Fit(found.nats, found.sigma_nats)
+    agreement = _core.agreement(observations.core, T_camera_lidar)
+    return _Fit(_corrected(agreement), agreement.sigma)
 
 
 def _corrected(agreement: _core.Agreement) -> float:
@@ -131,13 +149,13 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str
 
 def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Check that labels agree less well with the camera turned about the LiDAR's z axis to where points are visible."""
-    answer = _core.agreement(observations.core, T_camera_lidar)
-    own = _corrected(answer)
+    overlap = _core.agreement(observations.core, T_camera_lidar).overlap
+    own = _information(observations, T_camera_lidar)
     best, best_deg = 0.0, 0.0
     for turn_deg in np.arange(TURN_DEG, 360.0, TURN_DEG).tolist():
-        turned = _core.agreement(observations.core, T_camera_lidar @ _about_z(turn_deg))
-        information = _corrected(turned)
-        if turned.overlap >= 0.5 * answer.overlap and information > best:
+        T_turned = T_camera_lidar @ _about_z(turn_deg)
+        information = _information(observations, T_turned)
+        if information > best and _core.agreement(observations.core, T_turned).overlap >= 0.5 * overlap:
             best, best_deg = information, turn_deg
     if best <= MAX_TURNED * own:
         return []
@@ -183,16 +201,16 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     ]
 
 
-def _wrong_focal_length(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
-    best, best_change = _corrected(own), 0.0
+def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[str]:
+    best, best_change = own.nats, 0.0
     for change, found in others.items():
-        if found is not None and _corrected(found) > best:
-            best, best_change = _corrected(found), change
+        if found is not None and found.nats > best:
+            best, best_change = found.nats, change
     if best_change == 0.0:
         return []
     return [
         f"the focal length looks wrong: labels agree better with fx and fy {abs(best_change):.0%} "
-        f"{'longer' if best_change > 0.0 else 'shorter'}, {best:.4f} against {_corrected(own):.4f} nats"
+        f"{'longer' if best_change > 0.0 else 'shorter'}, {best:.4f} against {own.nats:.4f} nats"
     ]
 
 
@@ -207,11 +225,11 @@ def _twists_per_s(observations: Observations) -> list[Sequence[float]]:
     return [frame.twist_per_s for frame in observations.frames if frame.twist_per_s is not None]
 
 
-def _wrong_clocks(own: _core.Agreement, others: Mapping[float, _core.Agreement | None]) -> list[str]:
+def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[str]:
     best, best_delay_s = MIN_CLOCK_GAIN, 0.0
     for delay_s, found in others.items():
         if found is not None:
-            gain = (_corrected(found) - _corrected(own)) / max(math.hypot(own.sigma, found.sigma), 1e-12)
+            gain = (found.nats - own.nats) / max(math.hypot(own.sigma_nats, found.sigma_nats), 1e-12)
             if gain > best:
                 best, best_delay_s = gain, delay_s
     if best_delay_s == 0.0:
@@ -222,7 +240,7 @@ def _wrong_clocks(own: _core.Agreement, others: Mapping[float, _core.Agreement |
     ]
 
 
-def _refitted(observations: Observations, T_camera_lidar: Pose) -> _core.Agreement | None:
+def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
     """Refine a pose and score it by the agreement of the labels; None if it cannot be refined."""
     try:
         found = refine(
@@ -233,7 +251,7 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _core.Agreeme
         )
     except SemcalError:
         return None  # The lens does not reach the points, or no point is left in the image.
-    return _core.agreement(observations.core, found.T_camera_lidar)
+    return _fit(observations, found.T_camera_lidar)
 
 
 def _delayed(observations: Observations, delay_s: float) -> Observations:

@@ -49,7 +49,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
     names = [frame.points for frame in drive.frames]
     found, unread = [], list[str]()
     points, entries = find_moved_points(observations)
-    if points.z > MIN_Z:
+    if points.z > MIN_Z and not observations.has_segments:
         end = "start" if entries < 0 else "end"
         shift = f"{abs(entries)} {'entry' if abs(entries) == 1 else 'entries'} towards the {end} of the file"
         found.append(

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_list, frame_name
+from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
@@ -20,6 +21,8 @@ MAX_EXCHANGED = 0.5
 """Largest allowed information with the picture of another frame, as a share of that with the frame's own."""
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""
+MAX_EXCHANGED_SEGMENTS = 1.0
+"""The same for segments, of which some frames have few."""
 NUM_EXCHANGES = 3
 """Number of other frames whose pictures are tried."""
 
@@ -29,7 +32,9 @@ Information = npt.NDArray[np.float64]
 def check_pairs(
     observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement, names: Sequence[str]
 ) -> tuple[Finding, ...]:
-    """Check for each frame that its points agree with its own pixels, by the classes that go together in all frames.
+    """Check for each frame that its points agree with its own pixels.
+
+    Classes are judged by those that go together in all frames, segments by what they tell above null partitions.
 
     Args:
         observations: Labelled points and label images.
@@ -37,16 +42,29 @@ def check_pairs(
         agreement: Agreement of all frames at this pose.
         names: Name of each frame: its point cloud.
     """
-    joints = agreement.frame_joints[: observations.num_frames]
-    table = pointwise_information(joints.sum(axis=0))
-    own = information_by_frame(joints, table)
-    is_seen = joints.sum(axis=(1, 2)) >= MIN_PAIRS
+    if observations.has_segments:
+        found = segment_information(observations, T_camera_lidar)
+        own, num_pairs = found.nats_by_frame, found.weight_by_frame
+
+        def measure(others: Observations) -> Information:
+            return segment_information(others, T_camera_lidar).nats_by_frame
+    else:
+        joints = agreement.frame_joints[: observations.num_frames]
+        table = pointwise_information(joints.sum(axis=0))
+        own, num_pairs = information_by_frame(joints, table), joints.sum(axis=(1, 2))
+
+        def measure(others: Observations) -> Information:
+            joints = _core.agreement(others.core, T_camera_lidar).frame_joints
+            return information_by_frame(joints, table)
+
+    is_seen = num_pairs >= MIN_PAIRS
     usual = float(np.quantile(own[is_seen], 0.75)) if is_seen.any() else 0.0
     doubtful = np.flatnonzero(is_seen & (own < MIN_INFORMATION * usual))
     if len(doubtful) == 0 or observations.num_frames < 2:
         return ()
-    exchanged = _exchanged(observations, T_camera_lidar, table)
-    is_wrong = (own <= 0.0) | (exchanged > MAX_EXCHANGED * own)
+    exchanged = _exchanged(observations, measure)
+    most = MAX_EXCHANGED_SEGMENTS if observations.has_segments else MAX_EXCHANGED
+    is_wrong = (own <= 0.0) | (exchanged > most * own)
     wrong = doubtful[is_wrong[doubtful]].tolist()
     if not wrong:
         return ()
@@ -78,16 +96,13 @@ def pointwise_information(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.floa
     return np.asarray(np.log(ratio))
 
 
-def _exchanged(
-    observations: Observations, T_camera_lidar: Pose, table: npt.NDArray[np.float64]
-) -> Information:
+def _exchanged(observations: Observations, measure: Callable[[Observations], Information]) -> Information:
     """Largest information of each frame's points with the pixels of some other frames, (F,)."""
     images, count = observations.images, observations.num_frames
     shifts = np.unique(np.linspace(1, count - 1, NUM_EXCHANGES).round().astype(int))
     scenes, found = observations.scenes, []
     for shift in shifts.tolist():
         others = observations.with_images(images[shift:] + images[:shift])
-        joints = _core.agreement(others.core, T_camera_lidar).frame_joints
         same = [scenes[frame] == scenes[(frame + shift) % count] for frame in range(count)]
-        found.append(np.where(same, -np.inf, information_by_frame(joints, table)))
+        found.append(np.where(same, -np.inf, measure(others)))
     return np.asarray(np.max(found, axis=0))

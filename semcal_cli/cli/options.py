@@ -197,7 +197,7 @@ class CueList(click.ParamType[tuple[str, ...]]):
             return value
         names = tuple(str(value).split(","))
         if len(set(names)) < len(names) or not set(names) <= set(CUES):
-            self.fail(f"found {value!r}, needed {', '.join(CUES)}, or labels,intensity.", param, ctx)
+            self.fail(f"found {value!r}, needed some of {', '.join(CUES)}.", param, ctx)
         if "features" in names and len(names) > 1:
             self.fail(f"found {value!r}, but features go alone.", param, ctx)
         return tuple(name for name in CUES if name in names)
@@ -211,9 +211,10 @@ cue_option = click.option(
     type=CueList(),
     default=LABELS,
     metavar="CUE[,CUE]",
-    help="Cues to compare: labels; intensity (the LiDAR's against the picture's grey values, "
-    "without labels, from a start that is known to a few degrees); labels,intensity; or features (vectors of points "
-    "and pixels; with --estimator mine).  [default: labels]",
+    help="Cues to compare, alone or together: labels of points and pictures; segments (parts of the sweeps by their "
+    "shape, against labels of pictures alone); intensity (the LiDAR's against the picture's grey values, without any "
+    "labels, from a start that is known to a few degrees); or features (vectors of points and pixels, alone and with "
+    "--estimator mine).  [default: labels]",
 )
 
 

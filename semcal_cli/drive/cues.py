@@ -1,29 +1,32 @@
-"""Cues that points and pixels are compared by: labels, intensity, both, or features."""
+"""Cues that points and pixels are compared by: labels, segments, intensity, two of them, or features."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import reduce
 from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.config import Cue, FeaturesConfig, IntensityConfig
+from semcal_cli.config import Cue
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cue_config import FeaturesConfig, IntensityConfig, SegmentsConfig
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.features import observe_features
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.drive.intensity import observe_intensity, observe_raw_intensity
 from semcal_cli.drive.observations import FrameObservation, Observations
 from semcal_cli.drive.reading import load_observations, read_observations
+from semcal_cli.drive.segments import observe_segments, thinned
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
 
 Classes: TypeAlias = npt.NDArray[np.uint8]
-CUES: tuple[Cue, ...] = ("labels", "intensity", "features")
+CUES: tuple[Cue, ...] = ("labels", "segments", "intensity", "features")
 
-INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
+SEGMENTS, INTENSITY, FEATURES = SegmentsConfig(), IntensityConfig(), FeaturesConfig()
 
 
 def load_cues(
@@ -39,7 +42,9 @@ def load_cues(
     """
     sweeps = Sweeps() if sweeps is None else sweeps
     found = [_load(drive, cue, sweeps, is_raw) for cue in cues]
-    return found[0] if len(found) == 1 else summed(*found)
+    if "intensity" in cues:
+        found = [thinned(each, SEGMENTS.intensity_stride) if each.has_segments else each for each in found]
+    return reduce(summed, found)
 
 
 def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
@@ -48,7 +53,7 @@ def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
     Raises:
         InputError: a label image is missing or wrong.
     """
-    if "labels" in cues:
+    if "labels" in cues or "segments" in cues:
         return select_frames(drive, max_frames)
     return drive.model_copy(update={"frames": tuple(evenly_spaced(drive.frames, max_frames))})
 
@@ -61,7 +66,7 @@ def files_of(cues: Sequence[Cue]) -> list[str]:
 
 def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:
     """Give the settings of each cue, by name."""
-    settings = {"intensity": asdict(INTENSITY), "features": asdict(FEATURES)}
+    settings = {"segments": asdict(SEGMENTS), "intensity": asdict(INTENSITY), "features": asdict(FEATURES)}
     return {cue: settings.get(cue, {}) for cue in cues}
 
 
@@ -69,6 +74,8 @@ def _load(drive: Drive, cue: Cue, sweeps: Sweeps, is_raw: bool) -> Observations:
     match cue:
         case "labels":
             return read_observations(drive, sweeps) if is_raw else load_observations(drive, sweeps)
+        case "segments":
+            return observe_segments(drive, SEGMENTS, sweeps, is_raw=is_raw)
         case "intensity":
             return (observe_raw_intensity if is_raw else observe_intensity)(drive, INTENSITY, sweeps)
         case "features":
@@ -76,11 +83,11 @@ def _load(drive: Drive, cue: Cue, sweeps: Sweeps, is_raw: bool) -> Observations:
 
 
 def summed(first: Observations, second: Observations) -> Observations:
-    """Combine two cues of the same frames, so that their mutual information adds up.
+    """Add another cue of the same frames, so that their mutual information adds up.
 
-    Each frame occurs twice, once with the classes of each cue, and the cues share no class. So the joint histogram has
-    a block for each cue, and its mutual information is the mean of theirs plus a constant (chain rule: the block of a
-    pair determines its possible classes on both sides).
+    Each frame occurs once more, with the classes of the other cue, and the cues share no class. So the joint histogram
+    has a block for each cue, and its mutual information is the mean of theirs plus a constant (chain rule: the block of
+    a pair determines its possible classes on both sides).
 
     Raises:
         CalibrationError: the cues have too many classes for one histogram.
@@ -92,7 +99,7 @@ def summed(first: Observations, second: Observations) -> Observations:
     return replace(
         first,
         frames=(*first.frames, *shifted),
-        num_cues=2,
+        num_cues=first.num_cues + second.num_cues,
         point_class_names=[*first.point_class_names, *second.point_class_names],
         image_class_names=[*first.image_class_names, *second.image_class_names],
     )

@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.config import IntensityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cue_config import IntensityConfig
 from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.motion import Compensated, compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations

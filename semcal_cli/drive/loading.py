@@ -65,6 +65,16 @@ class LoadedDrive:
         """Observations of the first cue."""
         return self.of_cue(self.cues[0])
 
+    @property
+    def for_search(self) -> Observations:
+        """Observations by which mounting directions are told apart: by classes that all frames share.
+
+        What intensity tells is local, and beside segments it would weigh as much as they do.
+        """
+        if "segments" not in self.cues:
+            return self.observations
+        return self.of_cue("labels" if "labels" in self.cues else "segments").of_classes
+
     def of_cue(self, cue: Cue) -> Observations:
         """Observations of one of the cues by which the drive was loaded."""
         if self.cues == (cue,):

@@ -29,6 +29,8 @@ class LabelledCloud:
     """(N,) an index into `Observations.point_class_names`, or `NO_CLASS`."""
     shares: _core.ClassShares | None = None
     """Class probabilities of each point, if there are any; `classes` are then the likeliest."""
+    partitions: _core.Partitions | None = None
+    """Segments of the points, by which poses are refined instead of by the classes; those are then coarser."""
     vectors: npt.NDArray[np.float16] | None = None
     """(N, C) features, whose codes are the classes; None without features."""
 
@@ -48,7 +50,7 @@ class LabelledCloud:
     @cached_property
     def core(self) -> _core.LabelledCloud:
         """Cloud of the Rust core, copied at the first use."""
-        return _core.LabelledCloud(self.points, self.classes, self.shares)
+        return _core.LabelledCloud(self.points, self.classes, self.shares, self.partitions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +102,8 @@ class Observations:
     """Displacement of half of the points at most by the rig's motion in a sweep: see `motion.motion_error_px`."""
     num_cues: int = 1
     """Number of cues; the frames of each follow one another."""
+    by_classes: bool = False
+    """Whether points count by their classes although they have segments."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among other classes, and got the class around them."""
 
@@ -122,6 +126,16 @@ class Observations:
     def has_vectors(self) -> bool:
         """Whether points and pixels have features."""
         return all(frame.cloud.vectors is not None for frame in self.frames)
+
+    @property
+    def has_segments(self) -> bool:
+        """Whether poses are refined by segments of points instead of by their classes."""
+        return not self.by_classes and any(frame.cloud.partitions is not None for frame in self.frames)
+
+    @cached_property
+    def of_classes(self) -> Observations:
+        """The same without segments: points count by their classes, which all frames share."""
+        return replace(self, by_classes=True) if self.has_segments else self
 
     def of_frames(self, indices: Iterable[int]) -> Observations:
         """Observations of some of the frames only."""
@@ -156,4 +170,5 @@ class Observations:
             [(frame.cloud.core, frame.image.core) for frame in self.frames],
             len(self.point_class_names),
             len(self.image_class_names),
+            self.by_classes,
         )

@@ -40,18 +40,16 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
         InputError: a file is missing or is not what its name or the drive says, or one side carries no class.
         CalibrationError: one side carries a single class.
     """
-    label_images = read_label_images(drive)
+    images, image_names = read_image_classes(drive)
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
     point_labels = _point_labels(drive, clouds)
     point_table = _class_table(drive, "points", [_ids(labels) for labels in point_labels])
-    image_table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
     labelled = [
         LabelledCloud(sweep.points, *_dense(labels, point_table))
         for sweep, labels in zip(moved, point_labels, strict=True)
     ]
-    images = [_labelled_image(drive, labels, image_table) for labels in label_images]
-    return make_observations(drive, clouds, moved, labelled, images, (point_table.names, image_table.names))
+    return make_observations(drive, clouds, moved, labelled, images, (point_table.names, image_names))
 
 
 def make_observations(
@@ -110,9 +108,20 @@ def _hard_images(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]]:
     if any(frame.image_labels is None for frame in drive.frames):
         blank = LabelledImage(np.full((drive.camera.height, drive.camera.width), NO_CLASS, np.uint8))
         return [blank] * len(drive.frames), ()
+    images, names = read_image_classes(drive)
+    return [image.without_shares() for image in images], names
+
+
+def read_image_classes(drive: Drive) -> tuple[list[LabelledImage], Sequence[str]]:
+    """Read the label images of all frames, and the names of their classes.
+
+    Raises:
+        InputError: a file is missing or is not what its name or the drive says, or the pictures carry no class.
+        CalibrationError: they carry a single class.
+    """
     label_images = read_label_images(drive)
     table = _class_table(drive, "image", [_ids(labels) for labels in label_images])
-    return [_labelled_image(drive, labels, table).without_shares() for labels in label_images], table.names
+    return [_labelled_image(drive, labels, table) for labels in label_images], table.names
 
 
 def colors(drive: Drive) -> list[tuple[int, int, int]] | None:

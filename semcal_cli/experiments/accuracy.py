@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -19,6 +19,8 @@ from semcal_cli.config import (
     InitializationConfig,
     RefinementConfig,
 )
+from semcal_cli.drive.cues import load_cues
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import mend, read_observations
@@ -62,6 +64,8 @@ class Row:
     rig: str = "default"
     num_pairs: int = 20
     degrade: Degrade = lambda observations, rng: observations
+    cue: Literal["labels", "segments"] = "labels"
+    """What points and pixels are compared by."""
     start: tuple[float, float] | None = None
     """Distance of the start from the truth, degrees about a random axis and metres; None starts without a guess."""
     right: tuple[float, float] = (0.06, 1.5)
@@ -86,6 +90,14 @@ def _ragged(grow_px: int) -> Degrade:
     return lambda observations, rng: with_ragged_things(observations, grow_px)
 
 
+SEGMENT_START = 2.0, 0.2
+"""Start of the rows of segments, degrees and metres off."""
+
+
+def _segments(rig: str = "default", twice: float = 1.0) -> Row:
+    return Row(rig, cue="segments", start=SEGMENT_START, right=(0.05 * twice, 1.5 * twice))
+
+
 ROWS: dict[str, Row] = {
     "clean labels, 20 pairs": Row(right=(0.05, 1.2)),
     "clean labels, 1 pair": Row(num_pairs=1, right=(0.24, 7.5)),
@@ -103,6 +115,13 @@ ROWS: dict[str, Row] = {
     "start 5 degrees and 1 m off": Row(start=(5.0, 1.0)),
     "start 10 degrees and 0.5 m off": Row(start=(10.0, 0.5)),
     "start 20 degrees and 0.5 m off": Row(start=(20.0, 0.5)),
+    "segments, from nothing": Row(cue="segments", right=(0.05, 1.5)),
+    "segments": _segments(),
+    "segments, network-like labels": replace(_segments(), degrade=as_by_a_network, right=(0.15, 3.0)),
+    "segments, 16 channels": _segments("16_channels", 2.0),
+    "segments, rosette pattern": _segments("rosette", 2.0),
+    "segments, 35-degree lens": _segments("narrow", 2.0),
+    "segments, 100-degree lens": _segments("wide", 2.0),
 }
 """Rows; where a bound on a median is wanted, the limit of a right result is three times that bound."""
 
@@ -163,13 +182,15 @@ class Experiment:
             chosen = case.seed % len(drive.frames)
             drive = drive.model_copy(update={"frames": drive.frames[chosen : chosen + row.num_pairs]})
         rng = np.random.default_rng((case.seed, list(ROWS).index(case.row)))
-        data = LoadedDrive(drive, mend(row.degrade(read_observations(drive), rng)))
+        data = _load(drive, row, rng)
+        # Segments, which differ from frame to frame, have no network.
+        estimators = [each for each in self.estimators if each == "exact" or row.cue == "labels"]
         initial_pose = None if row.start is None else InitialPose(off(truth, *row.start, rng), "off")
         try:
             initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
         except SemcalError as failure:
-            return [_failed(case, estimator, failure) for estimator in self.estimators]
-        return [self._refine(case, estimator, data, initial, truth) for estimator in self.estimators]
+            return [_failed(case, estimator, failure) for estimator in estimators]
+        return [self._refine(case, estimator, data, initial, truth) for estimator in estimators]
 
     def _refine(
         self, case: Case, estimator: Estimator, data: LoadedDrive, initial: StageResult, truth: Pose
@@ -196,6 +217,15 @@ class Experiment:
             initial_cm=started.camera_center_cm,
             refine_s=perf_counter() - start,
         )
+
+
+def _load(drive: Drive, row: Row, rng: np.random.Generator) -> LoadedDrive:
+    labelled = mend(row.degrade(read_observations(drive), rng))
+    if row.cue == "labels":
+        return LoadedDrive(drive, labelled)
+    segments = load_cues(drive, (row.cue,), is_raw=True).with_images(labelled.images)
+    names = labelled.image_class_names
+    return LoadedDrive(drive, replace(segments, image_class_names=names), (row.cue,))
 
 
 def _failed(case: Case, estimator: Estimator, failure: SemcalError) -> Result:

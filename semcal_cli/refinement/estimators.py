@@ -18,13 +18,17 @@ def make_estimator(
     """Make the estimator, and tell its settings; torch is loaded only where it is needed.
 
     Raises:
-        InputError: the exact mutual information of features is asked for, or a device that is not there.
+        InputError: the exact mutual information of features is asked for, a network for segments, or a device that is
+            not there.
     """
     if observations.has_vectors and config.estimator == "exact":
         raise InputError("--estimator exact: features are vectors, which have no histogram, needed mine")
+    if observations.has_segments and config.estimator == "mine":
+        raise InputError("--estimator mine: segments differ from frame to frame, needed exact")
     if config.estimator == "exact":
         exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-        return ExactEstimator(observations, exact, seed), {"exact": asdict(exact)}
+        estimator = ExactEstimator(observations, exact, seed)
+        return estimator, {"exact": asdict(estimator.config)}
     on_event(Progress("loading torch"))
     from semcal_cli.refinement.mine import MineEstimator
 

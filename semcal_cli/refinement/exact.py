@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from semcal_cli import _core
 from semcal_cli.config import ExactConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.pyramid import Level
+
+SEGMENT_SHARE = 4
+"""Segments are compared by this part of the points, since only those near the picture are looked at."""
 
 
 class ExactEstimator:
@@ -26,7 +31,12 @@ class ExactEstimator:
             config: Steps, mini-batches and limits.
             seed: Seed of the mini-batches.
         """
-        self.observations, self.config, self.seed = observations, config, seed
+        self.config = config
+        if observations.has_segments:
+            # A segment has few points of a mini-batch, so that each step takes all points.
+            num_points = config.max_points // SEGMENT_SHARE
+            self.config = replace(config, batch_size=num_points, max_points=num_points)
+        self.observations, self.seed = observations, seed
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""

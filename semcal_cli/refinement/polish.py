@@ -50,7 +50,7 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     """
     kept, held_out = split(observations, config)
     polished = newton(kept, T_camera_lidar, config)
-    found = _core.held_out_gain(kept.core, held_out.core, T_camera_lidar, polished.T_camera_lidar)
+    found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
     gain, sigma = found.gain, found.sigma
     # Without a standard error, nothing speaks for it.
     is_accepted = math.isfinite(sigma) and gain >= -config.max_loss * sigma
@@ -74,6 +74,19 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
         is_settled=is_settled,
         moved_px=moved_px,
     )
+
+
+def _held_out_gain(
+    kept: Observations, held_out: Observations, T_before: Pose, T_after: Pose, config: PolishConfig
+) -> _core.HeldOutGain:
+    """Compute what held-out data gain by a polish of the others.
+
+    Classes are judged by the table of the others. Segments, which differ from frame to frame, have their own at each
+    pose: only the pose is held out.
+    """
+    if held_out.has_segments:
+        return _core.segment_information_gain(held_out.core, T_before, T_after, config.edge_band_px)
+    return _core.held_out_gain(kept.core, held_out.core, T_before, T_after)
 
 
 def _rejected(check: HeldOut) -> tuple[Finding, ...]:

@@ -16,7 +16,8 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.config import SegmentationConfig, SynthConfig
+from semcal_cli.config import SynthConfig
+from semcal_cli.drive.cue_config import SegmentationConfig
 
 SEED = 5100
 GROUND_CLASSES = ("road", "road_line", "sidewalk", "terrain")

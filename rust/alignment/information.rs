@@ -1,0 +1,141 @@
+//! What segments tell of the pictures at a pose, frame by frame, and what is gained from one pose to another.
+//!
+//! Segments of one frame say nothing of another's, so that no table of other frames can judge a frame. Each pose is
+//! judged by the histogram of the same frames there, which both poses are free to fill as well as they can.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use nalgebra::Isometry3;
+use rayon::prelude::*;
+
+use super::level::{Level, Values};
+use super::pose::to_camera;
+use super::sample::{Counted, ProjectedSample, Sample};
+use super::view::in_view;
+use crate::agreement::HeldOutGain;
+use crate::observation::Observations;
+
+/// Squares across an image that are counted as independent.
+const SQUARES_ACROSS: f64 = 8.0;
+
+/// The information of the visible points in a square of the picture of a frame.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SquareInformation {
+    /// Sum over the points, nats: of their pointwise information, less the mean of that of null partitions.
+    pub sum: f64,
+    /// Weight of the points.
+    pub weight: f64,
+}
+
+/// The information at a pose, in full resolution, by frame, row and column of the squares of the pictures.
+pub fn information(
+    observations: &Arc<Observations>,
+    pose: &Isometry3<f64>,
+    edge_band_px: usize,
+) -> BTreeMap<[u32; 3], SquareInformation> {
+    let level = Level::new(in_view(observations, &[*pose]), 1, edge_band_px, usize::MAX);
+    let samples = level.samples(pose, Counted::Visible);
+    let square_of = square_of(observations, pose);
+    let mut squares: BTreeMap<[u32; 3], SquareInformation> = BTreeMap::new();
+    for (sample, value) in samples.iter().zip(level.contributions(&samples, pose)) {
+        if let Some(square) = square_of(sample) {
+            let square = squares.entry(square).or_default();
+            square.sum += value;
+            square.weight += f64::from(sample.weight);
+        }
+    }
+    squares
+}
+
+/// The frame of a point, and the row and column of its square at a pose.
+fn square_of(observations: &Observations, pose: &Isometry3<f64>) -> impl Fn(&Sample) -> Option<[u32; 3]> {
+    let (camera, to_camera) = (&observations.camera, to_camera(pose));
+    let side = camera.width as f64 / SQUARES_ACROSS;
+    move |sample| {
+        let pixel = camera.project(&to_camera(&sample.position))?;
+        Some([sample.frame, (pixel.y / side) as u32, (pixel.x / side) as u32])
+    }
+}
+
+/// The gain of the mean information from one pose to another, of the points that are visible at the first. Squares of the
+/// images are independent, and paired.
+pub fn information_gain(
+    observations: &Arc<Observations>,
+    before: &Isometry3<f64>,
+    after: &Isometry3<f64>,
+    edge_band_px: usize,
+) -> HeldOutGain {
+    let level = Level::new(in_view(observations, &[*before, *after]), 1, edge_band_px, usize::MAX);
+    let samples = level.samples(before, Counted::Visible);
+    let [at_first, at_second] = [before, after].map(|pose| level.contributions(&samples, pose));
+    let (square_of, total) =
+        (square_of(observations, before), samples.iter().map(|s| f64::from(s.weight)).sum::<f64>());
+    let mut squares: BTreeMap<[u32; 3], f64> = BTreeMap::new();
+    for (sample, (first, second)) in samples.iter().zip(at_first.into_iter().zip(at_second)) {
+        if let Some(square) = square_of(sample) {
+            *squares.entry(square).or_default() += (second - first) / total.max(1.0);
+        }
+    }
+    HeldOutGain::of_parts(squares.into_values().collect())
+}
+
+impl Level {
+    /// What each point adds to the information at a pose, times its weight: zero where the lens does not project it.
+    fn contributions(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Vec<f64> {
+        let values = self.values(&self.joint(samples, pose));
+        let to_camera = to_camera(pose);
+        samples
+            .par_iter()
+            .map(|sample| self.contribution(sample, &values, &to_camera).unwrap_or(0.0))
+            .collect()
+    }
+
+    fn contribution(
+        &self,
+        sample: &Sample,
+        values: &Values<'_>,
+        to_camera: impl Fn(&nalgebra::Vector3<f64>) -> nalgebra::Vector3<f64>,
+    ) -> Option<f64> {
+        let p_camera = to_camera(&sample.position);
+        let pixel = self.observations.camera.project(&p_camera)?;
+        let &Sample { class, frame, point, weight, .. } = sample;
+        let sampled = self.maps[frame as usize].at(&pixel);
+        let projected = ProjectedSample { class, frame, point, weight, p_camera, pixel };
+        let mut shares = vec![0.0; self.observations.num_image_classes];
+        sampled.add_to(&mut shares, 1.0);
+        let value =
+            values.of(&projected, |values| shares.iter().zip(values).map(|(s, v)| s * v).sum::<f64>());
+        Some(value * f64::from(weight))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector6;
+
+    use super::super::scene::segmented;
+    use super::*;
+    use crate::se3;
+
+    #[test]
+    fn squares_add_up_to_the_information_of_all() {
+        let observations = segmented(2);
+        let pose = se3::exp(&Vector6::new(0.01, 0.0, -0.01, 0.002, -0.001, 0.003));
+        let squares = information(&observations, &pose, 0);
+        let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
+        let joint = level.joint(&level.samples(&pose, Counted::Visible), &pose);
+        let sum: f64 = squares.values().map(|square| square.sum).sum();
+        assert_eq!(squares.keys().map(|square| square[0]).max(), Some(1));
+        assert!((sum / level.total(&joint) - level.information(&joint)).abs() < 1e-3, "{sum}");
+    }
+
+    #[test]
+    fn the_gain_is_that_of_the_information() {
+        let observations = segmented(1);
+        let [near, far] = [0.002, 0.03].map(|by| se3::exp(&Vector6::new(0.0, 0.0, 0.0, by, 0.0, 0.0)));
+        let there = information_gain(&observations, &far, &near, 0);
+        assert!(there.gain > 2.0 * there.sigma, "{there:?}");
+        assert_eq!(information_gain(&observations, &near, &near, 0).gain, 0.0);
+    }
+}

@@ -1,0 +1,92 @@
+//! Partitions of a sweep's points: into its segments, and null ones that know nothing of the picture.
+//!
+//! The mutual information of segments and picture classes grows where the picture is rich, whatever the pose, and so has
+//! no maximum at the true one. A null partition has the same pieces in another place, as if the sweep had been turned
+//! (a spin test: Alexander-Bloch et al., NeuroImage 2018); what it tells of the picture is what any partition of that
+//! kind would. The information less the mean of the null ones, as in the adjusted mutual information (Vinh, Epps and
+//! Bailey, JMLR 2010), is what the segments tell because they are where they are.
+
+use crate::error::{Error, Result};
+
+/// The segment of each point in each partition, as rows of a joint histogram.
+#[derive(Clone, Debug)]
+pub struct Partitions {
+    /// Point by point: the row of its segment, and that of its segment in each null partition.
+    rows: Vec<u16>,
+    num_partitions: usize,
+    /// Rows of the segments; those of null partitions follow.
+    pub num_segments: usize,
+    /// Rows of all partitions.
+    pub num_rows: usize,
+}
+
+impl Partitions {
+    /// Takes `num_partitions` segments for each point, the first of which is its own, of `num_segments` in each
+    /// partition.
+    ///
+    /// # Errors
+    /// There is no null partition, there are too many segments, or the number of ids is not a multiple of that of
+    /// partitions.
+    pub fn new(ids: &[u32], num_segments: usize, num_partitions: usize) -> Result<Self> {
+        let num_rows = num_segments * num_partitions;
+        if num_partitions < 2 || !ids.len().is_multiple_of(num_partitions) {
+            let found = format!("found {} ids of {num_partitions} partitions", ids.len());
+            return Err(Error::Input(format!("{found}, needed a null partition and all ids of each point")));
+        }
+        if num_rows > usize::from(u16::MAX) {
+            let most = usize::from(u16::MAX) / num_partitions;
+            return Err(Error::Input(format!(
+                "found {num_segments} segments in a sweep, needed at most {most}"
+            )));
+        }
+        let row = |(index, &id): (usize, &u32)| (index % num_partitions * num_segments) as u16 + id as u16;
+        Ok(Self { rows: ids.iter().enumerate().map(row).collect(), num_partitions, num_segments, num_rows })
+    }
+
+    /// Number of points.
+    pub fn num_points(&self) -> usize {
+        self.rows.len() / self.num_partitions
+    }
+
+    /// Weight of the information of each null partition: together they weigh as much as the segments, against them.
+    pub fn null_weight(&self) -> f64 {
+        -1.0 / (self.num_partitions - 1) as f64
+    }
+
+    /// The rows of a point, one for each partition.
+    #[inline]
+    pub fn rows(&self, point: usize) -> &[u16] {
+        &self.rows[point * self.num_partitions..][..self.num_partitions]
+    }
+
+    /// Those of some of the points, with rows for their segments only.
+    pub fn of_points(&self, points: &[usize]) -> Self {
+        let mut rows: Vec<u16> = points.iter().flat_map(|&point| self.rows(point)).copied().collect();
+        let mut numbers = vec![None; self.num_rows];
+        rows.iter().for_each(|&row| numbers[usize::from(row)] = Some(0));
+        let (mut num_rows, mut num_segments) = (0, 0);
+        for (row, number) in numbers.iter_mut().enumerate() {
+            if let Some(number) = number {
+                *number = num_rows as u16;
+                num_rows += 1;
+                num_segments += usize::from(row < self.num_segments);
+            }
+        }
+        rows.iter_mut().for_each(|row| *row = numbers[usize::from(*row)].unwrap_or(0));
+        Self { rows, num_partitions: self.num_partitions, num_segments, num_rows }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn some_points_keep_their_segments_under_new_numbers() {
+        let all = Partitions::new(&[0, 2, 3, 1, 2, 2, 0, 1], 4, 2).expect("two ids for each point");
+        assert_eq!((all.num_points(), all.num_rows, all.rows(1)), (4, 8, &[3, 5][..]));
+        let some = all.of_points(&[1, 3]);
+        assert_eq!((some.num_segments, some.num_rows), (2, 3));
+        assert_eq!((some.rows(0), some.rows(1)), (&[1, 2][..], &[0, 2][..]));
+    }
+}

@@ -1,0 +1,63 @@
+"""What segments tell of the pictures at a pose, above what null partitions tell: of all frames, and of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.config import EDGE_BAND_PX
+from semcal_cli.drive.observations import Observations
+from semcal_cli.geometry.poses import Pose
+
+
+@dataclass(frozen=True, eq=False)
+class SegmentInformation:
+    """Information of segments and pixels at a pose."""
+
+    frames: npt.NDArray[np.int64]
+    """(parts,) frame of each square of the pictures."""
+    sums: npt.NDArray[np.float64]
+    """(parts,) sum over the visible points of each square, nats."""
+    weights: npt.NDArray[np.float64]
+    """(parts,) weight of these points."""
+    num_frames: int
+
+    @property
+    def nats(self) -> float:
+        """Mean over all points, nats."""
+        return float(self.sums.sum() / max(self.weights.sum(), 1.0))
+
+    @property
+    def sigma_nats(self) -> float:
+        """Standard error of the mean, nats: squares are independent. Infinite with fewer than two."""
+        count = len(self.sums)
+        if count < 2:
+            return float("inf")
+        influence = (self.sums - self.nats * self.weights) / max(self.weights.sum(), 1.0)
+        return float(np.sqrt((influence**2).sum() * count / (count - 1)))
+
+    @property
+    def weight_by_frame(self) -> npt.NDArray[np.float64]:
+        """(F,) weight of the points of each frame."""
+        return np.asarray(np.bincount(self.frames, self.weights, self.num_frames), np.float64)
+
+    @property
+    def nats_by_frame(self) -> npt.NDArray[np.float64]:
+        """(F,) mean over the points of each frame, nats."""
+        sums = np.bincount(self.frames, self.sums, self.num_frames)
+        return np.asarray(sums / np.maximum(self.weight_by_frame, 1.0))
+
+
+def segment_information(observations: Observations, T_camera_lidar: Pose) -> SegmentInformation:
+    """Measure what segments tell of the pictures at a pose (4, 4), in full resolution."""
+    parts = _core.segment_information(observations.core, T_camera_lidar, EDGE_BAND_PX)
+    squares, sums, weights = zip(*parts, strict=True) if parts else ((), (), ())
+    return SegmentInformation(
+        np.array([frame for frame, _, _ in squares], np.int64),
+        np.array(sums, np.float64),
+        np.array(weights, np.float64),
+        observations.num_frames,
+    )
