@@ -27,6 +27,8 @@ pub struct Frame {
     pub image_shares: Option<Arc<ClassShares>>,
     /// Segments of the points, which take the place of their classes when a pose is refined.
     pub partitions: Option<Arc<Partitions>>,
+    /// Weight of each of its points when a pose is refined.
+    pub weight: f32,
 }
 
 impl Frame {
@@ -39,6 +41,7 @@ impl Frame {
             point_shares: None,
             image_shares: None,
             partitions: None,
+            weight: 1.0,
         }
     }
 }

@@ -156,7 +156,7 @@ class Observations:
     def __new__(
         cls,
         camera: Camera,
-        frames: Sequence[tuple[LabelledCloud, LabelledImage]],
+        frames: Sequence[tuple[LabelledCloud, LabelledImage, float]],
         num_point_classes: int,
         num_image_classes: int,
         by_classes: bool = False,

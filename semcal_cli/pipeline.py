@@ -25,6 +25,7 @@ from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
     LABELS,
+    SEGMENTS_DEG,
     CalibrationConfig,
     InitializationConfig,
     PolishConfig,
@@ -34,6 +35,7 @@ from semcal_cli.config import (
 from semcal_cli.drive.cues import describe_cues, files_of
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.pose_error import compare_poses
@@ -218,7 +220,7 @@ def refine(
         CalibrationError: too few labelled points are on labelled pixels.
     """
     start = perf_counter()
-    pyramid = PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
+    pyramid = _pyramid(data.observations, from_afar=from_afar)
     estimator, settings = make_estimator(data.observations, config, seed, on_event)
 
     def on_level(level: Level, num_levels: int) -> None:
@@ -378,6 +380,12 @@ def _settings(
     if stages.repeatability is not None:
         settings["num_seeds"] = config.num_seeds
     return settings
+
+
+def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:
+    if observations.has_segments:
+        return PyramidConfig(coarsest_block_deg=SEGMENTS_DEG)
+    return PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
 
 
 def _polish_config(config: RefinementConfig) -> PolishConfig:

@@ -66,7 +66,8 @@ impl Level {
             for i in thinned(frame.points.len(), self.stride).filter(seen) {
                 let position = to_f64(&frame.points[i]);
                 let pixel = camera.project(&to_camera(&position)).filter(|pixel| camera.contains(pixel));
-                let weight = pixel.map_or(0.0, |pixel| self.maps[index].at(&pixel).total() as f32);
+                let share = pixel.map_or(0.0, |pixel| self.maps[index].at(&pixel).total() as f32);
+                let weight = share * frame.weight;
                 let (class, frame_index, point) = (frame.point_classes[i], index as u32, i as u32);
                 let sample = Sample { position, class, frame: frame_index, point, weight };
                 match &frame.point_shares {

@@ -13,7 +13,8 @@ use crate::spherical::to_f64;
 const BAND: f64 = 0.5;
 
 /// Observations without the points that lie far outside of the picture at all of some poses, and without the rows of
-/// their segments: most segments of a turn are behind the camera. Observations without partitions stay as they are.
+/// their segments: most segments of a turn are behind the camera. Observations without partitions stay as they are, and
+/// so do frames whose points have shares of classes.
 pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]) -> Arc<Observations> {
     if !observations.has_partitions() {
         return Arc::clone(observations);
@@ -25,7 +26,9 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
         within(pixel.x, camera.width) && within(pixel.y, camera.height)
     };
     let of_frame = |frame: &Frame| {
-        let Some(partitions) = &frame.partitions else { return frame.clone() };
+        if frame.point_shares.is_some() {
+            return frame.clone();
+        }
         let is_seen = |&point: &usize| {
             let position = to_f64(&frame.points[point]);
             poses.iter().any(|pose| camera.project(&to_camera(pose)(&position)).is_some_and(is_near))
@@ -34,7 +37,7 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
         Frame {
             points: Arc::new(points.iter().map(|&point| frame.points[point]).collect()),
             point_classes: Arc::new(points.iter().map(|&point| frame.point_classes[point]).collect()),
-            partitions: Some(Arc::new(partitions.of_points(&points))),
+            partitions: frame.partitions.as_ref().map(|each| Arc::new(each.of_points(&points))),
             ..frame.clone()
         }
     };

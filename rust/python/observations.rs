@@ -71,12 +71,15 @@ impl PyObservations {
     #[pyo3(signature = (camera, frames, num_point_classes, num_image_classes, by_classes=false))]
     fn new(
         camera: &PyCamera,
-        frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>)>,
+        frames: Vec<(PyRef<'_, PyLabelledCloud>, PyRef<'_, PyLabelledImage>, f32)>,
         num_point_classes: usize,
         num_image_classes: usize,
         by_classes: bool,
     ) -> PyResult<Self> {
-        let frames = frames.iter().map(|(cloud, image)| frame(cloud, image, by_classes)).collect();
+        let frame = |(cloud, image, weight): &(PyRef<'_, _>, PyRef<'_, _>, f32)| {
+            frame(cloud, image, *weight, by_classes)
+        };
+        let frames = frames.iter().map(frame).collect();
         let observations = Observations::new(camera.0.clone(), frames, num_point_classes, num_image_classes)?;
         Ok(Self(Arc::new(observations)))
     }
@@ -89,7 +92,7 @@ impl PyLabelledImage {
     }
 }
 
-fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, by_classes: bool) -> Frame {
+fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, weight: f32, by_classes: bool) -> Frame {
     Frame {
         points: Arc::clone(&cloud.points),
         point_classes: Arc::clone(&cloud.classes),
@@ -97,5 +100,6 @@ fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, by_classes: bool) -> 
         point_shares: cloud.shares.clone(),
         image_shares: image.shares.clone(),
         partitions: cloud.partitions.clone().filter(|_| !by_classes),
+        weight,
     }
 }

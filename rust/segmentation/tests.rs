@@ -200,3 +200,27 @@ proptest! {
         prop_assert!(alike as f64 > 0.97 * points.len() as f64, "{} of {}", alike, points.len());
     }
 }
+
+#[test]
+fn turned_segments_lie_where_the_turn_takes_them() {
+    const NUM_TURNS: usize = 3;
+    let boxes = [([8.0, -2.0, -2.0], [9.0, 2.0, 0.5]), ([-2.0, 10.0, -2.0], [2.0, 11.0, 0.5])];
+    let (points, _) = sweep(64, |_, _| 0.0, &boxes);
+    let segmented = segment_sweep(&points, z(), &CONFIG);
+    let found = crate::segmentation::turned(&[&points], &[&segmented], NUM_TURNS).expect("few segments");
+    let row =
+        |point: usize, turn: usize| usize::from(found[0].rows(point)[turn]) - turn * segmented.kinds.len();
+    let (mut num_seen, mut num_ground) = (0, 0);
+    for (point, position) in points.iter().enumerate() {
+        if segmented.ids[point] != NO_SEGMENT {
+            assert_eq!(row(point, 0), segmented.ids[point] as usize);
+            // A quarter of a turn takes what lies ahead to where there is only ground, and the left to the back.
+            if position[0] > 3.0 && segmented.kinds[row(point, 0)] == Kind::Object && position[1].abs() < 2.5
+            {
+                num_seen += 1;
+                num_ground += usize::from(segmented.kinds[row(point, 3)] == Kind::Ground);
+            }
+        }
+    }
+    assert!(num_seen > 100 && num_ground > num_seen * 7 / 10, "{num_ground} of {num_seen}");
+}

@@ -11,12 +11,14 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
     choice_option,
+    cue_option,
     max_points_option,
     number_option,
     quiet_option,
 )
 
 if TYPE_CHECKING:
+    from semcal_cli.config import Cue
     from semcal_cli.report.overlay import Coloring
 
 COLORINGS = ("class", "depth", "agreement", "segment")
@@ -46,6 +48,7 @@ WITHOUT_LABELS = ("depth", "segment")
     "pixel's go together; or the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
     "object. Distance and parts need no labels.",
 )
+@cue_option
 @number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
 @max_points_option
 @quiet_option
@@ -55,6 +58,7 @@ def overlay(
     output: Path,
     against: Path | None,
     by: Coloring,
+    cues: tuple[Cue, ...],
     max_frames: int,
     max_points: int,
     quiet: bool,
@@ -62,9 +66,10 @@ def overlay(
     """Draw points on pictures."""
     from semcal_cli.cli.outputs import check_image_folder
     from semcal_cli.cli.terminal import make_console
+    from semcal_cli.drive.cues import load_cues
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
-    from semcal_cli.drive.reading import load_points, read_observations
+    from semcal_cli.drive.reading import load_points
     from semcal_cli.formats import read_transform
     from semcal_cli.report.overlay import Overlays
 
@@ -75,7 +80,8 @@ def overlay(
     frames = evenly_spaced(spec.frames, max_frames)
     check_image_folder(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
     spec = spec.model_copy(update={"frames": tuple(frames)})
-    observations = load_points(spec) if by in WITHOUT_LABELS else read_observations(spec)
+    # Pixels of one cue share no information with points of another: the first one is shown.
+    observations = load_points(spec) if by in WITHOUT_LABELS else load_cues(spec, cues[:1], is_raw=True)
     console = make_console(quiet)
     for path in Overlays(spec, observations, poses, by).write_all(output):
         console.print(str(path), markup=False)

@@ -19,7 +19,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.drive.intensity import observe_intensity, observe_raw_intensity
 from semcal_cli.drive.observations import FrameObservation, Observations
 from semcal_cli.drive.reading import load_observations, read_observations
-from semcal_cli.drive.segments import observe_segments, thinned
+from semcal_cli.drive.segments import observe_segments
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
 
@@ -43,8 +43,11 @@ def load_cues(
     sweeps = Sweeps() if sweeps is None else sweeps
     found = [_load(drive, cue, sweeps, is_raw) for cue in cues]
     if "intensity" in cues:
-        found = [thinned(each, SEGMENTS.intensity_stride) if each.has_segments else each for each in found]
-    return reduce(summed, found)
+        found = [
+            _weighed(each, SEGMENTS.weight_by_intensity) if each.has_segments else each for each in found
+        ]
+    observations = reduce(summed, found)
+    return replace(observations, has_many_tops={"segments", "intensity"} <= {*cues})
 
 
 def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
@@ -103,6 +106,10 @@ def summed(first: Observations, second: Observations) -> Observations:
         point_class_names=[*first.point_class_names, *second.point_class_names],
         image_class_names=[*first.image_class_names, *second.image_class_names],
     )
+
+
+def _weighed(observations: Observations, weight: float) -> Observations:
+    return replace(observations, frames=tuple(replace(each, weight=weight) for each in observations.frames))
 
 
 def _shifted(frame: FrameObservation, by_point: int, by_image: int) -> FrameObservation:

@@ -85,6 +85,8 @@ class FrameObservation:
     cloud: LabelledCloud
     image: LabelledImage
     """Label image; no pixel has a class if the drive has no label image."""
+    weight: float = 1.0
+    """Weight of each point when a pose is refined; one cue of several may weigh less."""
     twist_per_s: Sequence[float] | None = None
     """(6,) twist of the LiDAR in its own frame, metres and radians per second; None if it is not known."""
 
@@ -102,6 +104,8 @@ class Observations:
     """Displacement of half of the points at most by the rig's motion in a sweep: see `motion.motion_error_px`."""
     num_cues: int = 1
     """Number of cues; the frames of each follow one another."""
+    has_many_tops: bool = False
+    """Whether the information has many tops near the right one, so that a pose is refined from several starts."""
     by_classes: bool = False
     """Whether points count by their classes although they have segments."""
     speckle: float = 0.0
@@ -167,7 +171,7 @@ class Observations:
         """
         return _core.Observations(
             core_camera(self.camera),
-            [(frame.cloud.core, frame.image.core) for frame in self.frames],
+            [(frame.cloud.core, frame.image.core, frame.weight) for frame in self.frames],
             len(self.point_class_names),
             len(self.image_class_names),
             self.by_classes,

@@ -71,7 +71,7 @@ def make_observations(
         names: Names of the classes of points, and of pixels.
     """
     frames = tuple(
-        FrameObservation(cloud, image, sweep.twist_per_s)
+        FrameObservation(cloud, image, twist_per_s=sweep.twist_per_s)
         for cloud, image, sweep in zip(labelled, images, moved, strict=True)
     )
     return Observations(
@@ -96,7 +96,7 @@ def load_points(drive: Drive) -> Observations:
         FrameObservation(
             LabelledCloud(sweep.points, np.full(len(sweep.points), NO_CLASS, np.uint8)),
             image,
-            sweep.twist_per_s,
+            twist_per_s=sweep.twist_per_s,
         )
         for sweep, image in zip(moved, images, strict=True)
     )

@@ -64,13 +64,3 @@ def _kinds(sweep: _core.SegmentedSweep) -> npt.NDArray[np.uint8]:
     """Kind of the segment of each point (N,), or `NO_CLASS`."""
     kinds = np.append(sweep.kinds, NO_CLASS).astype(np.uint8)
     return np.asarray(kinds[np.minimum(sweep.ids, sweep.num_segments)])
-
-
-def thinned(observations: Observations, stride: int) -> Observations:
-    """Let one of `stride` points of each cloud count; the others keep their place and lose their class."""
-
-    def of_cloud(cloud: LabelledCloud) -> LabelledCloud:
-        is_kept = np.arange(cloud.num_points) % stride == 0
-        return cloud.with_classes(np.where(is_kept, cloud.classes, NO_CLASS).astype(np.uint8))
-
-    return observations.with_clouds(map(of_cloud, observations.clouds))

@@ -10,6 +10,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import LevelOptimizer
+from semcal_cli.refinement.several_starts import SeveralStarts
 
 
 def make_estimator(
@@ -27,7 +28,8 @@ def make_estimator(
         raise InputError("--estimator mine: segments differ from frame to frame, needed exact")
     if config.estimator == "exact":
         exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-        estimator = ExactEstimator(observations, exact, seed)
+        kind = SeveralStarts if observations.has_many_tops else ExactEstimator
+        estimator = kind(observations, exact, seed)
         return estimator, {"exact": asdict(estimator.config)}
     on_event(Progress("loading torch"))
     from semcal_cli.refinement.mine import MineEstimator

@@ -10,7 +10,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.pyramid import Level
 
-SEGMENT_SHARE = 4
+SEGMENT_SHARE = 2
 """Segments are compared by this part of the points, since only those near the picture are looked at."""
 
 

@@ -1,0 +1,209 @@
+"""Segments as a cue: what they tell above null partitions, where it leads, and what a user sees."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from conftest import make_pose
+from scipy.spatial.transform import Rotation
+
+from semcal_cli import _core
+from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.cli import semcal
+from semcal_cli.config import CalibrationConfig, Cue
+from semcal_cli.drive.cues import SEGMENTS, load_cues
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.drive.segments import KINDS, observe_segments
+from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import refine_and_polish, start_at
+
+FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
+"""2 degrees and 0.2 m."""
+
+
+@pytest.fixture(scope="module")
+def seen(street: Path) -> Observations:
+    return observe_segments(read_drive(street), SEGMENTS)
+
+
+@pytest.fixture
+def bare(drive: Path) -> Path:
+    """The drive without labels of points."""
+    file = drive / "drive.yaml"
+    document = yaml.safe_load(file.read_text())
+    for frame in document["frames"]:
+        del frame["point_labels"]
+    document.get("classes", {}).pop("points", None)
+    file.write_text(yaml.safe_dump(document))
+    shutil.rmtree(drive / "point_labels", ignore_errors=True)
+    return drive
+
+
+def test_points_are_ground_objects_or_nothing(seen: Observations) -> None:
+    assert seen.has_segments
+    assert list(seen.point_class_names) == list(KINDS.values())
+    classes = np.concatenate([cloud.classes for cloud in seen.clouds])
+    assert set(np.unique(classes)) <= {_core.GROUND, _core.OBJECT, 255}
+    assert 0.2 < np.mean(classes == _core.GROUND) < 0.8
+    assert np.mean(classes == 255) < 0.15
+
+
+def test_information_is_highest_at_the_truth_about_every_axis(seen: Observations, street_truth: Pose) -> None:
+    own = segment_information(seen, street_truth).nats
+    for axis in np.eye(3):
+        for side in (-0.02, 0.02):
+            turned = make_pose(tuple(axis * side), (0.0, 0.0, 0.0)) @ street_truth
+            assert segment_information(seen, turned).nats < 0.9 * own
+
+
+def test_segments_in_the_wrong_place_tell_nothing(seen: Observations, street_truth: Pose) -> None:
+    found = segment_information(seen, street_truth)
+    assert found.nats > 5.0 * found.sigma_nats
+    about_up = np.eye(4)
+    about_up[:3, :3] = Rotation.from_euler("z", 100.0, degrees=True).as_matrix()
+    elsewhere = segment_information(seen, street_truth @ about_up)
+    assert elsewhere.nats < 0.3 * found.nats
+
+
+def test_frames_and_squares_add_up(seen: Observations, street_truth: Pose) -> None:
+    found = segment_information(seen, street_truth)
+    by_frame = found.nats_by_frame @ found.weight_by_frame / found.weight_by_frame.sum()
+    assert found.nats == pytest.approx(by_frame)
+    assert len(found.nats_by_frame) == seen.num_frames
+
+
+def test_the_order_of_points_changes_nothing(street: Path, seen: Observations, street_truth: Pose) -> None:
+    rng = np.random.default_rng(0)
+    orders = [rng.permutation(cloud.num_points) for cloud in seen.clouds]
+    points = [cloud.points[order] for cloud, order in zip(seen.clouds, orders, strict=True)]
+    shuffled = with_points(seen, points)
+    expected = segment_information(seen, street_truth).nats
+    assert segment_information(shuffled, street_truth).nats == pytest.approx(expected, rel=0.03)
+
+
+@pytest.mark.parametrize("way_up", [(np.pi, 0.0, 0.0), (0.0, 0.0, 2.0), (0.0, 1.2, 0.0)])
+def test_the_mounting_of_the_lidar_changes_little(
+    seen: Observations, street_truth: Pose, way_up: tuple[float, float, float]
+) -> None:
+    turn = make_pose(way_up, (0.0, 0.0, 0.0))
+    points = [(cloud.points @ turn[:3, :3].T).astype(np.float32) for cloud in seen.clouds]
+    found = segment_information(with_points(seen, points), street_truth @ np.linalg.inv(turn)).nats
+    assert found == pytest.approx(segment_information(seen, street_truth).nats, rel=0.1)
+
+
+def write_stored(T: Pose, path: Path) -> None:
+    write_transform(T, path, "lidar2cam")
+
+
+def with_points(seen: Observations, points: list[np.ndarray]) -> Observations:
+    """The same pictures with other sweeps, segmented anew."""
+    segmented = _core.segment_sweeps(points, SEGMENTS.segmentation)
+    partitions = _core.turned_partitions(points, segmented, SEGMENTS.num_turns)
+    kinds = [np.append(sweep.kinds, 255)[np.minimum(sweep.ids, sweep.num_segments)] for sweep in segmented]
+    clouds = [
+        LabelledCloud(each, kind.astype(np.uint8), partitions=partition)
+        for each, kind, partition in zip(points, kinds, partitions, strict=True)
+    ]
+    return seen.with_clouds(clouds)
+
+
+@pytest.mark.parametrize("cues", [("segments",), ("labels", "segments")])
+def test_a_start_two_degrees_off_comes_back(street: Path, street_truth: Pose, cues: tuple[Cue, ...]) -> None:
+    config = CalibrationConfig(cues=cues)
+    data = load(read_drive(street), config)
+    initial = start_at(data, InitialPose(FAR @ street_truth, "start"))
+    error = compare_poses(refine_and_polish(data, initial, config.refinement).T_camera_lidar, street_truth)
+    assert error.rotation_deg < 0.15
+    assert error.camera_center_cm < 3.0
+
+
+def test_a_drive_without_labels_of_points_needs_no_start(bare: Path, street_truth: Pose) -> None:
+    output = bare.parent / "found.yaml"
+    arguments = ["calibrate", str(bare), "--cue", "segments", "-o", str(output)]
+    answer = CliRunner().invoke(semcal, arguments)
+    assert answer.exit_code in (0, 3), answer.output
+    error = compare_poses(read_transform(output), street_truth)
+    assert error.rotation_deg < 0.15
+    assert error.camera_center_cm < 3.0
+    settings = yaml.safe_load(output.read_text())["settings"]["options"]
+    assert settings["cues"]["segments"]["num_turns"] == SEGMENTS.num_turns
+
+
+def test_the_same_bytes_with_any_number_of_threads(bare: Path, street_truth: Pose) -> None:
+    write_stored(FAR @ street_truth, bare.parent / "start.json")
+    outputs = []
+    for threads in ("1", "2"):
+        output = bare.parent / f"threads_{threads}.yaml"
+        arguments = ["refine", str(bare), "--init", str(bare.parent / "start.json"), "--cue", "segments"]
+        answer = CliRunner().invoke(semcal, [*arguments, "--threads", threads, "-o", str(output), "-q"])
+        assert answer.exit_code in (0, 3), answer.output
+        outputs.append(output.read_bytes())
+    assert outputs[0] == outputs[1]
+
+
+def test_beside_intensity_segments_weigh_less_and_are_searched_alone(street: Path) -> None:
+    drive = read_drive(street)
+    cues: tuple[Cue, ...] = ("segments", "intensity")
+    both = load_cues(drive, cues)
+    of_segments, of_intensity = both.frames[: len(drive.frames)], both.frames[len(drive.frames) :]
+    assert {frame.weight for frame in of_segments} == {SEGMENTS.weight_by_intensity}
+    assert {frame.weight for frame in of_intensity} == {1.0}
+    searched = LoadedDrive(drive, both, cues).for_search
+    assert searched.num_frames == len(drive.frames)
+    assert not searched.has_segments
+    assert both.has_many_tops
+
+
+def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:
+    light = replace(seen, frames=tuple(replace(frame, weight=0.5) for frame in seen.frames))
+    full, half = (segment_information(each, street_truth) for each in (seen, light))
+    assert half.weights.sum() == pytest.approx(0.5 * full.weights.sum(), rel=1e-5)
+    # Pairs that weigh little count as a tenth of a point.
+    assert half.nats == pytest.approx(full.nats, rel=0.1)
+
+
+def test_what_cannot_be_done_is_said(bare: Path) -> None:
+    with pytest.raises(InputError, match=r"drive.yaml: frames.*point_labels: found nothing"):
+        load(read_drive(bare), CalibrationConfig())
+    answer = CliRunner().invoke(semcal, ["calibrate", str(bare), "--cue", "segments", "--estimator", "mine"])
+    assert answer.exit_code == 2
+    assert "--cue segments: differ from frame to frame" in answer.output
+    document = yaml.safe_load((bare / "drive.yaml").read_text())
+    del document["frames"][0]["image_labels"]
+    (bare / "drive.yaml").write_text(yaml.safe_dump(document))
+    with pytest.raises(InputError, match=r"drive.yaml: frames.*image_labels: found nothing"):
+        load(read_drive(bare), CalibrationConfig(cues=("segments",)))
+
+
+def test_verify_tells_a_knocked_camera(bare: Path, street_truth: Pose) -> None:
+    knocked = make_pose((0.0, 0.026, 0.0), (0.0, 0.0, 0.0)) @ street_truth
+    verdicts = []
+    for T in (street_truth, knocked):
+        write_stored(T, bare.parent / "stored.json")
+        answer = CliRunner().invoke(
+            semcal, ["verify", str(bare), str(bare.parent / "stored.json"), "--cue", "segments"]
+        )
+        verdicts.append(answer.exit_code)
+    assert verdicts[0] in (0, 4)
+    assert verdicts[1] in (3, 4)
+    assert verdicts != [4, 4]
+
+
+@pytest.mark.parametrize("by", ["class", "agreement", "segment"])
+def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: str) -> None:
+    write_stored(street_truth, bare.parent / "stored.json")
+    folder = bare.parent / by
+    arguments = ["overlay", str(bare), str(bare.parent / "stored.json"), "--cue", "segments", "--by", by]
+    answer = CliRunner().invoke(semcal, [*arguments, "-o", str(folder), "--max-frames", "1"])
+    assert answer.exit_code == 0, answer.output
+    assert len(list(folder.glob("*.png"))) == 1
