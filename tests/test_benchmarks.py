@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from conftest import make_pose
+from conftest import TEST_DATA, make_pose
 
 from semcal_cli.cli.experiment import experiment
 from semcal_cli.config import SynthConfig
@@ -80,6 +80,13 @@ RUNS: dict[str, tuple[str, list[str]]] = {
             rf"\| PLY binary \|( {NUMBER} \|| plyfile \|){{4}}|plyfile is not installed: its formats are left out",
         ],
     ),
+    "real drives": (
+        "real_drives.py DATA --starts 1 --only KITTI --max-frames 1",
+        [
+            rf"\| KITTI jam, 13 pairs \| {cues} \| 1 \|( {NUMBER}, {NUMBER} \|){{2}} [01] \| 0 \| 0 \|"
+            for cues in ("segments", "segments,intensity", "intensity")
+        ],
+    ),
     "rig": (
         "rig.py --seeds 1 --cameras 2 --frames 2 --width 160",
         [rf"[01] of 1 pairs are trusted; one run takes {NUMBER} of the time of 2"],
@@ -133,7 +140,8 @@ def places(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for name in ("pool", "out"):
         (folder / name).mkdir()
     names = {"DRIVE": "drive", "START": "start.yaml", "CASES": "cases.yaml", "SEMCAL": "semcal"}
-    return {word: folder / name for word, name in {**names, "POOL": "pool", "OUT": "out"}.items()}
+    places = {word: folder / name for word, name in {**names, "POOL": "pool", "OUT": "out"}.items()}
+    return {**places, "DATA": TEST_DATA}
 
 
 def run(command: list[str], places: dict[str, Path]) -> str:
@@ -154,6 +162,8 @@ def run(command: list[str], places: dict[str, Path]) -> str:
 def test_a_script_runs_to_its_end(name: str, places: dict[str, Path]) -> None:
     command, lines = RUNS[name]
     script, *arguments = shlex.split(command)
+    if "DATA" in arguments and not TEST_DATA.is_dir():
+        pytest.skip(f"no real frames: {TEST_DATA} does not exist; set SEMCAL_TEST_DATA")
     printed = run([sys.executable, str(BENCHMARKS / script), *arguments], places)
     for line in lines:
         assert re.search(rf"^({line})$", printed, re.MULTILINE), f"{line}\n\n{printed}"
