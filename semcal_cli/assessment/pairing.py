@@ -21,8 +21,9 @@ MAX_EXCHANGED = 0.5
 """Largest allowed information with the picture of another frame, as a share of that with the frame's own."""
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""
-MAX_EXCHANGED_SEGMENTS = 1.0
-"""The same for segments, of which some frames have few."""
+MAX_EXCHANGED_SIGMAS = 2.0
+"""The same for segments, as a distance above that with the frame's own picture, in its standard errors: some frames
+have few segments, and streets are alike."""
 NUM_EXCHANGES = 3
 """Number of other frames whose pictures are tried."""
 
@@ -45,6 +46,7 @@ def check_pairs(
     if observations.has_segments:
         found = segment_information(observations, T_camera_lidar)
         own, num_pairs = found.nats_by_frame, found.weight_by_frame
+        most_exchanged = own + MAX_EXCHANGED_SIGMAS * found.sigma_by_frame
 
         def measure(others: Observations) -> Information:
             return segment_information(others, T_camera_lidar).nats_by_frame
@@ -52,6 +54,7 @@ def check_pairs(
         joints = agreement.frame_joints[: observations.num_frames]
         table = pointwise_information(joints.sum(axis=0))
         own, num_pairs = information_by_frame(joints, table), joints.sum(axis=(1, 2))
+        most_exchanged = MAX_EXCHANGED * own
 
         def measure(others: Observations) -> Information:
             joints = _core.agreement(others.core, T_camera_lidar).frame_joints
@@ -63,8 +66,7 @@ def check_pairs(
     if len(doubtful) == 0 or observations.num_frames < 2:
         return ()
     exchanged = _exchanged(observations, measure)
-    most = MAX_EXCHANGED_SEGMENTS if observations.has_segments else MAX_EXCHANGED
-    is_wrong = (own <= 0.0) | (exchanged > most * own)
+    is_wrong = (own <= 0.0) | (exchanged > most_exchanged)
     wrong = doubtful[is_wrong[doubtful]].tolist()
     if not wrong:
         return ()

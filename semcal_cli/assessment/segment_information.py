@@ -50,6 +50,13 @@ class SegmentInformation:
         sums = np.bincount(self.frames, self.sums, self.num_frames)
         return np.asarray(sums / np.maximum(self.weight_by_frame, 1.0))
 
+    @property
+    def sigma_by_frame(self) -> npt.NDArray[np.float64]:
+        """(F,) standard error of each frame's mean, nats."""
+        weights = np.maximum(self.weight_by_frame, 1.0)
+        influence = (self.sums - self.nats_by_frame[self.frames] * self.weights) / weights[self.frames]
+        return np.asarray(np.sqrt(np.bincount(self.frames, influence**2, self.num_frames)))
+
 
 def segment_information(observations: Observations, T_camera_lidar: Pose) -> SegmentInformation:
     """Measure what segments tell of the pictures at a pose (4, 4), in full resolution."""
