@@ -691,7 +691,7 @@ def turned_partitions(
     """
 
 def segment_information(
-    observations: Observations, T_camera_lidar: _Float64, edge_band_px: int
+    observations: Observations, t_camera_lidar: _Float64, edge_band_px: int
 ) -> list[tuple[list[int], float, float]]:
     """What segments tell of the pictures at a pose (4, 4), less what null partitions tell.
 

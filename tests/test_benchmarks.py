@@ -105,6 +105,10 @@ RUNS: dict[str, tuple[str, list[str]]] = {
             for name in ("64 rings", "16 rings", "rosette")
         ],
     ),
+    "segments' picture": (
+        "segments_picture.py DATA -o OUT/segments.png --max-frames 1",
+        [r"written to .*"],
+    ),
     "speed ratio": (
         "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed "
         "--repeats 1 --pairs 1 --width 64 --height 48",
