@@ -74,7 +74,10 @@ def test_stages_that_are_asked_for_tell_as_well(
     ("config", "complaint"),
     [
         (CalibrationConfig(cues=()), "cues: found (), needed a tuple of different cues"),
-        (CalibrationConfig(cues=("nope",)), "cues: found 'nope', needed one of: labels, segments, intensity, features"),  # type: ignore[arg-type]
+        (
+            CalibrationConfig(cues=("nope",)),
+            "cues: found 'nope', needed one of: labels, segments, intensity, features",
+        ),  # type: ignore[arg-type]
         (CalibrationConfig(seed=-1), "seed: found -1, needed a number from 0 to 9223372036854775807"),
         (CalibrationConfig(max_frames=0), "max_frames: found 0, needed a number from 1 on"),
         (
