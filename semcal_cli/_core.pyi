@@ -57,6 +57,7 @@ __all__ = [
     "estimate_grid",
     "estimate_up",
     "held_out_gain",
+    "information_gain",
     "parse_point_cloud",
     "polish",
     "project_points",
@@ -69,7 +70,6 @@ __all__ = [
     "sample_correspondences",
     "scan_grid",
     "segment_information",
-    "segment_information_gain",
     "segment_sweep",
     "segment_sweeps",
     "sensitivity",
@@ -698,7 +698,7 @@ def segment_information(
     For each square of the pictures, by frame, row and column: the sum over its visible points, nats, and their weight.
     """
 
-def segment_information_gain(
+def information_gain(
     observations: Observations, before: _Float64, after: _Float64, edge_band_px: int
 ) -> HeldOutGain:
     """The gain of that information, its mean over all points, from one pose (4, 4) to another."""

@@ -17,7 +17,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments import accuracy, gradient, pool, speed, trust, trust_rates
-from semcal_cli.experiments.accuracy import Result, off, summarise, write_accuracy
+from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
 from semcal_cli.experiments.outcome import Case as TrustCase
 from semcal_cli.experiments.outcome import Outcome
 from semcal_cli.experiments.pool import Pool
@@ -25,6 +25,7 @@ from semcal_cli.experiments.rate import Rate
 from semcal_cli.experiments.runner import run_cases
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.jobs.resume import locked
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -96,7 +97,7 @@ def test_every_row_on_every_seed_and_starts_on_more() -> None:
 
 def test_a_start_is_as_far_off_as_it_says() -> None:
     truth = make_pose((0.4, -1.0, 0.2), (0.5, 0.1, -0.7))
-    error = compare_poses(accuracy.off(truth, 20.0, 0.5, np.random.default_rng(0)), truth)
+    error = compare_poses(displaced(truth, 20.0, 0.5, np.random.default_rng(0)), truth)
     assert error.rotation_deg == pytest.approx(20.0)
     assert error.camera_center_cm == pytest.approx(50.0)
 
@@ -254,7 +255,7 @@ def test_results_are_one_run_s_at_a_time(tmp_path: Path) -> None:
 
 def test_the_gradient_of_the_objective_is_that_of_differences(street: Path, street_truth: Pose) -> None:
     observations = load_observations(read_drive(street))
-    start = off(street_truth, 1.0, 0.1, np.random.default_rng(0))
+    start = displaced(street_truth, 1.0, 0.1, np.random.default_rng(0))
     objective = gradient.Objective(observations, start, 8, 0)
     step = 1e-4 * np.eye(6)
     differences = [

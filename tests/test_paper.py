@@ -16,9 +16,9 @@ from semcal_cli.config import CalibrationConfig, MineConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_observations
-from semcal_cli.experiments.accuracy import off
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate
 from semcal_cli.result.calibration import read_calibration
@@ -59,7 +59,7 @@ def test_comes_back_from_nothing(data: LoadedDrive, street_truth: Pose) -> None:
 
 
 def test_a_given_pose_replaces_algorithm_2(data: LoadedDrive, street_truth: Pose) -> None:
-    T_init = off(street_truth, 3.0, 0.3, np.random.default_rng(0))
+    T_init = displaced(street_truth, 3.0, 0.3, np.random.default_rng(0))
     found = calibrate_as_published(data, RAW, PaperConfig(), initial_pose=InitialPose(T_init, "off"))
     assert found.stages["initial"].T_camera_lidar == tuple(map(tuple, T_init.tolist()))
     assert found.hypotheses == ()
@@ -70,7 +70,10 @@ def test_a_wrong_mounting_is_recognised(
     data: LoadedDrive, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The registration prefers a mounting that looks elsewhere; the right one is among its other placements."""
-    wrong, right = turned_about(street_truth, 120.0), off(street_truth, 3.0, 0.3, np.random.default_rng(1))
+    wrong, right = (
+        turned_about(street_truth, 120.0),
+        displaced(street_truth, 3.0, 0.3, np.random.default_rng(1)),
+    )
     monkeypatch.setattr(paper, "register", lambda *_: [Candidate(wrong, 9, 9), Candidate(right, 9, 9)])
     found = calibrate_as_published(data, RAW, PaperConfig())
     assert found.status == "not_trusted"
@@ -108,7 +111,7 @@ def test_isolated_pixels_stay(data: LoadedDrive, street: Path) -> None:
 
 
 def test_another_optimiser_gives_another_pose(data: LoadedDrive, street_truth: Pose) -> None:
-    T_init = off(street_truth, 1.0, 0.1, np.random.default_rng(0))
+    T_init = displaced(street_truth, 1.0, 0.1, np.random.default_rng(0))
     short = MineConfig(edge_band_px=0, steps_per_level=5, warm_up_steps=5)
     poses = [
         paper.refine(data.observations, T_init, PaperConfig(mine=mine), 0).T_camera_lidar
@@ -118,7 +121,7 @@ def test_another_optimiser_gives_another_pose(data: LoadedDrive, street_truth: P
 
 
 def test_a_run_that_still_drifts_has_not_settled(data: LoadedDrive, street_truth: Pose) -> None:
-    T_init = off(street_truth, 5.0, 0.5, np.random.default_rng(0))
+    T_init = displaced(street_truth, 5.0, 0.5, np.random.default_rng(0))
     hasty = replace(PaperConfig().mine, steps_per_level=8, final_rate=1.0, learning_rate_pose=2.0)
     found = calibrate_as_published(
         data, RAW, PaperConfig(mine=hasty), initial_pose=InitialPose(T_init, "off")

@@ -15,10 +15,10 @@ from semcal_cli.cli import semcal
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments.accuracy import off
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, pose_from_mounting
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.synthetic.label_noise import with_wrong_labels
 
 
@@ -34,7 +34,7 @@ def calibrate(*arguments: object) -> tuple[int, str]:
 
 def test_comes_back_from_two_degrees(soic: Soic, street_truth: Pose) -> None:
     for seed in range(2):
-        T_init = off(street_truth, 2.0, 0.2, np.random.default_rng(seed))
+        T_init = displaced(street_truth, 2.0, 0.2, np.random.default_rng(seed))
         found = soic.minimize(T_init)
         assert found.converged
         assert found.cost_px == pytest.approx(soic.cost(found.T_camera_lidar))
@@ -82,7 +82,7 @@ def test_wrong_labels_leave_no_better_place_unfound(
     """Where the cost is rugged, it is at least no higher than at the truth."""
     wrong = with_wrong_labels(street_observations, 0.1, np.random.default_rng(2))
     soic = Soic(wrong, SoicConfig())
-    found = soic.minimize(off(street_truth, 2.0, 0.2, np.random.default_rng(0)))
+    found = soic.minimize(displaced(street_truth, 2.0, 0.2, np.random.default_rng(0)))
     assert found.cost_px < 1.01 * soic.cost(street_truth)
 
 
@@ -111,7 +111,7 @@ def test_the_command_writes_a_result_that_nobody_vouches_for(
 ) -> None:
     """From a start and from nothing; the same bytes with any number of threads."""
     start = tmp_path / "start.yaml"
-    write_transform(off(street_truth, 2.0, 0.2, np.random.default_rng(7)), start, "semcal")
+    write_transform(displaced(street_truth, 2.0, 0.2, np.random.default_rng(7)), start, "semcal")
     results = [tmp_path / f"{threads}.yaml" for threads in (1, 2)]
     for threads, result in enumerate(results, start=1):
         assert calibrate(street, "--init", start, "-o", result, "--threads", threads)[0] == 0

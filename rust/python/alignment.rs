@@ -164,7 +164,7 @@ pub(super) fn segment_information(
 }
 
 #[pyfunction]
-pub(super) fn segment_information_gain(
+pub(super) fn information_gain(
     py: Python<'_>,
     observations: &PyObservations,
     before: PyReadonlyArray2<f64>,

@@ -18,6 +18,7 @@ from semcal_cli.assessment.intrinsics import (
 )
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.pairing import check_pairs
+from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import PolishConfig
@@ -57,8 +58,7 @@ def assess(
 ) -> Assessment:
     """Estimate the uncertainty of a polished pose, and look for findings against it.
 
-    Of several cues, consistency is checked on the first, because pixels of one cue share no information with points of
-    another.
+    Of several cues, rivals are looked for by all, and the rest is checked by `LoadedDrive.for_checks`.
 
     Args:
         data: The drive, as `load` returns it.
@@ -68,7 +68,7 @@ def assess(
         fused: Result of the fusion with priors, if there are any.
         with_label_bleed: Whether to compute the effect of bleeding labels.
     """
-    observations, checked, camera = data.observations, data.first_cue, data.observations.camera
+    observations, checked, camera = data.observations, data.for_checks, data.observations.camera
     around = around_intrinsics(observations, T_camera_lidar)
     shift = shift_by_intrinsics(around)
     known = covariance_of_intrinsics(shift, camera)
@@ -80,6 +80,7 @@ def assess(
     findings = (
         *frames.findings,
         *check_consistency(checked, T_camera_lidar),
+        *_rivals(data, T_camera_lidar),
         *wrong_intrinsics(around, camera),
     )
     notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *check_scale(checked))
@@ -105,15 +106,22 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
         T_camera_lidar: (4, 4), metres.
         agreement: Agreement of the observations at this pose.
     """
-    observations, names = data.first_cue, [frame.points for frame in data.drive.frames]
+    observations, names = data.for_checks, [frame.points for frame in data.drive.frames]
     check = check_frames(observations, T_camera_lidar, names)
     findings = (*check.findings, *check_pairs(observations, T_camera_lidar, agreement, names))
     notes = (*data.notes, *_notes_on_scenes(observations))
     if data.cues[0] in ("labels", "segments"):
-        aligned = check_label_alignment(data.drive, observations)
+        aligned = check_label_alignment(data.drive, data.first_cue)
         findings += tuple(map(Finding, aligned.findings))
         notes += aligned.notes
     return Assessment(None, findings, notes, check.parts)
+
+
+def _rivals(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[Finding, ...]:
+    """Look for rivals by cues that have them: what labels and features tell has one top near a pose."""
+    if {*data.cues} <= {"segments", "intensity"}:
+        return check_rivals(data.observations, T_camera_lidar)
+    return ()
 
 
 def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:

@@ -194,6 +194,8 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
         own, *others = pool.map(lambda model: _refitted(model, T_camera_lidar), models)
     if own is None:
         return []
+    # A refinement may end at a lower top than the one that it left.
+    own = max(own, _fit(observations, T_camera_lidar))
     zoomed, delayed = others[: len(changes)], others[len(changes) :]
     return [
         *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),

@@ -66,6 +66,14 @@ class LoadedDrive:
         return self.of_cue(self.cues[0])
 
     @property
+    def for_checks(self) -> Observations:
+        """Observations by which a pose is checked: of one cue, since pixels of one tell nothing of points of another.
+
+        Labels tell most. Segments bring a pose near, and beside them intensity tells small offsets.
+        """
+        return self.of_cue(self.cues[-1] if self.cues == ("segments", "intensity") else self.cues[0])
+
+    @property
     def for_search(self) -> Observations:
         """Observations by which mounting directions are told apart: by classes that all frames share.
 

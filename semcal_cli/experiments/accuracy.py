@@ -10,7 +10,6 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from semcal_cli.config import (
     EDGE_BAND_PX,
@@ -37,7 +36,8 @@ from semcal_cli.experiments.distribution import (
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
 from semcal_cli.result.stage import StageResult
@@ -185,7 +185,7 @@ class Experiment:
         data = _load(drive, row, rng)
         # Segments, which differ from frame to frame, have no network.
         estimators = [each for each in self.estimators if each == "exact" or row.cue == "labels"]
-        initial_pose = None if row.start is None else InitialPose(off(truth, *row.start, rng), "off")
+        initial_pose = None if row.start is None else InitialPose(displaced(truth, *row.start, rng), "off")
         try:
             initial = initialize(data, InitializationConfig(), initial_pose=initial_pose)
         except SemcalError as failure:
@@ -231,16 +231,6 @@ def _load(drive: Drive, row: Row, rng: np.random.Generator) -> LoadedDrive:
 def _failed(case: Case, estimator: Estimator, failure: SemcalError) -> Result:
     inf = math.inf
     return Result(case.row, case.seed, estimator, inf, inf, False, f"failed: {failure}", inf, inf, 0.0)
-
-
-def off(truth: Pose, angle_deg: float, distance_m: float, rng: np.random.Generator) -> Pose:
-    """Turn a camera about a random axis and move its centre in a random direction."""
-    axis, direction = rng.standard_normal((2, 3))
-    turn = Rotation.from_rotvec(axis / np.linalg.norm(axis) * angle_deg, degrees=True).as_matrix()
-    T = np.eye(4)
-    T[:3, :3] = turn @ truth[:3, :3]
-    T[:3, 3] = -T[:3, :3] @ (camera_center(truth) + direction / np.linalg.norm(direction) * distance_m)
-    return T
 
 
 @dataclass(frozen=True)

@@ -19,14 +19,13 @@ from semcal_cli import _core
 from semcal_cli.config import FAR_DEG, ExactConfig, PyramidConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
-from semcal_cli.experiments.accuracy import off
 from semcal_cli.experiments.distribution import ERROR_COLUMNS, error_cells, error_distributions, grouped
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.experiments.rivals import START_DEG, START_M
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, cross_matrix
-from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.geometry.twists import apply_twist, displaced
 from semcal_cli.refinement.pyramid import pyramid_factors
 
 NUM_PAIRS = 5
@@ -161,7 +160,7 @@ class Experiment:
         """Maximise over the pyramid from a wrong start."""
         drive, truth = self.pool.read("drive", {**self.changes, "num_frames": NUM_PAIRS}, case.seed)
         observations = load_observations(drive)
-        T = off(truth, START_DEG, START_M, np.random.default_rng(case.seed))
+        T = displaced(truth, START_DEG, START_M, np.random.default_rng(case.seed))
         _ = observations.core
         start, num_evaluations = perf_counter(), 0
         for factor in pyramid_factors(drive.camera, PyramidConfig(coarsest_block_deg=FAR_DEG)):

@@ -11,10 +11,10 @@ from time import perf_counter
 import numpy as np
 
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.accuracy import off
 from semcal_cli.experiments.methods import METHODS, Scene
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.twists import displaced
 
 START_DEG, START_M = 2.0, 0.2
 """Distance of the common start from the truth."""
@@ -128,7 +128,7 @@ class Experiment:
         num_frames = max(setting.num_pairs for setting in self.settings)
         drive, truth = self.pool.read("drive", {**self.changes, "num_frames": num_frames}, case.seed)
         rng = np.random.default_rng(case.seed)
-        order, T_init = rng.permutation(num_frames), off(truth, START_DEG, START_M, rng)
+        order, T_init = rng.permutation(num_frames), displaced(truth, START_DEG, START_M, rng)
         frames = tuple(drive.frames[index] for index in sorted(order[: setting.num_pairs]))
         scene = Scene(
             drive.model_copy(update={"frames": frames}),

@@ -16,7 +16,6 @@ import numpy as np
 from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments.accuracy import off
 from semcal_cli.experiments.distribution import grouped
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.files.dialect import document_text
@@ -25,6 +24,7 @@ from semcal_cli.files.writing import write_text
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.synthetic.synthesis import synthesize
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class Experiment:
         drive = make_drive(self.folder, case.num_pairs, self.street)
         truth = read_transform(drive)
         command, estimator = case.name.split(", ")
-        start = _make_start(drive, off(truth, *START, np.random.default_rng(0)))
+        start = _make_start(drive, displaced(truth, *START, np.random.default_rng(0)))
         output = self.folder / ("out.npy" if command == "plain torch" else "out.yaml")
         options = [str(drive), "--estimator", estimator, "-o", str(output)]
         if command == "calibrate":

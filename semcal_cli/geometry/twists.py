@@ -29,6 +29,17 @@ def apply_twist(T: Pose, twist: Twist) -> Pose:
     return apply_motion(T, rotation_matrix(twist[3:]), twist[:3])
 
 
+def displaced(T: Pose, angle_deg: float, distance_m: float, rng: np.random.Generator) -> Pose:
+    """Turn a camera by an angle about a random axis, and move its centre by a distance in a random direction."""
+    axis, direction = rng.standard_normal((2, 3))
+    turn = rotation_matrix(np.radians(angle_deg) * axis / np.linalg.norm(axis))
+    moved: Pose = np.eye(4)
+    moved[:3, :3] = turn @ T[:3, :3]
+    center = camera_center(T) + distance_m * direction / np.linalg.norm(direction)
+    moved[:3, 3] = -moved[:3, :3] @ center
+    return moved
+
+
 def apply_motion(T: Pose, rotation: NDArray[np.float64], translation: Vector) -> Pose:
     """Apply a rotation (3, 3) and then a translation (3,) on the left of a pose."""
     moved: Pose = np.eye(4)

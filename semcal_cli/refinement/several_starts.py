@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.config import ExactConfig
 from semcal_cli.drive.observations import Observations
-from semcal_cli.geometry.poses import Pose, rotation_error_deg
-from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import Level
 
 NUM_STARTS = (10, 6, 4, 2)
 """Number of poses from which the first levels are ascended; the last number holds from then on. Of ten runs on a real
 jam by segments and intensity, from 2 degrees and 0.2 m, 8 came back with six at first, and 6 from one start."""
-FARTHEST_DEG = 6.0
-"""Poses farther from the given start than this are dropped: coarse blocks have tops there that beat the right one."""
+FARTHEST_DEG, FARTHEST_M = 6.0, 1.0
+"""Poses farther from the given start are dropped: coarse blocks have tops there that beat the right one."""
 SPREAD_DEG, SPREAD_M = 1.5, 0.15
 """Distance of the other starts from the given one."""
 NUM_ROUNDS = 2
@@ -43,7 +42,7 @@ class SeveralStarts:
         if self._T_first is None:
             self._T_first = T_start
             rng = np.random.default_rng(self.seed)
-            self._others = [_nearby(T_start, rng) for _ in range(NUM_STARTS[0] - 1)]
+            self._others = [displaced(T_start, SPREAD_DEG, SPREAD_M, rng) for _ in range(NUM_STARTS[0] - 1)]
         num_starts = NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]
         poses = [T_start, *self._others][:num_starts]
         for _ in range(NUM_ROUNDS):
@@ -63,10 +62,7 @@ class SeveralStarts:
         return Level(factor, best.T_camera_lidar, best.mutual_information, best.drift, best.num_points)
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
-        return self._T_first is None or rotation_error_deg(T_camera_lidar, self._T_first) <= FARTHEST_DEG
-
-
-def _nearby(T_camera_lidar: Pose, rng: np.random.Generator) -> Pose:
-    """Turn a camera about a random axis, and shift it in a random direction."""
-    shift, axis = (each / np.linalg.norm(each) for each in rng.standard_normal((2, 3)))
-    return apply_twist(T_camera_lidar, np.concatenate([SPREAD_M * shift, math.radians(SPREAD_DEG) * axis]))
+        if self._T_first is None:
+            return True
+        moved = compare_poses(T_camera_lidar, self._T_first)
+        return moved.rotation_deg <= FARTHEST_DEG and moved.camera_center_cm <= 100.0 * FARTHEST_M

@@ -22,9 +22,9 @@ from semcal_cli.config import CalibrationConfig, Cue
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import SemcalError
-from semcal_cli.experiments.accuracy import off
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
 
@@ -132,7 +132,7 @@ def _write(folder: Path, lens: dict[str, object], frames: Sequence[object], T: n
 def run(data: LoadedDrive, T: np.ndarray, seed: int) -> tuple[float, float, str]:
     """One start: errors in degrees and centimetres, and the status."""
     config = CalibrationConfig(cues=data.cues)
-    start = InitialPose(off(T, START_DEG, START_M, np.random.default_rng(seed)), "start")
+    start = InitialPose(displaced(T, START_DEG, START_M, np.random.default_rng(seed)), "start")
     try:
         initial = start_at(data, start)
         stages = assess(data, refine_and_polish(data, initial, config.refinement), config.refinement)

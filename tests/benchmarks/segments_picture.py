@@ -22,9 +22,9 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.cues import SEGMENTS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.experiments.accuracy import off
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.pipeline import polish, refine
 from semcal_cli.report.colors import segment_colors
 
@@ -54,7 +54,7 @@ def draw(data: LoadedDrive, T: Pose, title: str) -> np.ndarray:
 def poses(data: LoadedDrive, T: Pose, seed: int) -> Mapping[str, Pose]:
     """The start, and where it leads."""
     config = CalibrationConfig(cues=data.cues).refinement
-    start = off(T, START_DEG, START_M, np.random.default_rng(seed))
+    start = displaced(T, START_DEG, START_M, np.random.default_rng(seed))
     refined = refine(data, start, config)
     found = polish(data, refined.T_camera_lidar, config).T_camera_lidar
     return {f"before: {START_DEG:g} degrees and {START_M:g} m off": start, "after": found}
