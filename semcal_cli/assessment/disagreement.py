@@ -19,7 +19,7 @@ from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.frame_scores import score_frames
 from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
-from semcal_cli.assessment.sensitivity import sensitivity
+from semcal_cli.assessment.sensitivity import determined_sensitivity
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
@@ -46,8 +46,6 @@ MAX_SCATTER = 1.1
 """Largest allowed Cochran's Q, as a multiple of what chance exceeds with probability `ALPHA`. Frames of good drives
 scatter somewhat more than their squares say. In 52 calibrations of six development drives with 3 to 14 frames and
 clean to network-like labels, Q was at most 0.82 of its limit, and the squared distance at a change 0.84 of its own."""
-INTERVAL_BLOCKS_PX = (1, 2, 4)
-"""Blocks on which the interval of a part is estimated: the finest on which the labels determine all six axes."""
 MAX_PARTS = 4
 """Largest number of parts of a drive."""
 FARTHEST_COARSE_DEG = 4.0
@@ -205,11 +203,10 @@ def fit_part(observations: Observations, frames: range, T_start: Pose) -> Part |
     except SemcalError:
         return None
     T = newton(few, T, PolishConfig()).T_camera_lidar
-    for factor in INTERVAL_BLOCKS_PX:
-        around = sensitivity(few, T, SensitivityConfig(factor=factor))
-        if around is not None and around.is_determined:
-            return Part(frames, T, Uncertainty.from_covariance(T, *around.sandwich()))
-    return None
+    around = determined_sensitivity(few, T, SensitivityConfig())
+    if around is None:
+        return None
+    return Part(frames, T, Uncertainty.from_covariance(T, *around.sandwich()))
 
 
 def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> int:

@@ -26,6 +26,9 @@ LEAST_SQUARES = 24
 """Least number of squares beyond one in each frame: fewer do not estimate a covariance of six axes."""
 LEAST_RANK = 1e-9
 """Smallest eigenvalue of a correlation matrix of full rank."""
+MAX_STEP_BLOCKS = 3.0
+"""Largest distance of the optimum of all frames, in blocks, at which the curvature here says where it is. By intensity in
+a real jam, whose curvature nearly vanishes on some axis, it came to 7."""
 SHRINKAGE = 0.5
 """Share of the mean covariance of all frames in that of a frame, because few squares estimate it roughly."""
 
@@ -73,7 +76,7 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
         block_px: Side of a block of the label images, in pixels.
 
     Returns:
-        The scores; None if labels do not determine a pose on these blocks.
+        The scores; None if labels do not determine a pose on these blocks, or one that is far away.
     """
     factor = min(block_px, observations.camera.width, observations.camera.height)
     config = SensitivityConfig(factor=factor, edge_band_px=0, max_points=MAX_POINTS)
@@ -86,7 +89,10 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
     scores, covariances = _by_frame(around, num_frames)
     if not _has_full_rank(covariances.mean(axis=0)):
         return None
-    explained = around.frame_curvatures @ np.linalg.solve(around.curvature, scores.sum(axis=0))
+    step = np.linalg.solve(around.curvature, scores.sum(axis=0))
+    if step @ around.motions @ step > (MAX_STEP_BLOCKS * factor) ** 2:
+        return None
+    explained = around.frame_curvatures @ step
     return FrameScores(scores - explained, covariances, num_squares)
 
 

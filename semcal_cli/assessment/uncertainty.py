@@ -20,7 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.sensitivity import Matrix, sensitivity
+from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -73,7 +73,9 @@ def estimate_uncertainty(
     Returns:
         The uncertainty; None if the labels do not determine the pose.
     """
-    around = sensitivity(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
+    # What segments tell is rough at full resolution, with tops as wide as a pixel.
+    measure = determined_sensitivity if observations.has_segments else sensitivity
+    around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     if around is None or not around.is_determined:
         return None
     covariance, degrees_of_freedom = around.sandwich()

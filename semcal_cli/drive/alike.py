@@ -40,6 +40,16 @@ def alike_frames(clouds: Sequence[npt.NDArray[np.float32]]) -> list[int]:
     return first
 
 
+def shares_alike(clouds: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
+    """Share of directions with the same range in two frames, (F, F).
+
+    Args:
+        clouds: (N, 3) points of each frame, metres, LiDAR frame.
+    """
+    ranges = [_nearest_ranges(points) for points in clouds]
+    return np.array([[_share_alike(a, b) for b in ranges] for a in ranges])
+
+
 def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]) -> list[int]:
     """Find the frames that are copies of an earlier one: the same scene, with the same labels of pixels.
 
