@@ -27,8 +27,8 @@ LEAST_SQUARES = 24
 LEAST_RANK = 1e-9
 """Smallest eigenvalue of a correlation matrix of full rank."""
 MAX_STEP_BLOCKS = 3.0
-"""Largest distance of the optimum of all frames, in blocks, at which the curvature here says where it is. By intensity in
-a real jam, whose curvature nearly vanishes on some axis, it came to 7."""
+"""Largest distance of the optimum of all frames, in blocks, at which the curvature here tells where it is. By intensity
+in a real jam, where the curvature nearly vanishes along some axis, it came to 7."""
 SHRINKAGE = 0.5
 """Share of the mean covariance of all frames in that of a frame, because few squares estimate it roughly."""
 
