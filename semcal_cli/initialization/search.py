@@ -12,6 +12,7 @@ from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
+from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.registration import Candidate, register
 from semcal_cli.result.hypothesis import Hypothesis
@@ -21,6 +22,10 @@ MIN_RUNNER_UP_MARGIN = 2.0
 """Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
 
 NO_OTHER = Finding("no other mounting was left to compare with: nothing tells that this one is right")
+
+FARTHEST_M = 1.0
+"""Largest distance from a given pose of one that ground and objects lead to. Two classes hardly tell distances: with a
+35-degree lens, they led to a pose 2 m away."""
 
 MIN_POINTS_OF_MOST = 0.02
 """Smallest number of points of a hypothesis, as a share of the largest of any hypothesis. Others are dropped."""
@@ -151,7 +156,12 @@ def _align_given(
         around = given.T_camera_lidar, math.radians(config.around_given_deg)
         with suppress(CalibrationError):
             found += _align(observations, register(observations, config, seed, around), config, seed)
-    return found
+    return [each for each in found if _is_in_reach(each, given)] if observations.by_classes else found
+
+
+def _is_in_reach(candidate: Candidate, given: Candidate) -> bool:
+    moved = compare_poses(candidate.T_camera_lidar, given.T_camera_lidar)
+    return moved.camera_center_cm <= 100.0 * FARTHEST_M
 
 
 def _align(
