@@ -158,14 +158,31 @@ impl Observations {
         }
     }
 
-    /// The rows of each null partition, with the weight of its information.
-    pub fn null_rows(&self) -> impl Iterator<Item = (Range<usize>, f64)> {
+    /// The rows of each frame that has partitions.
+    pub fn partition_rows(&self) -> impl Iterator<Item = PartitionRows> {
         let of_frame = |(frame, &first): (&Frame, &usize)| {
             let partitions = frame.partitions.as_ref()?;
-            Some((first + partitions.num_segments..first + partitions.num_rows, partitions.null_weight()))
+            let first_null = first + partitions.num_segments;
+            let nulls = first_null..first + partitions.num_rows;
+            Some(PartitionRows {
+                segments: first..first_null,
+                nulls,
+                num_nulls: partitions.num_partitions() - 1,
+            })
         };
         self.frames.iter().zip(&self.first_rows).filter_map(of_frame)
     }
+}
+
+/// Rows of a joint histogram that hold the partitions of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct PartitionRows {
+    /// Rows of the segments.
+    pub segments: Range<usize>,
+    /// Rows of all null partitions.
+    pub nulls: Range<usize>,
+    /// Number of null partitions.
+    pub num_nulls: usize,
 }
 
 fn fits(shares: Option<&ClassShares>, count: usize, num_classes: usize) -> bool {

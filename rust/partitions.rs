@@ -3,8 +3,7 @@
 //! The mutual information of segments and picture classes grows where the picture is rich, whatever the pose, and so has
 //! no maximum at the true one. A null partition has the same pieces in another place, as if the sweep had been turned
 //! (a spin test: Alexander-Bloch et al., NeuroImage 2018); what it tells of the picture is what any partition of that
-//! kind would. The information less the mean of the null ones, as in the adjusted mutual information (Vinh, Epps and
-//! Bailey, JMLR 2010), is what the segments tell because they are where they are.
+//! kind would. See `alignment/adjusted.rs` for the score.
 
 use crate::error::{Error, Result};
 
@@ -48,9 +47,9 @@ impl Partitions {
         self.rows.len() / self.num_partitions
     }
 
-    /// Weight of the information of each null partition: together they weigh as much as the segments, against them.
-    pub fn null_weight(&self) -> f64 {
-        -1.0 / (self.num_partitions - 1) as f64
+    /// Number of partitions, with that into segments.
+    pub fn num_partitions(&self) -> usize {
+        self.num_partitions
     }
 
     /// The rows of a point, one for each partition.

@@ -1,16 +1,16 @@
 //! One level of the label pyramid: which points count, and mutual information with its gradient at a pose.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Vector3, Vector6};
 use rayon::prelude::*;
 
+use super::adjusted::adjusted;
 use super::pose::to_camera;
 use super::sample::{Counted, ProjectedSample, Sample};
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
-use crate::observation::{Frame, Observations};
+use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{Sampled, ShareMap};
 use crate::spherical::to_f64;
 use crate::thinning::{stride, thinned};
@@ -213,7 +213,7 @@ impl Level {
         JointHistogram::of_rows(rows, self.observations.num_image_classes)
     }
 
-    /// The mutual information of a joint histogram, nats, less the mean of that of the null partitions if there are any.
+    /// The mutual information of a joint histogram, nats; the adjusted one if there are partitions.
     pub fn information(&self, joint: &JointHistogram) -> f64 {
         let total = self.total(joint);
         if !self.observations.has_partitions() || total <= 0.0 {
@@ -231,8 +231,8 @@ impl Level {
 
     /// The weight of all points.
     pub(super) fn total(&self, joint: &JointHistogram) -> f64 {
-        let of_rows = |(rows, _): (Range<usize>, f64)| joint.rows(rows).iter().sum::<f64>();
-        joint.total() - self.observations.null_rows().map(of_rows).sum::<f64>()
+        let of_nulls = |rows: PartitionRows| joint.rows(rows.nulls).iter().sum::<f64>();
+        joint.total() - self.observations.partition_rows().map(of_nulls).sum::<f64>()
     }
 
     /// What each pair adds to the information, finite for pairs that were never seen.
@@ -241,20 +241,16 @@ impl Level {
     }
 
     fn values_at_least(&self, joint: &JointHistogram, floor: f64) -> Values<'_> {
-        let width = self.observations.num_image_classes;
-        let mut table = if self.observations.has_partitions() {
-            joint.pointwise_of_many_rows(floor)
+        let table = if self.observations.has_partitions() {
+            adjusted(joint, &self.observations, floor)
         } else {
             joint.pointwise_at_least(floor)
         };
-        for (rows, weight) in self.observations.null_rows() {
-            table[rows.start * width..rows.end * width].iter_mut().for_each(|value| *value *= weight);
-        }
         Values { observations: &self.observations, table }
     }
 }
 
-/// Pointwise mutual information of each pair of a joint histogram; that of null partitions with their weight.
+/// Pointwise mutual information of each pair of a joint histogram, or what it adds to the adjusted one.
 pub(super) struct Values<'a> {
     observations: &'a Observations,
     table: Vec<f64>,

@@ -9,9 +9,10 @@
 //! them they keep counting when they leave the picture, with the class at the nearest border: a pose cannot raise the
 //! objective by pushing points out.
 //!
-//! Where points have partitions, the rows of the histogram are their segments, and what is maximised is the information
-//! less that of null partitions: see [`crate::partitions`].
+//! Where points have partitions, the rows of the histogram are their segments, and what is maximised is the adjusted
+//! mutual information: see `adjusted.rs` and [`crate::partitions`].
 
+mod adjusted;
 mod anchored;
 mod ascent;
 mod information;

@@ -12,6 +12,7 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
 from semcal_cli.config import EDGE_BAND_PX, ExactConfig, PyramidConfig
+from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -23,8 +24,10 @@ from semcal_cli.result.stage import Finding
 MIN_SIGMAS = 3.0
 """Standard errors of the information by which every rival must be behind. On a real jam, by segments and intensity, the
 best one was 4.1 to 4.9 behind the right pose; on single real frames, at most 1.9 behind wrong ones (18 runs)."""
-NUM_RIVALS = 16
-"""Number of ascents that look for rivals."""
+NUM_RIVALS, NUM_FRAMES = 16, 5
+"""Number of ascents that look for rivals, and of the frames by which they do."""
+NUM_COMPARED = 6
+"""Number of the highest tops that are compared with the pose, by all frames."""
 SPREAD_DEG, SPREAD_M = 3.0, 0.3
 """Mean distance of their starts from the pose; the nearest have half of it, and the farthest one and a half."""
 BLOCKS_DEG, FINER = 0.9, 4
@@ -65,11 +68,14 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> list[Pose]:
     rng = np.random.default_rng(0)
     shares = np.linspace(0.5, 1.5, NUM_RIVALS)
     poses = [displaced(T_camera_lidar, share * SPREAD_DEG, share * SPREAD_M, rng) for share in shares]
+    few = few_frames(observations, NUM_FRAMES)
     coarsest, *_ = pyramid_factors(observations.camera, PyramidConfig(coarsest_block_deg=BLOCKS_DEG))
-    config = ExactEstimator(observations, CONFIG, seed=0).config
+    config = ExactEstimator(few, CONFIG, seed=0).config
     for factor in (coarsest, max(coarsest // FINER, 1)):
-        ends = _core.align(observations.core, poses, config, factor=factor, visible_only=True, seed=0)
-        poses = [end.T_camera_lidar for end in ends]
+        ends = _core.align(few.core, poses, config, factor=factor, visible_only=True, seed=0)
+        others = [end for end in ends if _is_other(compare_poses(end.T_camera_lidar, T_camera_lidar))]
+        others.sort(key=lambda end: -end.mutual_information)
+        poses = [end.T_camera_lidar for end in others[:NUM_COMPARED]]
     return poses
 
 

@@ -47,7 +47,7 @@ def load_cues(
             _weighed(each, SEGMENTS.weight_by_intensity) if each.has_segments else each for each in found
         ]
     observations = reduce(summed, found)
-    return replace(observations, has_many_tops={"segments", "intensity"} <= {*cues})
+    return replace(observations, has_many_tops="segments" in cues and "labels" not in cues)
 
 
 def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:

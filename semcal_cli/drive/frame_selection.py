@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import colors, label_paths
 
 Item = TypeVar("Item")
@@ -23,6 +24,15 @@ def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
     """Keep at most `count` evenly spaced items, from the first to the last."""
     indices = np.linspace(0, len(items) - 1, min(count, len(items))).round().astype(int)
     return [items[index] for index in indices]
+
+
+def few_frames(observations: Observations, count: int) -> Observations:
+    """Keep at most `count` evenly spaced frames, of every cue."""
+    num_frames = observations.num_frames // observations.num_cues
+    kept = evenly_spaced(range(num_frames), count)
+    return observations.of_frames(
+        cue * num_frames + frame for cue in range(observations.num_cues) for frame in kept
+    )
 
 
 def select_frames(drive: Drive, max_frames: int) -> Drive:

@@ -6,6 +6,7 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.config import ExactConfig
+from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -16,6 +17,10 @@ from semcal_cli.refinement.pyramid import Level
 NUM_STARTS = (10, 6, 4, 2)
 """Number of poses from which the first levels are ascended; the last number holds from then on. Of ten runs on a real
 jam by segments and intensity, from 2 degrees and 0.2 m, 8 came back with six at first, and 6 from one start."""
+FIRST_FRAMES = 6
+"""Number of frames by which the first level is ascended by segments alone: it only has to tell where tops are."""
+MEETING_DEG, MEETING_M = 0.4, 0.05
+"""Ends of ascents that are nearer to a better one than this have met it, and do not go on."""
 FARTHEST_DEG, FARTHEST_M = 6.0, 1.0
 """Poses farther from the given start are dropped: coarse blocks have tops there that beat the right one."""
 SPREAD_DEG, SPREAD_M = 1.5, 0.15
@@ -39,15 +44,17 @@ class SeveralStarts:
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
+        observations = self.observations
         if self._T_first is None:
             self._T_first = T_start
             rng = np.random.default_rng(self.seed)
             self._others = [displaced(T_start, SPREAD_DEG, SPREAD_M, rng) for _ in range(NUM_STARTS[0] - 1)]
-        num_starts = NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]
-        poses = [T_start, *self._others][:num_starts]
-        for _ in range(NUM_ROUNDS):
+            if observations.num_cues == 1:
+                observations = few_frames(observations, FIRST_FRAMES)
+        poses = [T_start, *self._others][: NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]]
+        for _ in range(NUM_ROUNDS if len(poses) > 1 else 1):
             ends = _core.align(
-                self.observations.core,
+                observations.core,
                 poses,
                 self.config,
                 factor=factor,
@@ -55,14 +62,28 @@ class SeveralStarts:
                 seed=self.seed,
             )
             poses = [end.T_camera_lidar for end in ends]
-        near = [end for end in ends if self._is_near(end.T_camera_lidar)] or ends
-        best, *others = sorted(near, key=lambda end: -end.mutual_information)
-        self._others = [end.T_camera_lidar for end in others]
         self._num_levels += 1
-        return Level(factor, best.T_camera_lidar, best.mutual_information, best.drift, best.num_points)
+        near = [end for end in ends if self._is_near(end.T_camera_lidar)]
+        if not near:
+            # The level has no top within reach; finer ones may have.
+            return Level(factor, T_start, ends[0].mutual_information, 0.0, ends[0].num_points)
+        near.sort(key=lambda end: -end.mutual_information)
+        best, *self._others = _apart([end.T_camera_lidar for end in near])
+        return Level(factor, best, near[0].mutual_information, near[0].drift, near[0].num_points)
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
-        if self._T_first is None:
-            return True
-        moved = compare_poses(T_camera_lidar, self._T_first)
-        return moved.rotation_deg <= FARTHEST_DEG and moved.camera_center_cm <= 100.0 * FARTHEST_M
+        return self._T_first is None or _is_within(T_camera_lidar, self._T_first, FARTHEST_DEG, FARTHEST_M)
+
+
+def _apart(poses: list[Pose]) -> list[Pose]:
+    """Keep the poses that are not at a better one, best first."""
+    kept: list[Pose] = []
+    for pose in poses:
+        if not any(_is_within(pose, better, MEETING_DEG, MEETING_M) for better in kept):
+            kept.append(pose)
+    return kept
+
+
+def _is_within(T_camera_lidar: Pose, T_other: Pose, angle_deg: float, distance_m: float) -> bool:
+    away = compare_poses(T_camera_lidar, T_other)
+    return away.rotation_deg <= angle_deg and away.camera_center_cm <= 100.0 * distance_m

@@ -1,0 +1,57 @@
+//! The adjusted mutual information of segments and picture classes (Vinh, Epps and Bailey, JMLR 2010).
+//!
+//! `S = (I - N) / (H - N)`: I is the information of segments and classes, N the mean of that of null partitions, and H the
+//! entropy of the classes under the points, which I cannot exceed. It is 0 where segments tell no more than any partition
+//! of their kind, and 1 where they tell the classes. Neither richer nor poorer parts of the pictures raise it: I - N is
+//! larger where the picture is rich, and I / H where it is poor.
+
+use std::ops::Range;
+
+use crate::mutual_information::JointHistogram;
+use crate::observation::Observations;
+
+/// Least of what null partitions leave to be told, nats.
+const LEAST_LEFT: f64 = 0.02;
+
+/// What each pair of a joint histogram adds to the sum over all points: of segments, to the adjusted information; of the
+/// classes of other frames, to the mutual information, nats. Pairs that weigh less than `floor` count as if they weighed
+/// as much.
+///
+/// With `h = -log p(y)` and `n` null partitions, a point adds `(pmi - S h) / (H - N) + S` by its segment, and
+/// `-(1 - S) pmi / (n (H - N))` by each null one. The sum is S, and the derivative by the weights of the pairs is that of
+/// S, where the weight of each point stays.
+pub fn adjusted(joint: &JointHistogram, observations: &Observations, floor: f64) -> Vec<f64> {
+    let width = observations.num_image_classes;
+    let mut table = joint.pointwise_in_blocks(observations.num_point_classes, floor);
+    let frames: Vec<_> = observations.partition_rows().collect();
+    let cells = |rows: &Range<usize>| rows.start * width..rows.end * width;
+    let information = |table: &[f64], rows: &Range<usize>| {
+        let pairs = joint.weights[cells(rows)].iter().zip(&table[cells(rows)]);
+        pairs.map(|(w, value)| if *w > 0.0 { w * value } else { 0.0 }).sum::<f64>()
+    };
+    let (mut of_segments, mut of_nulls, mut columns) = (0.0, 0.0, vec![0.0; width]);
+    for rows in &frames {
+        let of_frame = joint.columns(joint.rows(rows.segments.clone()));
+        columns.iter_mut().zip(of_frame).for_each(|(sum, weight)| *sum += weight);
+        of_segments += information(&table, &rows.segments);
+        of_nulls += information(&table, &rows.nulls) / rows.num_nulls as f64;
+    }
+    let total: f64 = columns.iter().sum();
+    if total <= 0.0 {
+        return table;
+    }
+    let of_classes: Vec<f64> =
+        columns.iter().map(|column| total.ln() - column.max(floor).max(f64::MIN_POSITIVE).ln()).collect();
+    let entropy = columns.iter().zip(&of_classes).map(|(column, h)| column * h).sum::<f64>() / total;
+    let left = (entropy - of_nulls / total).max(LEAST_LEFT);
+    let score = (of_segments - of_nulls) / total / left;
+    for rows in &frames {
+        for values in table[cells(&rows.segments)].chunks_exact_mut(width) {
+            let pairs = values.iter_mut().zip(&of_classes);
+            pairs.for_each(|(value, h)| *value = (*value - score * h) / left + score);
+        }
+        let by = -(1.0 - score) / (rows.num_nulls as f64 * left);
+        table[cells(&rows.nulls)].iter_mut().for_each(|value| *value *= by);
+    }
+    table
+}

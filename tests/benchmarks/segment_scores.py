@@ -1,0 +1,145 @@
+"""Compare scores of segments and picture labels on real drives, along six axes through the published pose.
+
+    python tests/benchmarks/segment_scores.py ../shared/data -o .github/segment_scores.png
+
+Three scores: mutual information; the uncertainty coefficient, which is that over the entropy of the labels under the
+points; and mutual information less that of null partitions, which `--cue segments` maximises. The picture shows each
+less its value at the published pose, over its own range. The table says where each is largest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import chain
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+import numpy as np
+from real_drives import jam, nuscenes, opencalib
+
+from semcal_cli import _core
+from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cues import SEGMENTS
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.experiments.result_files import markdown_table
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import apply_twist
+
+AXES = ("right, cm", "down, cm", "forward, cm", "pitch, deg", "yaw, deg", "roll, deg")
+UNITS = np.array([0.01, 0.01, 0.01, *np.radians([1.0, 1.0, 1.0])])
+REACH = np.array([40.0, 40.0, 40.0, 2.0, 2.0, 2.0])
+SCORES = ("mutual information", "uncertainty coefficient", "less null partitions")
+DRIVES = ("KITTI jam, 13 pairs", "OpenCalib 1", "OpenCalib 3", "nuScenes back")
+
+
+class Profiles:
+    """The scores of a drive, of the points that are visible at one pose."""
+
+    def __init__(self, data: LoadedDrive, T_camera_lidar: Pose) -> None:
+        """Choose the points."""
+        self.observations, self.T = data.observations, T_camera_lidar
+        self.camera = core_camera(data.drive.camera)
+        self.segments = _core.segment_sweeps(
+            [cloud.points for cloud in self.observations.clouds], SEGMENTS.segmentation
+        )
+        self.seen = []
+        for cloud, segments in zip(self.observations.clouds, self.segments, strict=True):
+            projected = _core.project_points(self.camera, cloud.points, T_camera_lidar)
+            is_seen = np.isfinite(projected.ranges) & ~projected.is_hidden
+            self.seen.append(np.flatnonzero(is_seen & (segments.ids != _core.NO_SEGMENT)))
+
+    def at(self, T_camera_lidar: Pose) -> tuple[float, float, float]:
+        """Give the three scores, nats, nothing and nats."""
+        information, entropy = self._plug_in(T_camera_lidar)
+        above_null = segment_information(self.observations, T_camera_lidar).nats
+        return information, information / entropy, above_null
+
+    def _plug_in(self, T_camera_lidar: Pose) -> tuple[float, float]:
+        """Mutual information of segments and labels, and the entropy of the labels, nats."""
+        joints = []
+        for frame, segments, seen in zip(self.observations.frames, self.segments, self.seen, strict=True):
+            projected = _core.project_points(self.camera, frame.cloud.points[seen], T_camera_lidar)
+            inside = np.isfinite(projected.ranges)
+            columns, rows = np.round(projected.pixels[inside]).astype(int).T
+            height, width = frame.image.classes.shape
+            labels = frame.image.classes[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
+            joint = np.zeros((segments.num_segments, NO_CLASS + 1))
+            np.add.at(joint, (segments.ids[seen][inside], labels), 1.0)
+            joints.append(joint[:, :NO_CLASS])
+        joint = np.concatenate(joints)
+        joint /= joint.sum()
+        entropy = _entropy(joint.sum(axis=0))
+        return entropy + _entropy(joint.sum(axis=1)) - _entropy(joint), entropy
+
+    def along(self, axis: int, steps: int) -> tuple[np.ndarray, np.ndarray]:
+        """Offsets (2 steps + 1,) along an axis, in its unit, and the scores there (2 steps + 1, 3)."""
+        offsets = np.linspace(-REACH[axis], REACH[axis], 2 * steps + 1)
+        twists = offsets[:, None] * UNITS * np.eye(6)[axis]
+        return offsets, np.array([self.at(apply_twist(self.T, twist)) for twist in twists])
+
+
+def _entropy(shares: np.ndarray) -> float:
+    positive = shares[shares > 0.0]
+    return float(-(positive * np.log(positive)).sum())
+
+
+def drives(data: Path, folder: Path, only: str, max_frames: int) -> Iterator[tuple[str, Profiles]]:
+    """Load the drives that are drawn."""
+    for name, where in chain.from_iterable(kind(data, folder) for kind in (jam, opencalib, nuscenes)):
+        if name in DRIVES and only in name:
+            drive = read_drive(where)
+            drive = drive.model_copy(update={"frames": drive.frames[:max_frames]})
+            found = load(drive, CalibrationConfig(cues=("segments",)))
+            yield name, Profiles(found, read_transform(drive.path))
+
+
+def draw(curves: Mapping[str, list[tuple[np.ndarray, np.ndarray]]], path: Path) -> None:
+    """A row for each drive, a column for each axis."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(14.0, 1.0 + 2.0 * len(curves)), layout="constrained")
+    grid = figure.subplots(len(curves), len(AXES), sharex="col", sharey=True, squeeze=False)
+    for axes, (name, along) in zip(grid, curves.items(), strict=True):
+        axes[0].set_ylabel(name)
+        for ax, (offsets, scores) in zip(axes, along, strict=True):
+            lines = (scores - scores[len(scores) // 2]) / np.ptp(scores, axis=0)
+            for line, label in zip(lines.T, SCORES, strict=True):
+                ax.plot(offsets, line, label=label, linewidth=1.4)
+            ax.axvline(0.0, color="0.7", linewidth=0.8, zorder=0)
+    for ax, axis in zip(grid[-1], AXES, strict=True):
+        ax.set_xlabel(axis)
+    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=len(SCORES))
+    figure.savefig(path, dpi=90)
+
+
+@click.command()
+@click.argument("data", type=click.Path(path_type=Path, exists=True))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
+@click.option("--steps", default=8, show_default=True, help="Poses on either side of the published one.")
+@click.option("--only", default="", help="Only drives whose names contain this.")
+@click.option("--max-frames", default=70, help="Frames of each drive.")
+def main(data: Path, output: Path, steps: int, only: str, max_frames: int) -> None:
+    """Draw the profiles, and print where each score is largest along each axis."""
+    with TemporaryDirectory() as folder:
+        curves = {
+            name: [profiles.along(axis, steps) for axis in range(len(AXES))]
+            for name, profiles in drives(data.resolve(), Path(folder), only, max_frames)
+        }
+    rows = [
+        (name, score, *(f"{offsets[np.argmax(scores[:, index])]:+.2g}" for offsets, scores in along))
+        for name, along in curves.items()
+        for index, score in enumerate(SCORES)
+    ]
+    print(markdown_table(f"| drive | score | {' | '.join(AXES)} |", rows))
+    draw(curves, output)
+    print(f"written to {output}")
+
+
+if __name__ == "__main__":
+    main()
