@@ -57,7 +57,7 @@ __all__ = [
     "estimate_grid",
     "estimate_up",
     "held_out_gain",
-    "information_gain",
+    "information_gains",
     "parse_point_cloud",
     "polish",
     "project_points",
@@ -698,10 +698,13 @@ def segment_information(
     For each square of the pictures, by frame, row and column: the sum over its visible points, nats, and their weight.
     """
 
-def information_gain(
-    observations: Observations, before: _Float64, after: _Float64, edge_band_px: int
-) -> HeldOutGain:
-    """The gain of that information, its mean over all points, from one pose (4, 4) to another."""
+def information_gains(
+    observations: Observations, before: _Float64, after: Sequence[_Float64], edge_band_px: int
+) -> list[HeldOutGain]:
+    """The gains of that information, its mean over all points, from one pose (4, 4) to each of others.
+
+    Points are those that are visible at the first pose. Classes tell their mutual information, in nats.
+    """
 
 def estimate_up(points: Sequence[_Float32]) -> Up | None:
     """The direction away from the ground of a drive's sweeps (N, 3), whichever way the LiDAR is mounted.

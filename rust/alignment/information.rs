@@ -58,26 +58,33 @@ fn square_of(observations: &Observations, pose: &Isometry3<f64>) -> impl Fn(&Sam
     }
 }
 
-/// The gain of the mean information from one pose to another, of the points that are visible at the first. Squares of the
-/// images are independent, and paired.
-pub fn information_gain(
+/// The gains of the mean information from one pose to each of others, of the points that are visible at the first.
+/// Squares of the images are independent, and paired.
+pub fn information_gains(
     observations: &Arc<Observations>,
     before: &Isometry3<f64>,
-    after: &Isometry3<f64>,
+    after: &[Isometry3<f64>],
     edge_band_px: usize,
-) -> HeldOutGain {
-    let level = Level::new(in_view(observations, &[*before, *after]), 1, edge_band_px, usize::MAX);
+) -> Vec<HeldOutGain> {
+    let all: Vec<Isometry3<f64>> = after.iter().chain([before]).copied().collect();
+    let level = Level::new(in_view(observations, &all), 1, edge_band_px, usize::MAX);
     let samples = level.samples(before, Counted::Visible);
-    let [at_first, at_second] = [before, after].map(|pose| level.contributions(&samples, pose));
-    let (square_of, total) =
-        (square_of(observations, before), samples.iter().map(|s| f64::from(s.weight)).sum::<f64>());
-    let mut squares: BTreeMap<[u32; 3], f64> = BTreeMap::new();
-    for (sample, (first, second)) in samples.iter().zip(at_first.into_iter().zip(at_second)) {
-        if let Some(square) = square_of(sample) {
-            *squares.entry(square).or_default() += (second - first) / total.max(1.0);
+    let total = samples.iter().map(|s| f64::from(s.weight)).sum::<f64>().max(1.0);
+    let square_of = square_of(observations, before);
+    let squares: Vec<Option<[u32; 3]>> = samples.iter().map(square_of).collect();
+    let at_first = level.contributions(&samples, before);
+    let gain = |pose| {
+        let mut gains: BTreeMap<[u32; 3], f64> = BTreeMap::new();
+        for (square, (first, there)) in
+            squares.iter().zip(at_first.iter().zip(level.contributions(&samples, pose)))
+        {
+            if let Some(square) = square {
+                *gains.entry(*square).or_default() += (there - first) / total;
+            }
         }
-    }
-    HeldOutGain::of_parts(squares.into_values().collect())
+        HeldOutGain::of_parts(gains.into_values().collect())
+    };
+    after.iter().map(gain).collect()
 }
 
 impl Level {
@@ -134,8 +141,8 @@ mod tests {
     fn the_gain_is_that_of_the_information() {
         let observations = segmented(1);
         let [near, far] = [0.002, 0.03].map(|by| se3::exp(&Vector6::new(0.0, 0.0, 0.0, by, 0.0, 0.0)));
-        let there = information_gain(&observations, &far, &near, 0);
-        assert!(there.gain > 2.0 * there.sigma, "{there:?}");
-        assert_eq!(information_gain(&observations, &near, &near, 0).gain, 0.0);
+        let gains = information_gains(&observations, &far, &[near, far], 0);
+        assert!(gains[0].gain > 2.0 * gains[0].sigma, "{gains:?}");
+        assert_eq!(gains[1].gain, 0.0);
     }
 }

@@ -28,7 +28,7 @@ mod view;
 
 pub use anchored::{Anchored, MiniBatch};
 pub use ascent::{Aligned, AlignmentConfig, align};
-pub use information::{SquareInformation, information, information_gain};
+pub use information::{SquareInformation, information, information_gains};
 pub use polish::{PolishConfig, Polished, polish};
 pub use sample::Counted;
 pub use sensitivity::{Sensitivity, SensitivityConfig, sensitivity};

@@ -164,14 +164,15 @@ pub(super) fn segment_information(
 }
 
 #[pyfunction]
-pub(super) fn information_gain(
+pub(super) fn information_gains(
     py: Python<'_>,
     observations: &PyObservations,
     before: PyReadonlyArray2<f64>,
-    after: PyReadonlyArray2<f64>,
+    after: Vec<PyReadonlyArray2<f64>>,
     edge_band_px: usize,
-) -> PyResult<PyHeldOutGain> {
-    let (before, after) = (isometry(&before)?, isometry(&after)?);
-    let found = detached(py, || alignment::information_gain(&observations.0, &before, &after, edge_band_px));
-    Ok(PyHeldOutGain::from(found))
+) -> PyResult<Vec<PyHeldOutGain>> {
+    let before = isometry(&before)?;
+    let after = after.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
+    let found = detached(py, || alignment::information_gains(&observations.0, &before, &after, edge_band_px));
+    Ok(found.into_iter().map(PyHeldOutGain::from).collect())
 }

@@ -28,7 +28,7 @@ mod _core {
     use super::agreement::{PyAgreement, PyHeldOutGain, agreement, held_out_gain};
     #[pymodule_export]
     use super::alignment::{
-        PyAligned, PyPolished, PySensitivity, align, information_gain, polish, segment_information,
+        PyAligned, PyPolished, PySensitivity, align, information_gains, polish, segment_information,
         sensitivity,
     };
     #[pymodule_export]

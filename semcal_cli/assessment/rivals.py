@@ -32,7 +32,7 @@ SPREAD_DEG, SPREAD_M = 3.0, 0.3
 """Mean distance of their starts from the pose; the nearest have half of it, and the farthest one and a half."""
 BLOCKS_DEG, FINER = 0.9, 4
 """Blocks of the first level of an ascent; those of the second are finer by this factor."""
-CONFIG = ExactConfig(max_points=50_000)
+CONFIG = ExactConfig(steps=40, max_points=30_000)
 
 
 def check_rivals(observations: Observations, T_camera_lidar: Pose) -> tuple[Finding, ...]:
@@ -45,16 +45,16 @@ def check_rivals(observations: Observations, T_camera_lidar: Pose) -> tuple[Find
         observations: Points and pixels of all cues.
         T_camera_lidar: (4, 4) pose, metres.
     """
-    found = [
-        (_sigmas_behind(observations, T_camera_lidar, rival), away)
-        for rival in _tops(observations, T_camera_lidar)
-        if _is_other(away := compare_poses(rival, T_camera_lidar))
-    ]
-    if not found:
-        return ()
-    behind, away = min(found, key=lambda each: each[0])
+    tops = _tops(observations, T_camera_lidar)
+    gains = _core.information_gains(observations.core, T_camera_lidar, tops, EDGE_BAND_PX)
+    behind, T_rival = min(
+        ((_sigmas_behind(gain), top) for gain, top in zip(gains, tops, strict=True)),
+        key=lambda each: each[0],
+        default=(math.inf, T_camera_lidar),
+    )
     if behind >= MIN_SIGMAS:
         return ()
+    away = compare_poses(T_rival, T_camera_lidar)
     sentence = (
         f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data almost as "
         f"well or better: it is {behind:.1f} standard errors of the information behind, needed {MIN_SIGMAS:g}; add "
@@ -83,7 +83,6 @@ def _is_other(away: PoseError) -> bool:
     return away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_cm > 100.0 * MAX_HALF_WIDTH_M
 
 
-def _sigmas_behind(observations: Observations, T_camera_lidar: Pose, T_rival: Pose) -> float:
+def _sigmas_behind(gain: _core.HeldOutGain) -> float:
     """Standard errors by which a rival is behind; none if too few squares are seen to tell."""
-    gain = _core.information_gain(observations.core, T_camera_lidar, T_rival, EDGE_BAND_PX)
     return -gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0

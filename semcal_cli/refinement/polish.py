@@ -85,7 +85,8 @@ def _held_out_gain(
     pose: only the pose is held out.
     """
     if held_out.has_segments:
-        return _core.information_gain(held_out.core, T_before, T_after, config.edge_band_px)
+        (gain,) = _core.information_gains(held_out.core, T_before, [T_after], config.edge_band_px)
+        return gain
     return _core.held_out_gain(kept.core, held_out.core, T_before, T_after)
 
 

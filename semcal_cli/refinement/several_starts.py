@@ -26,7 +26,7 @@ FARTHEST_DEG, FARTHEST_M = 6.0, 1.0
 SPREAD_DEG, SPREAD_M = 1.5, 0.15
 """Distance of the other starts from the given one."""
 NUM_ROUNDS = 2
-"""Ascents at each level; the points are chosen anew for each."""
+"""Ascents at each level while starts lead to different tops; the points are chosen anew for each."""
 
 
 class SeveralStarts:
@@ -52,7 +52,7 @@ class SeveralStarts:
             if observations.num_cues == 1:
                 observations = few_frames(observations, FIRST_FRAMES)
         poses = [T_start, *self._others][: NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]]
-        for _ in range(NUM_ROUNDS if len(poses) > 1 else 1):
+        for _ in range(NUM_ROUNDS):
             ends = _core.align(
                 observations.core,
                 poses,
@@ -61,15 +61,17 @@ class SeveralStarts:
                 visible_only=visible_only,
                 seed=self.seed,
             )
-            poses = [end.T_camera_lidar for end in ends]
+            found = [end for end in ends if self._is_near(end.T_camera_lidar)]
+            found.sort(key=lambda end: -end.mutual_information)
+            poses = _apart([end.T_camera_lidar for end in found])
+            if len(poses) < 2:
+                break
         self._num_levels += 1
-        near = [end for end in ends if self._is_near(end.T_camera_lidar)]
-        if not near:
+        if not found:
             # The level has no top within reach; finer ones may have.
             return Level(factor, T_start, ends[0].mutual_information, 0.0, ends[0].num_points)
-        near.sort(key=lambda end: -end.mutual_information)
-        best, *self._others = _apart([end.T_camera_lidar for end in near])
-        return Level(factor, best, near[0].mutual_information, near[0].drift, near[0].num_points)
+        self._others = poses[1:]
+        return Level(factor, poses[0], found[0].mutual_information, found[0].drift, found[0].num_points)
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
         return self._T_first is None or _is_within(T_camera_lidar, self._T_first, FARTHEST_DEG, FARTHEST_M)
