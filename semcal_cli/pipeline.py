@@ -249,7 +249,7 @@ def polish(
     found = polish_pose(data.observations, T_refined, _polish_config(config))
     verdict = "accepted" if found.is_accepted else "rejected, the refined pose stays"
     gain, sigma = found.held_out.held_out_gain_nats, found.held_out.held_out_sigma_nats
-    note = f"{verdict}: held out {gain:+.4f} +- {math.inf if sigma is None else sigma:.4f} nats"
+    note = f"{verdict}: held out {gain:+.4f} +- {math.inf if sigma is None else sigma:.4f} {data.observations.unit}"
     _tell("polished", start, found, T_refined, note, on_event)
     return found
 

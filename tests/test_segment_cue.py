@@ -12,9 +12,10 @@ from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
+from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.cli import semcal
-from semcal_cli.config import CalibrationConfig, Cue
+from semcal_cli.config import CalibrationConfig, Cue, ExactConfig
 from semcal_cli.drive.cues import SEGMENTS, load_cues
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -26,6 +27,7 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at
+from semcal_cli.refinement.several_starts import NUM_STARTS, SeveralStarts
 
 FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 """2 degrees and 0.2 m."""
@@ -59,27 +61,27 @@ def test_points_are_ground_objects_or_nothing(seen: Observations) -> None:
 
 
 def test_information_is_highest_at_the_truth_about_every_axis(seen: Observations, street_truth: Pose) -> None:
-    own = segment_information(seen, street_truth).nats
+    own = segment_information(seen, street_truth).mean
     for axis in np.eye(3):
         for side in (-0.02, 0.02):
             turned = make_pose(tuple(axis * side), (0.0, 0.0, 0.0)) @ street_truth
-            assert segment_information(seen, turned).nats < 0.9 * own
+            assert segment_information(seen, turned).mean < 0.9 * own
 
 
 def test_segments_in_the_wrong_place_tell_nothing(seen: Observations, street_truth: Pose) -> None:
     found = segment_information(seen, street_truth)
-    assert found.nats > 5.0 * found.sigma_nats
+    assert found.mean > 5.0 * found.sigma
     about_up = np.eye(4)
     about_up[:3, :3] = Rotation.from_euler("z", 100.0, degrees=True).as_matrix()
     elsewhere = segment_information(seen, street_truth @ about_up)
-    assert elsewhere.nats < 0.3 * found.nats
+    assert elsewhere.mean < 0.3 * found.mean
 
 
 def test_frames_and_squares_add_up(seen: Observations, street_truth: Pose) -> None:
     found = segment_information(seen, street_truth)
-    by_frame = found.nats_by_frame @ found.weight_by_frame / found.weight_by_frame.sum()
-    assert found.nats == pytest.approx(by_frame)
-    assert len(found.nats_by_frame) == seen.num_frames
+    by_frame = found.by_frame @ found.weight_by_frame / found.weight_by_frame.sum()
+    assert found.mean == pytest.approx(by_frame)
+    assert len(found.by_frame) == seen.num_frames
 
 
 def test_the_order_of_points_changes_nothing(street: Path, seen: Observations, street_truth: Pose) -> None:
@@ -87,8 +89,8 @@ def test_the_order_of_points_changes_nothing(street: Path, seen: Observations, s
     orders = [rng.permutation(cloud.num_points) for cloud in seen.clouds]
     points = [cloud.points[order] for cloud, order in zip(seen.clouds, orders, strict=True)]
     shuffled = with_points(seen, points)
-    expected = segment_information(seen, street_truth).nats
-    assert segment_information(shuffled, street_truth).nats == pytest.approx(expected, rel=0.03)
+    expected = segment_information(seen, street_truth).mean
+    assert segment_information(shuffled, street_truth).mean == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize("way_up", [(np.pi, 0.0, 0.0), (0.0, 0.0, 2.0), (0.0, 1.2, 0.0)])
@@ -97,8 +99,8 @@ def test_the_mounting_of_the_lidar_changes_little(
 ) -> None:
     turn = make_pose(way_up, (0.0, 0.0, 0.0))
     points = [(cloud.points @ turn[:3, :3].T).astype(np.float32) for cloud in seen.clouds]
-    found = segment_information(with_points(seen, points), street_truth @ np.linalg.inv(turn)).nats
-    assert found == pytest.approx(segment_information(seen, street_truth).nats, rel=0.1)
+    found = segment_information(with_points(seen, points), street_truth @ np.linalg.inv(turn)).mean
+    assert found == pytest.approx(segment_information(seen, street_truth).mean, rel=0.1)
 
 
 def write_stored(T: Pose, path: Path) -> None:
@@ -169,7 +171,7 @@ def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:
     full, half = (segment_information(each, street_truth) for each in (seen, light))
     assert half.weights.sum() == pytest.approx(0.5 * full.weights.sum(), rel=1e-5)
     # Pairs that weigh little count as a tenth of a point.
-    assert half.nats == pytest.approx(full.nats, rel=0.1)
+    assert half.mean == pytest.approx(full.mean, rel=0.1)
 
 
 def test_what_cannot_be_done_is_said(bare: Path) -> None:
@@ -207,3 +209,34 @@ def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: s
     answer = CliRunner().invoke(semcal, [*arguments, "-o", str(folder), "--max-frames", "1"])
     assert answer.exit_code == 0, answer.output
     assert len(list(folder.glob("*.png"))) == 1
+
+
+def test_a_right_pose_has_no_rival_and_a_wrong_one_has(seen: Observations, street_truth: Pose) -> None:
+    assert check_rivals(seen, street_truth) == ()
+    (found,) = check_rivals(seen, FAR @ street_truth)
+    assert "explains the data better" in found.sentence
+    assert "standard errors ahead; needed 3 behind; add frames" in found.sentence
+
+
+def test_starts_that_meet_go_on_as_one(seen: Observations, street_truth: Pose) -> None:
+    starts = SeveralStarts(seen, ExactConfig(), seed=0)
+    level = starts.ascend(8, street_truth, visible_only=False)
+    assert compare_poses(level.T_camera_lidar, street_truth).rotation_deg < 0.5
+    assert len(starts.others) < NUM_STARTS[0] // 2
+
+
+def test_a_level_without_tops_in_reach_stays_where_it_was(
+    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("semcal_cli.refinement.several_starts.FARTHEST_M", 0.0)
+    level = SeveralStarts(seen, ExactConfig(), seed=0).ascend(8, street_truth, visible_only=False)
+    assert np.array_equal(level.T_camera_lidar, street_truth)
+
+
+def test_segments_beside_intensity_are_checked_by_it(street: Path) -> None:
+    both, alone = (
+        load(street, CalibrationConfig(cues=cues)) for cues in (("segments", "intensity"), ("segments",))
+    )
+    assert not both.for_checks.has_segments
+    assert both.for_checks.num_cues == 1
+    assert alone.for_checks.has_segments

@@ -55,3 +55,44 @@ pub fn adjusted(joint: &JointHistogram, observations: &Observations, floor: f64)
     }
     table
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::super::scene::segmented;
+    use super::*;
+
+    /// A histogram of a frame in which segments see classes by `seen`, and each null partition by `seen_by_null`.
+    fn score(seen: impl Fn(usize, usize) -> f64, seen_by_null: impl Fn(usize, usize) -> f64) -> f64 {
+        let observations: Arc<Observations> = segmented(1);
+        let rows = observations.partition_rows().next().expect("a frame with partitions");
+        let width = observations.num_image_classes;
+        let mut joint = JointHistogram::new(observations.num_rows, width);
+        for row in rows.segments.start..rows.nulls.end {
+            let in_partition = (row - rows.segments.start) % rows.segments.len();
+            for class in 0..width {
+                let weight = if row < rows.nulls.start {
+                    seen(in_partition, class)
+                } else {
+                    seen_by_null(in_partition, class)
+                };
+                joint.row_mut(row)[class] = weight;
+            }
+        }
+        let table = adjusted(&joint, &observations, 0.0);
+        let total: f64 = joint.rows(rows.segments).iter().sum();
+        let pairs = joint.weights.iter().zip(&table);
+        pairs.map(|(w, value)| if *w > 0.0 { w * value } else { 0.0 }).sum::<f64>() / total
+    }
+
+    #[test]
+    fn it_is_one_where_segments_tell_the_classes_and_nothing_where_null_ones_tell_as_much() {
+        let told = |segment: usize, class: usize| f64::from(segment % 2 == class);
+        let alike = |_: usize, class: usize| if class < 2 { 0.5 } else { 0.0 };
+        assert!((score(told, alike) - 1.0).abs() < 1e-9);
+        assert!(score(told, told).abs() < 1e-9);
+        assert!(score(alike, alike).abs() < 1e-9);
+        assert!(score(alike, told) < -0.5);
+    }
+}

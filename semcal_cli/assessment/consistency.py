@@ -79,21 +79,22 @@ def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:
-    """What points tell of the pixels, nats, less what is due to chance."""
-    return _fit(observations, T_camera_lidar).nats
+    """What points tell of the pixels, less what is due to chance: nats, or AMI."""
+    return _fit(observations, T_camera_lidar).information
 
 
 class _Fit(NamedTuple):
     """How well observations agree at a pose."""
 
-    nats: float
-    sigma_nats: float
+    information: float
+    """Nats, or AMI."""
+    sigma: float
 
 
 def _fit(observations: Observations, T_camera_lidar: Pose) -> _Fit:
     if observations.has_segments:
         found = segment_information(observations, T_camera_lidar)
-        return _Fit(found.nats, found.sigma_nats)
+        return _Fit(found.mean, found.sigma)
     agreement = _core.agreement(observations.core, T_camera_lidar)
     return _Fit(_corrected(agreement), agreement.sigma)
 
@@ -144,9 +145,10 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str
             found.append(_information(observations.with_images(others), T_camera_lidar))
     if not found or max(found) <= MAX_EXCHANGED * own:
         return []
+    figures = f"{max(found):.2f} of {own:.2f} {observations.unit}, needed at most {MAX_EXCHANGED:.0%}"
     return [
-        f"pictures of other frames fit the clouds {_as_well(max(found), own)}: {max(found):.2f} of {own:.2f} nats, "
-        f"needed at most {MAX_EXCHANGED:.0%}: sweeps and pictures may not belong together"
+        f"pictures of other frames fit the clouds {_as_well(max(found), own)}: {figures}: sweeps and pictures may not "
+        f"belong together"
     ]
 
 
@@ -164,7 +166,7 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[str
         return []
     return [
         f"with the camera turned by {best_deg:.0f} degrees labels fit {_as_well(best, own)}: {best:.2f} of {own:.2f} "
-        f"nats, needed at most {MAX_TURNED:.0%}"
+        f"{observations.unit}, needed at most {MAX_TURNED:.0%}"
     ]
 
 
@@ -201,21 +203,21 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     own = max(own, _fit(observations, T_camera_lidar))
     zoomed, delayed = others[: len(changes)], others[len(changes) :]
     return [
-        *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),
+        *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True)), observations.unit),
         *_wrong_clocks(own, dict(zip(delays_s, delayed, strict=True))),
     ]
 
 
-def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[str]:
-    best, best_change = own.nats, 0.0
+def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None], unit: str) -> list[str]:
+    best, best_change = own.information, 0.0
     for change, found in others.items():
-        if found is not None and found.nats > best:
-            best, best_change = found.nats, change
+        if found is not None and found.information > best:
+            best, best_change = found.information, change
     if best_change == 0.0:
         return []
     return [
         f"the focal length looks wrong: labels agree better with fx and fy {abs(best_change):.0%} "
-        f"{'longer' if best_change > 0.0 else 'shorter'}, {best:.4f} against {own.nats:.4f} nats"
+        f"{'longer' if best_change > 0.0 else 'shorter'}, {best:.4f} against {own.information:.4f} {unit}"
     ]
 
 
@@ -234,7 +236,7 @@ def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[str]:
     best, best_delay_s = MIN_CLOCK_GAIN, 0.0
     for delay_s, found in others.items():
         if found is not None:
-            gain = (found.nats - own.nats) / max(math.hypot(own.sigma_nats, found.sigma_nats), 1e-12)
+            gain = (found.information - own.information) / max(math.hypot(own.sigma, found.sigma), 1e-12)
             if gain > best:
                 best, best_delay_s = gain, delay_s
     if best_delay_s == 0.0:

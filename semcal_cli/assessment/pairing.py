@@ -45,11 +45,11 @@ def check_pairs(
     """
     if observations.has_segments:
         found = segment_information(observations, T_camera_lidar)
-        own, num_pairs = found.nats_by_frame, found.weight_by_frame
+        own, num_pairs = found.by_frame, found.weight_by_frame
         most_exchanged = own + MAX_EXCHANGED_SIGMAS * found.sigma_by_frame
 
         def measure(others: Observations) -> Information:
-            return segment_information(others, T_camera_lidar).nats_by_frame
+            return segment_information(others, T_camera_lidar).by_frame
     else:
         joints = agreement.frame_joints[: observations.num_frames]
         table = pointwise_information(joints.sum(axis=0))
@@ -73,7 +73,7 @@ def check_pairs(
     worst = min(wrong, key=lambda frame: float(own[frame]))
     sentence = (
         f"points and pixels of {frame_list(names, wrong)} may not belong together: at the pose of all frames "
-        f"{frame_name(names, worst)} shares {own[worst]:.2f} nats, others {usual:.2f}, needed at "
+        f"{frame_name(names, worst)} shares {own[worst]:.2f} {observations.unit}, others {usual:.2f}, needed at "
         f"least {MIN_INFORMATION:.0%} of that or more than with pictures of other frames"
     )
     return (Finding(sentence),)

@@ -55,10 +55,14 @@ def check_rivals(observations: Observations, T_camera_lidar: Pose) -> tuple[Find
     if behind >= MIN_SIGMAS:
         return ()
     away = compare_poses(T_rival, T_camera_lidar)
+    how = (
+        f"almost as well, {behind:.1f} standard errors behind"
+        if behind > 0.0
+        else f"better, {-behind:.1f} standard errors ahead"
+    )
     sentence = (
-        f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data almost as "
-        f"well or better: it is {behind:.1f} standard errors of the information behind, needed {MIN_SIGMAS:g}; add "
-        f"frames"
+        f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data {how}; "
+        f"needed {MIN_SIGMAS:g} behind; add frames"
     )
     return (Finding(sentence),)
 

@@ -1,4 +1,8 @@
-"""What segments tell of the pictures at a pose, above what null partitions tell: of all frames, and of each."""
+"""What segments tell of the pictures at a pose, the adjusted mutual information (AMI): of all frames, and of each.
+
+It is 0 where they tell no more than null partitions do, and 1 where they tell every label: see
+`rust/alignment/adjusted.rs`.
+"""
 
 from __future__ import annotations
 
@@ -20,23 +24,23 @@ class SegmentInformation:
     frames: npt.NDArray[np.int64]
     """(parts,) frame of each square of the pictures."""
     sums: npt.NDArray[np.float64]
-    """(parts,) sum over the visible points of each square, nats."""
+    """(parts,) sum over the visible points of each square."""
     weights: npt.NDArray[np.float64]
     """(parts,) weight of these points."""
     num_frames: int
 
     @property
-    def nats(self) -> float:
-        """Mean over all points, nats."""
+    def mean(self) -> float:
+        """Mean over all points: the AMI."""
         return float(self.sums.sum() / max(self.weights.sum(), 1.0))
 
     @property
-    def sigma_nats(self) -> float:
-        """Standard error of the mean, nats: squares are independent. Infinite with fewer than two."""
+    def sigma(self) -> float:
+        """Standard error of the mean: squares are independent. Infinite with fewer than two."""
         count = len(self.sums)
         if count < 2:
             return float("inf")
-        influence = (self.sums - self.nats * self.weights) / max(self.weights.sum(), 1.0)
+        influence = (self.sums - self.mean * self.weights) / max(self.weights.sum(), 1.0)
         return float(np.sqrt((influence**2).sum() * count / (count - 1)))
 
     @property
@@ -45,16 +49,16 @@ class SegmentInformation:
         return np.asarray(np.bincount(self.frames, self.weights, self.num_frames), np.float64)
 
     @property
-    def nats_by_frame(self) -> npt.NDArray[np.float64]:
-        """(F,) mean over the points of each frame, nats."""
+    def by_frame(self) -> npt.NDArray[np.float64]:
+        """(F,) mean over the points of each frame."""
         sums = np.bincount(self.frames, self.sums, self.num_frames)
         return np.asarray(sums / np.maximum(self.weight_by_frame, 1.0))
 
     @property
     def sigma_by_frame(self) -> npt.NDArray[np.float64]:
-        """(F,) standard error of each frame's mean, nats."""
+        """(F,) standard error of each frame's mean."""
         weights = np.maximum(self.weight_by_frame, 1.0)
-        influence = (self.sums - self.nats_by_frame[self.frames] * self.weights) / weights[self.frames]
+        influence = (self.sums - self.by_frame[self.frames] * self.weights) / weights[self.frames]
         return np.asarray(np.sqrt(np.bincount(self.frames, influence**2, self.num_frames)))
 
 

@@ -136,6 +136,11 @@ class Observations:
         """Whether poses are refined by segments of points instead of by their classes."""
         return not self.by_classes and any(frame.cloud.partitions is not None for frame in self.frames)
 
+    @property
+    def unit(self) -> str:
+        """Unit of what points tell of pixels: nats, or a share, the adjusted mutual information (AMI), of segments."""
+        return "AMI" if self.has_segments else "nats"
+
     @cached_property
     def of_classes(self) -> Observations:
         """The same without segments: points count by their classes, which all frames share."""

@@ -68,7 +68,11 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     return Polish(
         T_camera_lidar=T_polished,
         agreement=_core.agreement(observations.core, T_polished),
-        findings=_rejected(check) if not is_accepted else () if is_settled else _unsettled(moved_px),
+        findings=_rejected(check, observations.unit)
+        if not is_accepted
+        else ()
+        if is_settled
+        else _unsettled(moved_px),
         settings={"polish": asdict(config)},
         held_out=check,
         is_settled=is_settled,
@@ -90,10 +94,10 @@ def _held_out_gain(
     return _core.held_out_gain(kept.core, held_out.core, T_before, T_after)
 
 
-def _rejected(check: HeldOut) -> tuple[Finding, ...]:
+def _rejected(check: HeldOut, unit: str) -> tuple[Finding, ...]:
     if check.held_out_sigma_nats is None:
         return (Finding("the polish was rejected: held-out data say nothing of it"),)
-    by = f"{-check.held_out_gain_nats:.4f} +- {check.held_out_sigma_nats:.4f} nats"
+    by = f"{-check.held_out_gain_nats:.4f} +- {check.held_out_sigma_nats:.4f} {unit}"
     return (Finding(f"the polish was rejected: held-out data agree less after it, by {by}"),)
 
 

@@ -39,7 +39,8 @@ class SeveralStarts:
         single = ExactEstimator(observations, config, seed)
         self.observations, self.config, self.seed = observations, single.config, seed
         self._T_first: Pose | None = None
-        self._others: list[Pose] = []
+        self.others: list[Pose] = []
+        """Poses besides the best one from which the next level is ascended, best first."""
         self._num_levels = 0
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
@@ -48,10 +49,10 @@ class SeveralStarts:
         if self._T_first is None:
             self._T_first = T_start
             rng = np.random.default_rng(self.seed)
-            self._others = [displaced(T_start, SPREAD_DEG, SPREAD_M, rng) for _ in range(NUM_STARTS[0] - 1)]
+            self.others = [displaced(T_start, SPREAD_DEG, SPREAD_M, rng) for _ in range(NUM_STARTS[0] - 1)]
             if observations.num_cues == 1:
                 observations = few_frames(observations, FIRST_FRAMES)
-        poses = [T_start, *self._others][: NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]]
+        poses = [T_start, *self.others][: NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]]
         for _ in range(NUM_ROUNDS):
             ends = _core.align(
                 observations.core,
@@ -70,7 +71,7 @@ class SeveralStarts:
         if not found:
             # The level has no top within reach; finer ones may have.
             return Level(factor, T_start, ends[0].mutual_information, 0.0, ends[0].num_points)
-        self._others = poses[1:]
+        self.others = poses[1:]
         return Level(factor, poses[0], found[0].mutual_information, found[0].drift, found[0].num_points)
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:

@@ -161,7 +161,8 @@ def _why_unknown(record: Calibration) -> str:
     if "fused" in record.stages or polished.accepted:
         return "the labels do not determine the pose"
     sigma = polished.held_out_sigma_nats
-    by = "" if sigma is None else f", by {-polished.held_out_gain_nats:.4f} +- {sigma:.4f} nats"
+    unit = "AMI" if "segments" in str(record.settings.options.get("cues")) else "nats"
+    by = "" if sigma is None else f", by {-polished.held_out_gain_nats:.4f} +- {sigma:.4f} {unit}"
     return f"held-out data agree less after the polish{by}, so that the pose before it was kept"
 
 

@@ -80,7 +80,7 @@ class HeldOut(StrictModel):
     """Whether the labels agree no worse after the polish, within three standard errors. If not, the pose before it is
     kept."""
     held_out_gain_nats: Figure
-    """Mutual information of the held-out data after the polish minus before it."""
+    """Mutual information of the held-out data after the polish minus before it; the adjusted one of segments."""
     held_out_sigma_nats: Width | None
     """Standard error of the gain; null if all points lie in one part of the images."""
 

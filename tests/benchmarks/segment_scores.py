@@ -57,7 +57,7 @@ class Profiles:
     def at(self, T_camera_lidar: Pose) -> tuple[float, float, float]:
         """Give the three scores, nats, nothing and nats."""
         information, entropy = self._plug_in(T_camera_lidar)
-        above_null = segment_information(self.observations, T_camera_lidar).nats
+        above_null = segment_information(self.observations, T_camera_lidar).mean
         return information, information / entropy, above_null
 
     def _plug_in(self, T_camera_lidar: Pose) -> tuple[float, float]:
