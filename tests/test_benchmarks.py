@@ -105,6 +105,13 @@ RUNS: dict[str, tuple[str, list[str]]] = {
             for name in ("64 rings", "16 rings", "rosette")
         ],
     ),
+    "segment scores": (
+        "segment_scores.py DATA -o OUT/scores.png --only KITTI --max-frames 1 --steps 1",
+        [
+            rf"\| KITTI jam, 13 pairs \| {score} \|( [+-]?[\d.]+ \|){{6}}"
+            for score in ("mutual information", "uncertainty coefficient", "adjusted mutual information")
+        ],
+    ),
     "segments' picture": (
         "segments_picture.py DATA -o OUT/segments.png --max-frames 1",
         [r"written to .*"],

@@ -6,8 +6,9 @@ import pytest
 from scipy.ndimage import uniform_filter
 
 from semcal_cli import _core
-from semcal_cli.config import ExactConfig, MineConfig, PolishConfig, PyramidConfig
+from semcal_cli.config import CalibrationConfig, ExactConfig, MineConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
+from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations, read_observations
 from semcal_cli.errors import InputError
@@ -16,6 +17,9 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import refine_and_polish, start_at
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine import MineEstimator
 from semcal_cli.refinement.polish import polish
@@ -113,6 +117,15 @@ def test_a_networks_probabilities_end_at_the_truth(
     polished = polish(observations, refinement.T_camera_lidar, PolishConfig())
     error = compare_poses(polished.T_camera_lidar, street_truth)
     assert error.rotation_deg < MAX_ROTATION_DEG
+
+
+def test_segments_end_at_the_truth_by_soft_pictures(soft_street: Path, street_truth: Pose) -> None:
+    data = load(soft_street, CalibrationConfig(cues=("segments",)))
+    assert all(image.shares is not None for image in data.observations.images)
+    start = displaced(street_truth, 1.0, 0.1, np.random.default_rng(0))
+    initial = start_at(data, InitialPose(start, "start"))
+    found = refine_and_polish(data, initial, CalibrationConfig().refinement)
+    assert compare_poses(found.T_camera_lidar, street_truth).rotation_deg < MAX_ROTATION_DEG
 
 
 def test_probabilities_of_points_are_read_with_their_sweep(street: Path, tmp_path: Path) -> None:
