@@ -240,3 +240,13 @@ def test_segments_beside_intensity_are_checked_by_it(street: Path) -> None:
     assert not both.for_checks.has_segments
     assert both.for_checks.num_cues == 1
     assert alone.for_checks.has_segments
+
+
+def test_a_report_shows_the_first_of_two_cues(bare: Path, tmp_path: Path) -> None:
+    made = tmp_path / "initial.yaml"
+    asked = ["initialize", str(bare), "--cue", "segments,intensity", "-o", str(made), "-q"]
+    assert CliRunner().invoke(semcal, asked).exit_code == 0
+    page = tmp_path / "report.html"
+    result = CliRunner().invoke(semcal, ["report", str(bare), str(made), "-o", str(page), "-q"])
+    assert result.exit_code == 0, result.output
+    assert all(kind in page.read_text() for kind in KINDS.values())

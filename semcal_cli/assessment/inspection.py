@@ -280,7 +280,8 @@ def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -
     found = []
     for side, names in (("points", points), ("pixels", pixels)):
         if names is None:
-            found.append(f"no labels of {side} that can be read: a calibration needs them")
+            without = "; --cue segments does without" if side == "points" else ""
+            found.append(f"no labels of {side} that can be read: a calibration by labels needs them{without}")
         elif len(names) < 2:
             found.append(f"{side} of {' and '.join(names) or 'no class'} only, over all frames")
         elif len(names) > MANY_CLASSES:

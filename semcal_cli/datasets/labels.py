@@ -67,7 +67,7 @@ def labelled(recording: Recording) -> Recording:
             )
         if not kept:
             remarks.append(
-                f"no labels of {what}: a calibration needs them, see {option} {recording.labels_by}"
+                f"no labels of {what}: a calibration by labels needs them, see {option} {recording.labels_by}"
             )
         elif len(kept) < len(frames):
             remarks.append(f"{len(frames) - len(kept):,} frames without labels of {what} are left out")

@@ -149,10 +149,13 @@ def _distinct(frames: Sequence[Frame], sha256: Mapping[str, str]) -> tuple[Frame
 
 
 def _cues(record: Calibration | None) -> tuple[Cue, ...]:
-    """Cues that the frames are read with: labels, unless the calibration was made without them."""
+    """Cue that the frames are read with: labels, unless the calibration was made without them.
+
+    It is one, since pixels of one cue share no information with points of another.
+    """
     known = {} if record is None else record.settings.options.get("cues")
     used = tuple(cue for cue in CUES if isinstance(known, dict) and cue in known)
-    return LABELS if not used or "labels" in used else used
+    return LABELS if not used or "labels" in used else used[:1]
 
 
 def _key(frame: Frame | InputFrame) -> tuple[str | None, ...]:
