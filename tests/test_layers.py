@@ -64,7 +64,7 @@ WITH_OPENCV = {
     "baselines/soic",
     "report",
 }
-WITH_SCIPY = {"fleet/consensus", "experiments/accuracy"}
+WITH_SCIPY = {"fleet/consensus"}
 
 
 def allowed(folder: str) -> set[str]:
