@@ -226,7 +226,7 @@ def refine(
     def on_level(level: Level, num_levels: int) -> None:
         moved = compare_poses(level.T_camera_lidar, T_init)
         doing = (
-            f"refining: {level.factor}-pixel blocks done, {level.information_nats:.4f} nats, moved "
+            f"refining: {level.factor}-pixel blocks done, {level.information_nats:.4f} {data.observations.unit}, moved "
             f"{moved.rotation_deg:.3f} deg, {moved.camera_center_cm:.2f} cm"
         )
         on_event(Progress(doing))

@@ -34,7 +34,7 @@ from semcal_cli.config import CalibrationConfig
 @refinement_options
 @result_options
 def refine(drive: Path, init: Path, max_baseline_m: float, **options: Any) -> None:
-    """Refine a transform that is known to 20 degrees or so on DRIVE."""
+    """Refine a transform that is known to 20 degrees or so on DRIVE; by segments, to 6 degrees and 1 m."""
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
