@@ -58,11 +58,15 @@ impl Partitions {
         &self.rows[point * self.num_partitions..][..self.num_partitions]
     }
 
-    /// Those of some of the points, with rows for their segments only.
+    /// Those of some of the points, with rows for their segments only. A sweep without segments has none.
     pub fn of_points(&self, points: &[usize]) -> Self {
         let mut rows: Vec<u16> = points.iter().flat_map(|&point| self.rows(point)).copied().collect();
         let mut numbers = vec![None; self.num_rows];
-        rows.iter().for_each(|&row| numbers[usize::from(row)] = Some(0));
+        for &row in &rows {
+            if let Some(number) = numbers.get_mut(usize::from(row)) {
+                *number = Some(0);
+            }
+        }
         let (mut num_rows, mut num_segments) = (0, 0);
         for (row, number) in numbers.iter_mut().enumerate() {
             if let Some(number) = number {
@@ -71,7 +75,9 @@ impl Partitions {
                 num_segments += usize::from(row < self.num_segments);
             }
         }
-        rows.iter_mut().for_each(|row| *row = numbers[usize::from(*row)].unwrap_or(0));
+        for row in &mut rows {
+            *row = numbers.get(usize::from(*row)).copied().flatten().unwrap_or(0);
+        }
         Self { rows, num_partitions: self.num_partitions, num_segments, num_rows }
     }
 }
@@ -87,5 +93,13 @@ mod tests {
         let some = all.of_points(&[1, 3]);
         assert_eq!((some.num_segments, some.num_rows), (2, 3));
         assert_eq!((some.rows(0), some.rows(1)), (&[1, 2][..], &[0, 2][..]));
+    }
+
+    #[test]
+    fn a_sweep_without_segments_has_no_rows() {
+        let all = Partitions::new(&[0, 0, 0, 0], 0, 2).expect("two ids for each point");
+        assert_eq!((all.num_points(), all.num_rows), (2, 0));
+        let some = all.of_points(&[1]);
+        assert_eq!((some.num_points(), some.num_rows, some.num_segments), (1, 0, 0));
     }
 }

@@ -67,7 +67,7 @@ def make_refinement(
         raise click.UsageError("--cue features: vectors have no histogram: give --estimator mine")
     if "segments" in options["cues"] and estimator == "mine":
         raise click.UsageError(
-            "--cue segments: differ from frame to frame, no network learns them: give --estimator exact"
+            "--cue segments: they differ from frame to frame, so that no network learns them: give --estimator exact"
         )
     priors = make_priors(options, initial_pose, max_baseline_m)
     if priors and "features" in options["cues"]:
