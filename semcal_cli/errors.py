@@ -1,5 +1,9 @@
 """The errors that semcal raises on purpose. Anything else that escapes is a bug."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 
 class SemcalError(Exception):
     """Root of the tree, caught once, in the command line. Its text is one line for the user."""
@@ -18,3 +22,12 @@ class InputError(SemcalError):
 
 class CalibrationError(SemcalError):
     """The data cannot give an answer."""
+
+
+@contextmanager
+def about(path: Path) -> Iterator[None]:
+    """Name the file of the data in errors of a stage, which does not know it."""
+    try:
+        yield
+    except (InputError, CalibrationError) as error:
+        raise type(error)(f"{path}: {error}") from error

@@ -36,7 +36,7 @@ from semcal_cli.drive.cues import describe_cues, files_of
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
-from semcal_cli.errors import CalibrationError, InputError
+from semcal_cli.errors import CalibrationError, InputError, about
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -146,7 +146,8 @@ def initialize(
         return all(prior.allows(T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for prior in priors)
 
     T_given = None if initial_pose is None else initial_pose.T_camera_lidar
-    found = search(data.for_search, config, seed, T_given, is_possible)
+    with about(data.drive.path):
+        found = search(data.for_search, config, seed, T_given, is_possible)
     note = f"{len(found.hypotheses)} hypotheses" if len(found.hypotheses) > 1 else "1 hypothesis"
     if found.runner_up_margin is not None:
         note += f", runner-up {found.runner_up_margin:.1f} standard errors behind"
@@ -231,9 +232,10 @@ def refine(
         )
         on_event(Progress(doing))
 
-    found = refine_pose(
-        data.observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
-    )
+    with about(data.drive.path):
+        found = refine_pose(
+            data.observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
+        )
     settled = "settled" if found.converged else "not settled"
     note = f"{config.estimator}, {len(found.levels)} levels, {settled}"
     _tell("refined", start, found, T_init, note, on_event)

@@ -21,7 +21,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import LabelledCloud, Observations
 from semcal_cli.drive.segments import KINDS, observe_segments
-from semcal_cli.errors import InputError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -180,6 +180,8 @@ def test_what_cannot_be_done_is_said(bare: Path) -> None:
     answer = CliRunner().invoke(semcal, ["calibrate", str(bare), "--cue", "segments", "--estimator", "mine"])
     assert answer.exit_code == 2
     assert "--cue segments: they differ from frame to frame" in answer.output
+    answer = CliRunner().invoke(semcal, ["calibrate", str(bare), "--cue", "segments,segments"])
+    assert "found 'segments,segments', needed each cue once" in answer.output
     document = yaml.safe_load((bare / "drive.yaml").read_text())
     del document["frames"][0]["image_labels"]
     (bare / "drive.yaml").write_text(yaml.safe_dump(document))
@@ -259,3 +261,18 @@ def test_a_sweep_without_segments_says_nothing(bare: Path, street_truth: Pose) -
     initial = start_at(data, InitialPose(street_truth, "start"))
     found = refine_and_polish(data, initial, CalibrationConfig().refinement)
     assert compare_poses(found.T_camera_lidar, street_truth).rotation_deg < 0.3
+
+
+def test_sweeps_of_one_kind_of_segments_are_named(bare: Path) -> None:
+    for sweep in sorted((bare / "points").iterdir()):
+        points = np.fromfile(sweep, np.float32).reshape(-1, 4)
+        points[:, 2] = -1.7
+        points.tofile(sweep)
+    shown = CliRunner().invoke(semcal, ["inspect", str(bare)])
+    assert ": its points show ground only: --cue segments needs ground and objects" in shown.output
+    answer = CliRunner().invoke(semcal, ["initialize", str(bare), "--cue", "segments", "-q"])
+    assert isinstance(answer.exception, CalibrationError)
+    expected = (
+        f"{bare / 'drive.yaml'}: no initial calibration: found points of ground only, needed two classes"
+    )
+    assert str(answer.exception) == expected

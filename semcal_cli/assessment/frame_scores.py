@@ -26,7 +26,7 @@ LEAST_SQUARES = 24
 """Least number of squares beyond one in each frame: fewer do not estimate a covariance of six axes."""
 LEAST_RANK = 1e-9
 """Smallest eigenvalue of a correlation matrix of full rank."""
-MAX_STEP_BLOCKS = 3.0
+MAX_STEP_BLOCKS = 1.0
 """Largest distance of the optimum of all frames, in blocks, at which the curvature here tells where it is. By intensity
 in a real jam, where the curvature nearly vanishes along some axis, it came to 7."""
 SHRINKAGE = 0.5

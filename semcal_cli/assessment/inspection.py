@@ -22,6 +22,7 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.motion import motion_error_px
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
+from semcal_cli.drive.segments import KINDS, kinds_of_segments
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.files.picture_sizes import read_size
@@ -138,6 +139,8 @@ class _Content:
     num_no_returns: int = 0
     point_classes: Mapping[str, int] | None = None
     num_points_ignored: int = 0
+    kinds: tuple[str, ...] = ()
+    """Kinds of segments among the points, if these have no labels."""
     image_classes: Mapping[str, int] | None = None
     num_pixels_ignored: int = 0
     errors: tuple[str, ...] = ()
@@ -159,6 +162,8 @@ def _read(drive: Drive, index: int) -> _Content:
         if labels is not None:
             counts, num_ignored = count_labels(drive, "points", labels)
             content = replace(content, point_classes=counts, num_points_ignored=num_ignored)
+        else:
+            content = replace(content, kinds=kinds_of_segments(cloud.points))
     except InputError as error:
         content = replace(content, errors=(str(error),))
     if alone.frames[0].image_labels is None:
@@ -186,6 +191,7 @@ def _report(frame: Frame, content: _Content) -> FrameReport:
         suspicions=(
             *content.errors,
             *_check_side("points", content.point_classes, content.num_points_ignored),
+            *_check_segments(content),
             *_check_side("pixels", content.image_classes, content.num_pixels_ignored),
             *([] if gap_s is None or gap_s <= MAX_GAP_S else [f"sweep and picture are {gap_s:.3f} s apart"]),
         ),
@@ -212,6 +218,14 @@ def _check_side(side: str, counts: Mapping[str, int] | None, num_ignored: int) -
     if ignored > MAX_IGNORED:
         found.append(f"{ignored:.0%} of the {side} carry no information")
     return found
+
+
+def _check_segments(content: _Content) -> list[str]:
+    """Check that a sweep without labels shows both kinds of segments."""
+    if content.point_classes is not None or not content.num_points or len(content.kinds) == len(KINDS):
+        return []
+    found = f"{' and '.join(content.kinds)} only" if content.kinds else "no segments"
+    return [f"its points show {found}: --cue segments needs {' and '.join(KINDS.values())}"]
 
 
 def _pattern(points: Sequence[npt.NDArray[np.float32]]) -> str:

@@ -196,8 +196,10 @@ class CueList(click.ParamType[tuple[str, ...]]):
         if isinstance(value, tuple):
             return value
         names = tuple(str(value).split(","))
-        if len(set(names)) < len(names) or not set(names) <= set(CUES):
+        if not set(names) <= set(CUES):
             self.fail(f"found {value!r}, needed some of {', '.join(CUES)}.", param, ctx)
+        if len(set(names)) < len(names):
+            self.fail(f"found {value!r}, needed each cue once.", param, ctx)
         if "features" in names and len(names) > 1:
             self.fail(f"found {value!r}, but features go alone.", param, ctx)
         return tuple(name for name in CUES if name in names)

@@ -21,7 +21,7 @@ from semcal_cli.drive.reading import make_observations, mend, read_clouds, read_
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
 
-KINDS = {_core.GROUND: "ground", _core.OBJECT: "object"}
+KINDS = {_core.GROUND: "ground", _core.OBJECT: "objects"}
 """Names of the kinds of segments."""
 
 
@@ -58,6 +58,12 @@ def observe_segments(
     names = (list(KINDS.values()), image_class_names)
     found = make_observations(drive, clouds, moved, labelled, images, names)
     return found if is_raw else mend(found)
+
+
+def kinds_of_segments(points: npt.NDArray[np.float32]) -> tuple[str, ...]:
+    """Name the kinds of segments that a sweep (N, 3) in metres shows."""
+    (sweep,) = _core.segment_sweeps([points], SegmentsConfig().segmentation)
+    return tuple(name for kind, name in KINDS.items() if kind in sweep.kinds)
 
 
 def _kinds(sweep: _core.SegmentedSweep) -> npt.NDArray[np.uint8]:

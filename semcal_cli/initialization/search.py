@@ -8,8 +8,11 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
+from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
@@ -70,6 +73,7 @@ def initialize(
     """
     is_searched = T_given is None or config.search_deg is not None
     if is_searched:
+        _check_classes(observations)
         around = None if T_given is None else (T_given, math.radians(config.search_deg or 0.0))
         candidates = _align(observations, register(observations, config, seed, around), config, seed)
     else:
@@ -90,6 +94,16 @@ def initialize(
         hypotheses=hypotheses,
         runner_up_margin=None if other is None else hypotheses[0].margin(other),
     )
+
+
+def _check_classes(observations: Observations) -> None:
+    """Check that points differ in what they carry: else no placement of the picture is better than another."""
+    found = {index for cloud in observations.clouds for index in np.unique(cloud.classes).tolist()} - {
+        NO_CLASS
+    }
+    if len(found) < 2:
+        of_what = " and ".join(observations.point_class_names[index] for index in found) or "no class"
+        raise CalibrationError(f"no initial calibration: found points of {of_what} only, needed two classes")
 
 
 def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis | None:
