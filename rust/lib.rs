@@ -13,6 +13,7 @@ pub mod error;
 pub mod file;
 pub mod label_borders;
 pub mod label_image;
+pub mod labelling;
 pub mod motion;
 pub mod mutual_information;
 pub mod npy;

@@ -17,13 +17,17 @@ from semcal_cli.config import (
     SynthConfig,
 )
 from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.labelling.card import NeighborsConfig
 
 _Float64: TypeAlias = NDArray[np.float64]
 _Float32: TypeAlias = NDArray[np.float32]
 
 __all__ = [
     "GROUND",
+    "NO_ID",
+    "NO_PIXEL",
     "NO_SEGMENT",
+    "NO_VIEW",
     "OBJECT",
     "Agreement",
     "Aligned",
@@ -43,6 +47,8 @@ __all__ = [
     "PointCloud",
     "Polished",
     "Projected",
+    "RangeProjection",
+    "RangeView",
     "RenderedFrame",
     "Renderer",
     "SegmentedSweep",
@@ -53,6 +59,7 @@ __all__ = [
     "Up",
     "agreement",
     "align",
+    "classes_of_scores",
     "despeckle",
     "estimate_grid",
     "estimate_up",
@@ -74,6 +81,7 @@ __all__ = [
     "segment_sweeps",
     "sensitivity",
     "set_num_threads",
+    "shares_of_scores",
     "steps_at_label_borders",
     "steps_at_label_changes",
     "student_quantile",
@@ -86,6 +94,12 @@ NO_SEGMENT: int
 GROUND: int
 OBJECT: int
 """Kinds of segments."""
+NO_ID: int
+"""The id of a pixel or a point that a network does not see."""
+NO_PIXEL: int
+"""Index of a pixel without a point, or of a point without a pixel."""
+NO_VIEW: int
+"""The view of a pixel that no view shows."""
 
 @final
 class Camera:
@@ -721,3 +735,73 @@ def segment_sweeps(
     points: Sequence[_Float32], config: SegmentationConfig, up: Sequence[float] | _Float64 | None = None
 ) -> list[SegmentedSweep]:
     """Segment a drive's sweeps in parallel. Without `up` the direction is estimated from all of them together."""
+
+def classes_of_scores(
+    scores: Sequence[_Float32], views: NDArray[np.uint8], places: _Float32, classes_first: bool
+) -> NDArray[np.uint16]:
+    """Sample scores of classes where pixels lie, bilinear, and take the class of the highest, the lowest of several.
+
+    Args:
+        scores: Scores of each view: (C, h, w) with `classes_first`, otherwise (h, w, C).
+        views: (N,) the view of each pixel, or `NO_VIEW`.
+        places: (N, 2) column and row of each pixel on the grid of its view's scores.
+        classes_first: Whether classes are the first axis.
+
+    Returns:
+        (N,) classes; `NO_ID` where no view shows a pixel.
+
+    Raises:
+        InputError: a score is not finite.
+    """
+
+def shares_of_scores(
+    scores: Sequence[_Float32],
+    views: NDArray[np.uint8],
+    places: _Float32,
+    classes_first: bool,
+    are_logits: bool,
+) -> NDArray[np.uint8]:
+    """Sample scores as `classes_of_scores`, and give the share of each class in 1/255: (N * C,), pixel by pixel.
+
+    Of logits, the softmax is taken; other scores are in proportion to probabilities.
+
+    Raises:
+        InputError: a score is not finite.
+    """
+
+@final
+class RangeProjection:
+    """The points of a sweep in a range image."""
+
+    @property
+    def points(self) -> NDArray[np.uint32]:
+        """(rows * columns,) the nearest point of each pixel, or `NO_PIXEL`."""
+    @property
+    def pixels(self) -> NDArray[np.uint32]:
+        """(N,) the pixel of each point, or `NO_PIXEL`."""
+
+@final
+class RangeView:
+    """A range image: rows from top to bottom, columns from left to right; raises `InputError` if it is impossible."""
+
+    def __new__(
+        cls,
+        rows: int,
+        columns: int,
+        elevations: tuple[float, float],
+        azimuths: tuple[float, float],
+        clamps: bool,
+    ) -> RangeView:
+        """Angles in radians: elevations of the lower and the upper border, azimuths of the left and the right one."""
+
+    def project(self, points: _Float32, rings: NDArray[np.uint16] | None = None) -> RangeProjection:
+        """Project points (N, 3); with `rings` (N,), a point's row is its ring."""
+
+    def carry_back(
+        self,
+        projection: RangeProjection,
+        points: _Float32,
+        classes: NDArray[np.uint16],
+        neighbors: NeighborsConfig,
+    ) -> NDArray[np.uint16]:
+        """Carry the classes of pixels back to points (N,) by their nearest neighbours; `NO_ID` does not vote."""

@@ -31,14 +31,15 @@ MAY_IMPORT = {
     "baselines": "pipeline",
     "synthetic": "drive",
     "datasets": "synthetic formats",
+    "labelling": "datasets",
     "report": "verification",
     "jobs": "files",
     "batch": "verification jobs",
     "rig": "verification",
     "fleet": "batch report",
     "experiments": "jobs baselines datasets report",
-    "schemas": "batch rig fleet",
-    "cli": "library datasets experiments schemas",
+    "schemas": "batch rig fleet labelling",
+    "cli": "library labelling experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
 import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""
@@ -59,6 +60,8 @@ WITH_TORCH = {
 WITH_OPENCV = {
     "files/images",
     "drive/intensity",
+    "labelling/views",
+    "labelling/sides",
     "initialization/pnp",
     "assessment/uncertainty",
     "baselines/soic",

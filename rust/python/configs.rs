@@ -4,6 +4,7 @@ use pyo3::prelude::*;
 
 use super::errors::value_error;
 use crate::alignment::{AlignmentConfig, PolishConfig, SensitivityConfig};
+use crate::labelling::Neighbors;
 use crate::registration::RegistrationConfig;
 use crate::segmentation::SegmentationConfig;
 use crate::semantic_distance::DescentConfig;
@@ -35,6 +36,7 @@ macro_rules! from_attributes {
 }
 
 from_attributes! {
+    Neighbors { count, search, sigma_px, max_difference_m }
     AlignmentConfig { edge_band_px, steps, batch_size, step_size, final_step, max_baseline_m, max_points }
     PolishConfig { edge_band_px, max_rounds, max_steps, tolerance_px, max_baseline_m }
     SensitivityConfig { factor, edge_band_px, max_points, with_intrinsics, regions_across }

@@ -8,6 +8,7 @@ mod camera;
 mod configs;
 mod errors;
 mod label_borders;
+mod labelling;
 mod labels;
 mod motion;
 mod observations;
@@ -37,6 +38,14 @@ mod _core {
     use super::camera::{PyCamera, PyProjected, project_points};
     #[pymodule_export]
     use super::label_borders::{steps_at_label_borders, steps_at_label_changes};
+    #[pymodule_export]
+    use super::labelling::{PyRangeProjection, PyRangeView, classes_of_scores, shares_of_scores};
+    #[pymodule_export]
+    const NO_PIXEL: u32 = crate::labelling::EMPTY;
+    #[pymodule_export]
+    const NO_VIEW: u8 = crate::labelling::NO_VIEW;
+    #[pymodule_export]
+    const NO_ID: u16 = crate::label_image::NO_ID;
     #[pymodule_export]
     use super::labels::{
         PyClassShares, despeckle, read_class_shares, read_label_images, read_label_thumbnails,

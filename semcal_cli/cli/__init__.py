@@ -25,6 +25,7 @@ from semcal_cli.cli.fleet import fleet
 from semcal_cli.cli.import_ import import_
 from semcal_cli.cli.initialize import initialize
 from semcal_cli.cli.inspect import inspect
+from semcal_cli.cli.label import label
 from semcal_cli.cli.overlay import overlay
 from semcal_cli.cli.refine import refine
 from semcal_cli.cli.report import report
@@ -44,7 +45,7 @@ def semcal() -> None:
 
 COMMANDS = (
     *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch, fleet),
-    *(overlay, report, inspect, import_, synth, experiment, demo),
+    *(overlay, report, inspect, import_, label, synth, experiment, demo),
 )
 for command in COMMANDS:
     semcal.add_command(command)

@@ -211,6 +211,12 @@ def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[l
     if init is not None:
         # Other machines have other working folders; the last value of a repeated option counts.
         rest = [*rest, "--init", str(init.absolute())]
+    if (model := given.get("image_model")) is not None:
+        named.append(model)
+        rest = [*rest, "--image-model", str(model.absolute())]
+        if (card := given["image_card"]) is not None and Path(card).exists():
+            named.append(Path(card))
+            rest = [*rest, "--image-card", str(Path(card).absolute())]
     if calibration is not None:
         rest = [str(calibration.absolute()), *rest]
     return rest, [str(drive_file(path).absolute()) for path in named], given["max_points"]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.convert import FormatName, open_options, take_format_options
+from semcal_cli.cli.label import ImageLabels, image_options, label_on_the_way, take_image_labels
 from semcal_cli.cli.options import (
     OUTPUT_FILE,
     PATH,
@@ -37,7 +38,20 @@ if TYPE_CHECKING:
 
 WITH_SOIC = (
     *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),
-    *("max_baseline_m", "page", "images", "output", "threads", "quiet", "log", "max_frames", "max_points"),
+    *(
+        "image_model",
+        "image_card",
+        "rectify",
+        "max_baseline_m",
+        "page",
+        "images",
+        "output",
+        "threads",
+        "quiet",
+        "log",
+        "max_frames",
+        "max_points",
+    ),
 )
 """Parameters of `calibrate` that do not concern mutual information."""
 WITH_PAPER = (*WITH_SOIC, "seed", "roll", "device", "cues", *PAPER_PARAMETERS)
@@ -47,6 +61,7 @@ METHODS = ("mi", "paper", "soic")
 
 @click.command()
 @drive_argument
+@image_options
 @choice_option(
     "--method",
     METHODS,
@@ -108,7 +123,13 @@ def calibrate(
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
+        if settings.image_labels is not None:
+            raise click.UsageError(
+                "--image-model: is for one drive: label those of a rig with `semcal label`"
+            )
         sys.exit(calibrate_rig(rig, run, common, config))
+    if settings.image_labels is not None:
+        drive = _labelled(drive, settings.image_labels, common)
     if settings.is_split:
         from semcal_cli.cli.split import calibrate_parts
 
@@ -131,6 +152,8 @@ class Settings:
     outputs: Outputs
     is_split: bool
     """Whether each part of a drive is calibrated in which the camera was moved."""
+    image_labels: ImageLabels | None
+    """The network that labels pictures on the way; None if the drive has labels."""
 
 
 def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> Settings:
@@ -149,6 +172,7 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
     options = dict(values)
     is_paper = options["method"] == "paper"
     _check_method(options["method"], options["cues"], given)
+    image_labels = take_image_labels(options)
     search_config, initial_pose = make_search(options)
     to, format_options = options["to"], take_format_options(options, "to_")
     if to is None and any(vars(format_options).values()):
@@ -173,7 +197,17 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
     outputs = Outputs(common.output, common.log, formatted, options["page"], options["images"])
     if options["split"]:
         _check_split(outputs, config)
-    return Settings(options["method"], common, config, initial_pose, priors, paper, outputs, options["split"])
+    return Settings(
+        options["method"],
+        common,
+        config,
+        initial_pose,
+        priors,
+        paper,
+        outputs,
+        options["split"],
+        image_labels,
+    )
 
 
 def _by_method(settings: Settings) -> Callable[..., Calibration]:
@@ -189,6 +223,14 @@ def _by_method(settings: Settings) -> Callable[..., Calibration]:
     from semcal_cli.pipeline import calibrate
 
     return partial(calibrate, priors=settings.priors)
+
+
+def _labelled(drive: Path, labels: ImageLabels, common: ResultOptions) -> Path:
+    """Label the pictures of a drive on the way, and return the labelled drive."""
+    from semcal_cli.cli.terminal import Terminal
+
+    with Terminal(quiet=common.quiet) as terminal:
+        return label_on_the_way(drive, labels, common.max_frames, common.max_points, terminal)
 
 
 def _calibrate_drive(

@@ -1,4 +1,4 @@
-"""JSON Schemas of drive.yaml, rig.yaml and the calibration, for editors and other tools.
+"""JSON Schemas of drive.yaml, rig.yaml, the calibration and model cards, for editors and other tools.
 
 `python -m semcal_cli.schemas` regenerates them from the models.
 """
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.validation import StrictModel
+from semcal_cli.labelling.card import PictureCard, PointCard
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.rig.document import Rig
 
@@ -16,6 +17,8 @@ SCHEMAS: dict[str, type[StrictModel]] = {
     "drive.schema.json": Drive,
     "rig.schema.json": Rig,
     "calibration.schema.json": Calibration,
+    "picture_card.schema.json": PictureCard,
+    "point_card.schema.json": PointCard,
 }
 
 

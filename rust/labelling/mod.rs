@@ -1,0 +1,7 @@
+//! What networks give, carried to the pixels of pictures and to the points of sweeps.
+
+mod range_view;
+mod scores;
+
+pub use range_view::{EMPTY, Neighbors, Projection, RangeView};
+pub use scores::{NO_VIEW, Places, Scores};

@@ -1,0 +1,285 @@
+//! Range images as networks for sweeps want them, and the way back from their pixels to points.
+
+use std::f64::consts::TAU;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::label_image::NO_ID;
+use crate::spherical::{azimuth, elevation, to_f64};
+
+/// Index of a pixel without a point, or of a point without a pixel.
+pub const EMPTY: u32 = u32::MAX;
+
+/// Largest number of pixels.
+const MAX_PIXELS: usize = 1 << 24;
+/// Largest side of the window in which neighbours are looked for.
+const MAX_SEARCH: usize = 31;
+
+/// A range image: rows from top to bottom, columns from left to right. Angles in radians.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RangeView {
+    /// Number of rows.
+    pub rows: usize,
+    /// Number of columns.
+    pub columns: usize,
+    /// Elevation of the upper border.
+    pub up: f64,
+    /// Elevation of the lower border.
+    pub down: f64,
+    /// Azimuth of the left border; that of the right one is smaller.
+    pub left: f64,
+    /// Azimuth of the right border.
+    pub right: f64,
+    /// Whether points above and below take the outermost rows, as in RangeNet++; otherwise they are left out.
+    pub clamps: bool,
+}
+
+/// The points of a sweep in a range image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Projection {
+    /// The nearest point of each pixel, or [`EMPTY`].
+    pub points: Vec<u32>,
+    /// The pixel of each point, or [`EMPTY`].
+    pub pixels: Vec<u32>,
+}
+
+/// How a point takes its class from the pixels around its own: Milioto et al., RangeNet++, 2019, algorithm 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Neighbors {
+    /// Number of neighbours that vote.
+    pub count: usize,
+    /// Side of the window in which they are looked for; odd.
+    pub search: usize,
+    /// Standard deviation, in pixels, of the Gaussian that brings near pixels nearer.
+    pub sigma_px: f64,
+    /// Largest difference of ranges, metres.
+    pub max_difference_m: f64,
+}
+
+impl RangeView {
+    /// Checks the numbers.
+    ///
+    /// # Errors
+    /// There are too few or too many pixels, or an empty field of view.
+    pub fn check(&self) -> Result<()> {
+        let pixels = self.rows.checked_mul(self.columns).filter(|&n| (1..=MAX_PIXELS).contains(&n));
+        let (around, high) = (self.left - self.right, self.up - self.down);
+        let is_field = high > 0.0 && high.is_finite() && around > 0.0 && around <= TAU + 1e-9;
+        if pixels.is_none() || !is_field {
+            return Err(Error::Input(format!(
+                "range image: found {} x {} pixels from {:.3} to {:.3} radians up and {:.3} to {:.3} around, needed \
+                 1 to {MAX_PIXELS} pixels, the upper border above the lower, and the left one up to a turn left of the \
+                 right",
+                self.rows, self.columns, self.down, self.up, self.left, self.right
+            )));
+        }
+        Ok(())
+    }
+
+    /// Whether the right border is the left one, after a turn.
+    fn is_round(&self) -> bool {
+        self.left - self.right > TAU - 1e-6
+    }
+
+    /// The points of a sweep; of several in one pixel the nearest stays, and of several equally near the first.
+    /// With `rings`, a point's row is its ring, row 0 the first.
+    pub fn project(&self, points: &[[f32; 3]], rings: Option<&[u16]>) -> Projection {
+        let pixel = |index: usize| {
+            let ring = rings.map(|rings| usize::from(rings[index]));
+            self.pixel(&points[index], ring).unwrap_or(EMPTY)
+        };
+        let pixels: Vec<u32> = (0..points.len()).into_par_iter().map(pixel).collect();
+        let mut nearest = vec![(f64::INFINITY, EMPTY); self.rows * self.columns];
+        for (index, &pixel) in pixels.iter().enumerate().filter(|(_, pixel)| **pixel != EMPTY) {
+            let range = to_f64(&points[index]).norm_squared();
+            let best = &mut nearest[pixel as usize];
+            if range < best.0 {
+                *best = (range, index as u32);
+            }
+        }
+        Projection { points: nearest.into_iter().map(|(_, index)| index).collect(), pixels }
+    }
+
+    fn pixel(&self, point: &[f32; 3], ring: Option<usize>) -> Option<u32> {
+        let direction = to_f64(point);
+        let range = direction.norm();
+        if !(range > 0.0 && range.is_finite()) {
+            return None;
+        }
+        let down = match ring {
+            Some(ring) => ring as f64 / self.rows as f64,
+            None => (self.up - elevation(&direction)) / (self.up - self.down),
+        };
+        // The azimuth that is at most a turn to the right of the left border.
+        let aside = (self.left - azimuth(&direction)).rem_euclid(TAU);
+        let across = aside / (self.left - self.right);
+        if ring.is_none() && !self.clamps && !(0.0..1.0).contains(&down)
+            || ring.is_some_and(|ring| ring >= self.rows)
+        {
+            return None;
+        }
+        if !self.is_round() && across >= 1.0 {
+            return None;
+        }
+        let row = ((down * self.rows as f64).max(0.0) as usize).min(self.rows - 1);
+        let column = ((across * self.columns as f64) as usize).min(self.columns - 1);
+        Some((row * self.columns + column) as u32)
+    }
+
+    /// Carries the classes of pixels back to points: each point's is that which most of its nearest neighbours have, by
+    /// range, among the pixels around its own; the lowest of several. Pixels of `NO_ID` do not vote.
+    ///
+    /// # Errors
+    /// The window is even or too large, or no neighbour may vote.
+    pub fn carry_back(
+        &self,
+        projection: &Projection,
+        points: &[[f32; 3]],
+        classes: &[u16],
+        neighbors: &Neighbors,
+    ) -> Result<Vec<u16>> {
+        let Neighbors { count, search, .. } = *neighbors;
+        if search % 2 == 0 || search > MAX_SEARCH || count == 0 {
+            return Err(Error::Input(format!(
+                "neighbors: found {count} in a window of {search}, needed at least 1 and an odd window up to {MAX_SEARCH}"
+            )));
+        }
+        let ranges: Vec<f64> = points.par_iter().map(|point| to_f64(point).norm()).collect();
+        let farther = farther(search, neighbors.sigma_px);
+        let class = |index: usize, near: &mut Vec<(f64, u16)>| {
+            let pixel = projection.pixels[index];
+            if pixel == EMPTY {
+                return NO_ID;
+            }
+            near.clear();
+            self.around(pixel as usize, search, |place, other| {
+                let point = projection.points[other];
+                if point == EMPTY || classes[other] == NO_ID {
+                    return;
+                }
+                // The point stands in its own pixel, whatever nearer point hides it there.
+                let is_own = other == pixel as usize;
+                let difference = if is_own { 0.0 } else { (ranges[point as usize] - ranges[index]).abs() };
+                near.push((difference * farther[place], classes[other]));
+            });
+            vote(near, count, neighbors.max_difference_m)
+        };
+        Ok((0..points.len()).into_par_iter().map_init(Vec::new, |near, index| class(index, near)).collect())
+    }
+
+    /// Visits the pixels of a window around a pixel, with their places in it; columns go on beyond a round border.
+    fn around(&self, pixel: usize, search: usize, mut visit: impl FnMut(usize, usize)) {
+        let (row, column, half) = (pixel / self.columns, pixel % self.columns, search / 2);
+        for place in 0..search * search {
+            let (down, across) = (row + place / search, column + place % search);
+            if !(half..self.rows + half).contains(&down) {
+                continue;
+            }
+            let is_inside = (half..self.columns + half).contains(&across);
+            if is_inside || self.is_round() && search <= self.columns {
+                let other = (across + self.columns - half) % self.columns;
+                visit(place, (down - half) * self.columns + other);
+            }
+        }
+    }
+}
+
+/// How much farther away the pixels of a window count than they are: one less a Gaussian of sum one.
+fn farther(search: usize, sigma_px: f64) -> Vec<f64> {
+    let middle = (search / 2) as f64;
+    let height = |place: usize| {
+        let (y, x) = ((place / search) as f64 - middle, (place % search) as f64 - middle);
+        (-(x * x + y * y) / (2.0 * sigma_px * sigma_px)).exp()
+    };
+    let heights: Vec<f64> = (0..search * search).map(height).collect();
+    let sum: f64 = heights.iter().sum();
+    heights.into_iter().map(|height| 1.0 - height / sum).collect()
+}
+
+/// The class that most of the nearest have, the lowest of several.
+fn vote(near: &mut [(f64, u16)], count: usize, max_difference_m: f64) -> u16 {
+    near.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    let is_near = |(difference, _): &&(f64, u16)| *difference <= max_difference_m;
+    let valid = near.iter().take(count).take_while(is_near).count();
+    let voting = &mut near[..valid];
+    voting.sort_by_key(|(_, class)| *class);
+    let mut best = (0, NO_ID);
+    for same in voting.chunk_by(|a, b| a.1 == b.1) {
+        if same.len() > best.0 {
+            best = (same.len(), same[0].1);
+        }
+    }
+    best.1
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::PI;
+
+    use super::*;
+    use crate::spherical::from_angles;
+
+    const NEAREST: Neighbors = Neighbors { count: 5, search: 5, sigma_px: 1.0, max_difference_m: 1.0 };
+
+    fn round() -> RangeView {
+        RangeView { rows: 4, columns: 8, up: 0.4, down: -0.4, left: PI, right: -PI, clamps: true }
+    }
+
+    fn at(azimuth: f64, elevation: f64, range: f64) -> [f32; 3] {
+        let point = from_angles(azimuth, elevation) * range;
+        [point.x as f32, point.y as f32, point.z as f32]
+    }
+
+    #[test]
+    fn columns_run_to_the_right_and_rows_down() {
+        let points =
+            [at(3.1, 0.39, 5.0), at(0.1, 0.1, 5.0), at(-3.1, -0.39, 5.0), at(0.0, 1.2, 5.0), [0.0; 3]];
+        assert_eq!(round().project(&points, None).pixels, [0, 8 + 3, 24 + 7, 4, EMPTY]);
+        let strict = RangeView { clamps: false, ..round() };
+        assert_eq!(strict.project(&points, None).pixels[3], EMPTY);
+        let front = RangeView { left: 0.8, right: -0.8, ..round() };
+        assert_eq!(front.project(&points, None).pixels, [EMPTY, 8 + 3, EMPTY, 4, EMPTY]);
+        assert_eq!(round().project(&points, Some(&[3, 3, 0, 4, 0])).pixels, [24, 24 + 3, 7, EMPTY, EMPTY]);
+    }
+
+    #[test]
+    fn the_nearest_point_of_a_pixel_stays() {
+        let points = [at(0.1, 0.1, 9.0), at(0.1, 0.1, 3.0), at(0.1, 0.1, 3.0)];
+        let found = round().project(&points, None);
+        assert_eq!((found.points[11], found.points.iter().filter(|&&index| index != EMPTY).count()), (1, 1));
+    }
+
+    #[test]
+    fn a_hidden_point_takes_the_class_of_what_is_as_far_away() {
+        let view = RangeView { rows: 4, columns: 64, ..round() };
+        // A near post hides a wall behind it; the wall's pixels are to the left and to the right.
+        let wall = |azimuth: f64| at(azimuth, 0.05, 20.0);
+        let points = [at(0.05, 0.05, 4.0), wall(0.05), wall(0.15), wall(0.25), wall(-0.05), wall(-0.15)];
+        let projection = view.project(&points, None);
+        let mut classes = vec![NO_ID; 4 * 64];
+        for (index, &pixel) in projection.pixels.iter().enumerate() {
+            if projection.points[pixel as usize] == index as u32 {
+                classes[pixel as usize] = if index == 0 { 7 } else { 2 };
+            }
+        }
+        assert_eq!(
+            view.carry_back(&projection, &points, &classes, &NEAREST).expect("valid"),
+            [7, 2, 2, 2, 2, 2]
+        );
+    }
+
+    #[test]
+    fn windows_go_on_behind_a_round_border() {
+        let points = [at(3.1, 0.05, 5.0), at(-3.1, 0.05, 5.0), at(-3.0, 0.05, 5.0), at(-2.9, 0.05, 5.0)];
+        let view = RangeView { rows: 4, columns: 64, ..round() };
+        let projection = view.project(&points, None);
+        let mut classes = vec![NO_ID; 4 * 64];
+        for (class, &pixel) in [1, 3, 3, 3].into_iter().zip(&projection.pixels) {
+            classes[pixel as usize] = class;
+        }
+        assert_eq!(view.carry_back(&projection, &points, &classes, &NEAREST).expect("valid"), [3; 4]);
+        let even = Neighbors { search: 4, ..NEAREST };
+        assert!(view.carry_back(&projection, &points, &classes, &even).is_err());
+    }
+}

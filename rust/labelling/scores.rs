@@ -1,0 +1,237 @@
+//! Scores of classes on a coarse grid, as networks give them, sampled where the pixels of a picture lie.
+
+use std::borrow::Cow;
+
+use rayon::prelude::*;
+
+use crate::error::{Error, Result};
+use crate::label_image::NO_ID;
+
+/// The view of a pixel that no view shows.
+pub const NO_VIEW: u8 = u8::MAX;
+
+/// Pixels of a chunk of work.
+const CHUNK: usize = 4096;
+
+/// Scores of all classes on a grid, classes last.
+#[derive(Clone, Debug)]
+pub struct Scores<'a> {
+    values: Cow<'a, [f32]>,
+    rows: usize,
+    columns: usize,
+    num_classes: usize,
+}
+
+/// Where the pixels of a picture lie in views of it, each view with scores of its own.
+#[derive(Clone, Copy, Debug)]
+pub struct Places<'a> {
+    /// The view of each pixel, or [`NO_VIEW`].
+    pub views: &'a [u8],
+    /// Column and row of each pixel on the grid of its view's scores; an integer is the centre of a cell.
+    pub places: &'a [[f32; 2]],
+}
+
+impl<'a> Scores<'a> {
+    /// Scores with the classes last: `rows * columns * num_classes` values.
+    ///
+    /// # Errors
+    /// A value is not finite, or there are no values.
+    pub fn classes_last(
+        values: &'a [f32],
+        (rows, columns, num_classes): (usize, usize, usize),
+    ) -> Result<Self> {
+        Self::checked(Cow::Borrowed(values), (rows, columns, num_classes))
+    }
+
+    /// Scores with the classes first: `num_classes * rows * columns` values.
+    ///
+    /// # Errors
+    /// As [`Scores::classes_last`].
+    pub fn classes_first(
+        values: &[f32],
+        (num_classes, rows, columns): (usize, usize, usize),
+    ) -> Result<Self> {
+        let cells = rows * columns;
+        let mut turned = vec![0.0; values.len()];
+        if num_classes > 0 && columns > 0 {
+            turned.par_chunks_mut(columns * num_classes).enumerate().for_each(|(row, line)| {
+                for (class, plane) in values.chunks_exact(cells).enumerate() {
+                    for (column, value) in plane[row * columns..(row + 1) * columns].iter().enumerate() {
+                        line[column * num_classes + class] = *value;
+                    }
+                }
+            });
+        }
+        Self::checked(Cow::Owned(turned), (rows, columns, num_classes))
+    }
+
+    fn checked(values: Cow<'a, [f32]>, (rows, columns, num_classes): (usize, usize, usize)) -> Result<Self> {
+        if values.is_empty() || values.len() != rows * columns * num_classes {
+            return Err(Error::Input(format!(
+                "found {} scores for {rows} x {columns} x {num_classes}",
+                values.len()
+            )));
+        }
+        if let Some(wrong) = values.par_iter().find_any(|value| !value.is_finite()) {
+            return Err(Error::Input(format!("found a score that is {wrong}, needed finite ones")));
+        }
+        Ok(Self { values, rows, columns, num_classes })
+    }
+
+    /// The scores of a cell.
+    #[inline]
+    fn at(&self, column: usize, row: usize) -> &[f32] {
+        let first = (row * self.columns + column) * self.num_classes;
+        &self.values[first..first + self.num_classes]
+    }
+
+    /// Writes the scores at a place, bilinear between the centres of cells; beyond the outermost centres they stay.
+    #[inline]
+    fn sample(&self, [x, y]: [f32; 2], scores: &mut [f32]) {
+        let (left, right, across) = between(x, self.columns);
+        let (above, below, down) = between(y, self.rows);
+        let (a, b) = (self.at(left, above), self.at(right, above));
+        let (c, d) = (self.at(left, below), self.at(right, below));
+        let weights =
+            [(1.0 - across) * (1.0 - down), across * (1.0 - down), (1.0 - across) * down, across * down];
+        for (index, score) in scores.iter_mut().enumerate() {
+            *score =
+                weights[0] * a[index] + weights[1] * b[index] + weights[2] * c[index] + weights[3] * d[index];
+        }
+    }
+}
+
+/// The two cells on a line of `count` beside a place, and its distance from the first.
+#[inline]
+fn between(place: f32, count: usize) -> (usize, usize, f32) {
+    let inside = place.clamp(0.0, (count - 1) as f32);
+    let first = inside.floor();
+    (first as usize, (first as usize + 1).min(count - 1), inside - first)
+}
+
+impl Places<'_> {
+    /// The class of the highest score of each pixel, the lowest of several; [`NO_ID`] where no view shows it.
+    ///
+    /// # Errors
+    /// A pixel's view has no scores, or views differ in their number of classes.
+    pub fn classes(&self, scores: &[Scores<'_>]) -> Result<Vec<u16>> {
+        let num_classes = self.check(scores)?;
+        let mut classes = vec![NO_ID; self.views.len()];
+        classes.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, part)| {
+            let mut sampled = vec![0.0; num_classes];
+            for (offset, class) in part.iter_mut().enumerate() {
+                if self.sample(scores, chunk * CHUNK + offset, &mut sampled) {
+                    *class = highest(&sampled);
+                }
+            }
+        });
+        Ok(classes)
+    }
+
+    /// The share of each class of each pixel, in 1/255, pixel by pixel; nothing where no view shows it.
+    ///
+    /// Scores are logits, of which the softmax is taken, or already in proportion to probabilities.
+    ///
+    /// # Errors
+    /// As [`Places::classes`].
+    pub fn shares(&self, scores: &[Scores<'_>], are_logits: bool) -> Result<Vec<u8>> {
+        let num_classes = self.check(scores)?;
+        let mut shares = vec![0; self.views.len() * num_classes];
+        shares.par_chunks_mut(CHUNK * num_classes).enumerate().for_each(|(chunk, part)| {
+            let mut sampled = vec![0.0; num_classes];
+            for (offset, pixel) in part.chunks_exact_mut(num_classes).enumerate() {
+                if self.sample(scores, chunk * CHUNK + offset, &mut sampled) {
+                    write_shares(&mut sampled, are_logits, pixel);
+                }
+            }
+        });
+        Ok(shares)
+    }
+
+    fn check(&self, scores: &[Scores<'_>]) -> Result<usize> {
+        let num_classes = scores.first().map_or(0, |first| first.num_classes);
+        let is_known = |view: &u8| *view == NO_VIEW || usize::from(*view) < scores.len();
+        if scores.iter().any(|each| each.num_classes != num_classes) || !self.views.par_iter().all(is_known) {
+            return Err(Error::Input("views of a picture: found other scores than views".into()));
+        }
+        Ok(num_classes.max(1))
+    }
+
+    #[inline]
+    fn sample(&self, scores: &[Scores<'_>], index: usize, sampled: &mut [f32]) -> bool {
+        let (view, place) = (self.views[index], self.places[index]);
+        let is_seen = view != NO_VIEW && place.iter().all(|x| x.is_finite());
+        if is_seen {
+            scores[usize::from(view)].sample(place, sampled);
+        }
+        is_seen
+    }
+}
+
+#[inline]
+fn highest(scores: &[f32]) -> u16 {
+    let mut best = 0;
+    for (class, score) in scores.iter().enumerate() {
+        if *score > scores[best] {
+            best = class;
+        }
+    }
+    best as u16
+}
+
+fn write_shares(scores: &mut [f32], are_logits: bool, shares: &mut [u8]) {
+    if are_logits {
+        let most = scores.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        scores.iter_mut().for_each(|score| *score = (*score - most).exp());
+    } else {
+        scores.iter_mut().for_each(|score| *score = score.max(0.0));
+    }
+    let sum: f32 = scores.iter().sum();
+    if sum > 0.0 {
+        let scale = 255.0 / sum;
+        shares.iter_mut().zip(scores).for_each(|(share, score)| *share = (*score * scale).round() as u8);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn classes_first_and_last_are_the_same_scores() {
+        let last = [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0, 12.0];
+        let first = [1.0, 3.0, 5.0, 7.0, 9.0, 11.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0];
+        let (a, b) = (Scores::classes_last(&last, (3, 2, 2)), Scores::classes_first(&first, (2, 3, 2)));
+        assert_eq!(a.expect("whole").values, b.expect("whole").values);
+    }
+
+    #[test]
+    fn between_two_cells_the_nearer_one_wins_and_outside_nothing_does() {
+        let scores = [Scores::classes_last(&[1.0, 0.0, 0.0, 1.0], (1, 2, 2)).expect("whole")];
+        let places = [[-3.0, 0.0], [0.4, 0.0], [0.6, 9.0], [0.0, 0.0], [f32::NAN, 0.0]];
+        let found = Places { views: &[0, 0, 0, NO_VIEW, 0], places: &places };
+        assert_eq!(found.classes(&scores).expect("known"), [0, 0, 1, NO_ID, NO_ID]);
+        let shares = found.shares(&scores, false).expect("known");
+        assert_eq!(shares, [255, 0, 153, 102, 102, 153, 0, 0, 0, 0]);
+    }
+
+    #[test]
+    fn what_is_not_finite_is_an_error() {
+        assert!(Scores::classes_last(&[1.0, f32::NAN], (1, 1, 2)).is_err());
+        assert!(Scores::classes_first(&[1.0, f32::INFINITY], (2, 1, 1)).is_err());
+        assert!(Scores::classes_last(&[], (0, 1, 2)).is_err());
+    }
+
+    proptest! {
+        #[test]
+        fn the_likeliest_class_has_the_highest_score(logits in prop::collection::vec(-9f32..9f32, 4)) {
+            let scores = [Scores::classes_last(&logits, (1, 1, 4)).expect("whole")];
+            let pixel = Places { views: &[0], places: &[[0.0, 0.0]] };
+            let (class, shares) = (pixel.classes(&scores).expect("known")[0], pixel.shares(&scores, true).expect("known"));
+            prop_assert_eq!(shares[usize::from(class)], *shares.iter().max().expect("four"));
+            let sum: i32 = shares.iter().map(|share| i32::from(*share)).sum();
+            prop_assert!((sum - 255).abs() <= 2);
+        }
+    }
+}

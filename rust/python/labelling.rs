@@ -1,0 +1,132 @@
+//! What networks give, carried to pixels and points.
+
+use numpy::{IntoPyArray, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use pyo3::prelude::*;
+
+use super::arrays::borrowed_rows;
+use super::errors::value_error;
+use super::threads::detached;
+use crate::error::Result;
+use crate::labelling::{Neighbors, Places, Projection, RangeView, Scores};
+
+/// Calls a function with the scores of all views and the places of all pixels.
+fn sampled<T: Send>(
+    py: Python<'_>,
+    scores: &[PyReadonlyArray3<'_, f32>],
+    views: &PyReadonlyArray1<'_, u8>,
+    places: &PyReadonlyArray2<'_, f32>,
+    classes_first: bool,
+    compute: impl Fn(&Places<'_>, &[Scores<'_>]) -> Result<Vec<T>> + Send + Sync,
+) -> PyResult<Vec<T>> {
+    let (views, places) = (views.as_slice()?, borrowed_rows("places", places)?);
+    if views.len() != places.len() {
+        return Err(value_error("views and places of as many pixels are needed"));
+    }
+    let mut arrays = Vec::with_capacity(scores.len());
+    for each in scores {
+        arrays.push((each.as_slice()?, each.as_array().dim()));
+    }
+    let found = detached(py, || {
+        let scores = arrays.iter().map(|&(values, dim)| match classes_first {
+            true => Scores::classes_first(values, dim),
+            false => Scores::classes_last(values, dim),
+        });
+        let scores = scores.collect::<Result<Vec<_>>>()?;
+        compute(&Places { views, places: &places }, &scores)
+    })?;
+    Ok(found)
+}
+
+#[pyfunction]
+pub(super) fn classes_of_scores<'py>(
+    py: Python<'py>,
+    scores: Vec<PyReadonlyArray3<'py, f32>>,
+    views: PyReadonlyArray1<'py, u8>,
+    places: PyReadonlyArray2<'py, f32>,
+    classes_first: bool,
+) -> PyResult<Bound<'py, PyArray1<u16>>> {
+    let found =
+        sampled(py, &scores, &views, &places, classes_first, |places, scores| places.classes(scores))?;
+    Ok(found.into_pyarray(py))
+}
+
+#[pyfunction]
+pub(super) fn shares_of_scores<'py>(
+    py: Python<'py>,
+    scores: Vec<PyReadonlyArray3<'py, f32>>,
+    views: PyReadonlyArray1<'py, u8>,
+    places: PyReadonlyArray2<'py, f32>,
+    classes_first: bool,
+    are_logits: bool,
+) -> PyResult<Bound<'py, PyArray1<u8>>> {
+    let found = sampled(py, &scores, &views, &places, classes_first, |places, scores| {
+        places.shares(scores, are_logits)
+    })?;
+    Ok(found.into_pyarray(py))
+}
+
+#[pyclass(name = "RangeView", frozen)]
+pub(super) struct PyRangeView(RangeView);
+
+#[pyclass(name = "RangeProjection", frozen, get_all)]
+pub(super) struct PyRangeProjection {
+    points: Py<PyArray1<u32>>,
+    pixels: Py<PyArray1<u32>>,
+}
+
+#[pymethods]
+impl PyRangeView {
+    #[new]
+    fn new(
+        rows: usize,
+        columns: usize,
+        elevations: (f64, f64),
+        azimuths: (f64, f64),
+        clamps: bool,
+    ) -> PyResult<Self> {
+        let ((down, up), (left, right)) = (elevations, azimuths);
+        let view = RangeView { rows, columns, up, down, left, right, clamps };
+        view.check()?;
+        Ok(Self(view))
+    }
+
+    #[pyo3(signature = (points, rings=None))]
+    fn project(
+        &self,
+        py: Python<'_>,
+        points: PyReadonlyArray2<f32>,
+        rings: Option<PyReadonlyArray1<u16>>,
+    ) -> PyResult<PyRangeProjection> {
+        let points = borrowed_rows("points", &points)?;
+        let rings = rings.as_ref().map(PyReadonlyArray1::as_slice).transpose()?;
+        if rings.is_some_and(|rings| rings.len() != points.len()) {
+            return Err(value_error("a ring of each point is needed"));
+        }
+        let found = detached(py, || self.0.project(&points, rings));
+        Ok(PyRangeProjection {
+            points: found.points.into_pyarray(py).unbind(),
+            pixels: found.pixels.into_pyarray(py).unbind(),
+        })
+    }
+
+    fn carry_back<'py>(
+        &self,
+        py: Python<'py>,
+        projection: &PyRangeProjection,
+        points: PyReadonlyArray2<f32>,
+        classes: PyReadonlyArray1<u16>,
+        neighbors: Neighbors,
+    ) -> PyResult<Bound<'py, PyArray1<u16>>> {
+        let points = borrowed_rows("points", &points)?;
+        let projection = Projection {
+            points: projection.points.bind(py).readonly().as_slice()?.to_vec(),
+            pixels: projection.pixels.bind(py).readonly().as_slice()?.to_vec(),
+        };
+        let classes = classes.as_slice()?;
+        if projection.points.len() != classes.len() || projection.pixels.len() != points.len() {
+            return Err(value_error("the projection is not of these points and pixels"));
+        }
+        let found = detached(py, || self.0.carry_back(&projection, &points, classes, &neighbors))?;
+        Ok(found.into_pyarray(py))
+    }
+}

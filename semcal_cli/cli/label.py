@@ -1,0 +1,276 @@
+"""`semcal label`: labels of pictures and sweeps from networks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, get_args
+
+import click
+
+from semcal_cli.cli.options import (
+    PATH,
+    Command,
+    choice_option,
+    max_points_option,
+    number_option,
+    quiet_option,
+    threads_option,
+    with_options,
+)
+from semcal_cli.config import Device
+
+if TYPE_CHECKING:
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.document import Drive
+    from semcal_cli.labelling.pictures import PictureLabeller
+    from semcal_cli.labelling.sides import Side
+
+
+@dataclass(frozen=True)
+class ImageLabels:
+    """Options about the network that labels pictures."""
+
+    model: Path
+    """File of the model."""
+    card: str | None
+    """Name or file of its card."""
+    is_rectified: bool
+    """Whether it sees rectified pictures."""
+
+
+def image_options(command: Command) -> Command:
+    """Add the options about the network that labels pictures."""
+    return with_options(
+        command,
+        [
+            click.option(
+                "--image-model",
+                type=PATH,
+                metavar="FILE",
+                help="Network that labels the pictures, .onnx.",
+            ),
+            click.option(
+                "--image-card",
+                metavar="NAME|FILE",
+                help="What the network wants and gives: a ready card, as segformer-cityscapes, or a file; "
+                "FILE.yaml beside FILE.onnx if not given.",
+            ),
+            click.option(
+                "--rectify",
+                is_flag=True,
+                help="Let the network see pictures without the lens's distortion, several of a fisheye's, and carry "
+                "its labels back.",
+            ),
+        ],
+    )
+
+
+def take_image_labels(options: dict[str, Any]) -> ImageLabels | None:
+    """Take the options about the network that labels pictures out of those of a command.
+
+    Raises:
+        click.UsageError: one is given without the network.
+    """
+    model, card, is_rectified = (options.pop(name) for name in ("image_model", "image_card", "rectify"))
+    if model is not None:
+        return ImageLabels(model, card, is_rectified)
+    for name, value in (("--image-card", card), ("--rectify", is_rectified)):
+        if value:
+            raise click.UsageError(f"{name}: is of a network: give --image-model, too")
+    return None
+
+
+def label_on_the_way(
+    drive: Path, labels: ImageLabels, max_frames: int, max_points: int, terminal: Terminal
+) -> Path:
+    """Label evenly spaced pictures of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
+
+    Raises:
+        InputError: the model or the card is wrong, or a picture cannot be labelled.
+    """
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.labelling.drives import label_beside
+    from semcal_cli.labelling.sides import PictureSide
+
+    start, whole = perf_counter(), read_drive(drive, max_points)
+    chosen = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
+    labeller = _picture_labeller(chosen, labels, "cpu", None)
+    side = PictureSide(labeller, is_rectified=labels.is_rectified, has_probabilities=False)
+    path = label_beside(chosen, side, terminal.on_event)
+    seconds = perf_counter() - start
+    terminal.print(
+        f"labels   {seconds:6.2f} s   {len(chosen.frames)} pictures by {labels.model.name}, in {path}"
+    )
+    _tell_guesses(labeller, terminal)
+    return path
+
+
+@click.command(context_settings={"max_content_width": 100})
+@click.argument("drive", type=PATH, required=False)
+@image_options
+@click.option(
+    "--probabilities", is_flag=True, help="Write probabilities of classes, .npz, instead of ids, .png."
+)
+@click.option(
+    "--point-model", type=PATH, metavar="FILE", help="Network that labels the range images of sweeps, .onnx."
+)
+@click.option(
+    "--point-card",
+    metavar="NAME|FILE",
+    help="What it wants and gives; FILE.yaml beside FILE.onnx if not given.",
+)
+@click.option(
+    "--points",
+    type=click.Choice(["segments"]),
+    help="Label the points by their geometry instead: ground and objects, each with the number of its segment.",
+)
+@click.option(
+    "-o", "--output", type=PATH, metavar="DRIVE", help="Folder of the labelled drive, or its drive.yaml."
+)
+@click.option("--preview", type=PATH, metavar="FILE", help="Draw the labels of one picture, .png.")
+@click.option(
+    "--show", type=PATH, metavar="FILE", help="Tell what was understood of a model, and try it; no drive."
+)
+@number_option("--max-frames", help="Label at most N evenly spaced frames; all if not given.")
+@choice_option("--device", get_args(Device), default="cpu", help="Device of the networks.")
+@click.option("--force", is_flag=True, help="Make labels again that are there.")
+@max_points_option
+@threads_option
+@quiet_option
+def label(drive: Path | None, **options: Any) -> None:
+    """Label the pictures or the sweeps of DRIVE with networks, and write a drive with the labels.
+
+    A network is an ONNX file. What it wants is read from it and from its card; what neither says is guessed, and told.
+    A stopped run goes on where it was. A frame that cannot be labelled is named and left out; the exit code is then 1.
+    """
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.jobs.threads import set_num_threads
+
+    set_num_threads(options["threads"])
+    with Terminal(quiet=options["quiet"]) as terminal:
+        if options["show"] is not None:
+            _show(options["show"], options)
+            return
+        if drive is None:
+            raise click.UsageError("Missing argument 'DRIVE'.")
+        _label_drive(drive, options, terminal)
+
+
+def _show(model: Path, options: dict[str, Any]) -> None:
+    from semcal_cli.labelling.models import open_model, try_out
+    from semcal_cli.labelling.picture_model import PictureModel
+
+    card = options["image_card"] or options["point_card"]
+    found = open_model(model, card, options["device"], options["threads"])
+    lines = found.describe()
+    if isinstance(found, PictureModel):
+        lines.append(("tried", try_out(found)))
+    for name, text in lines:
+        click.echo(f"{name:<10}{text}")
+
+
+def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> None:
+    """Label a drive, draw the preview, and say what was done.
+
+    Raises:
+        click.UsageError: options are missing, or exclude one another.
+        InputError: the drive, a model or a card is wrong, or frames cannot be labelled.
+    """
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.errors import InputError
+    from semcal_cli.labelling.drives import label_drive
+
+    images = take_image_labels(options)
+    _check(options, images)
+    drive = read_drive(path, options["max_points"])
+    if options["max_frames"] is not None:
+        kept = tuple(evenly_spaced(drive.frames, options["max_frames"]))
+        drive = drive.model_copy(update={"frames": kept})
+    sides = []
+    if images is not None:
+        labeller = _picture_labeller(drive, images, options["device"], options["threads"])
+        _tell_guesses(labeller, terminal)
+        if options["preview"] is not None:
+            _preview(drive, labeller, options["preview"], terminal)
+        sides.append(_picture_side(labeller, images, options["probabilities"]))
+    sides += _point_sides(options)
+    if options["output"] is None:
+        return
+    start = perf_counter()
+    done = label_drive(drive, sides, options["output"], force=options["force"], on_event=terminal.on_event)
+    before = f", {done.num_before:,} label files were there" if done.num_before else ""
+    terminal.print(f"wrote {done.path}: {done.num_frames:,} frames in {perf_counter() - start:.1f} s{before}")
+    for failure in done.failures:
+        terminal.print(f"failed: {failure}")
+    if done.failures:
+        raise InputError(f"{len(done.failures)} of {len(drive.frames)} frames failed; {done.failures[0]}")
+
+
+def _check(options: dict[str, Any], images: ImageLabels | None) -> None:
+    if images is None and options["point_model"] is None and options["points"] is None:
+        raise click.UsageError("found nothing to label with: give --image-model, --point-model or --points")
+    if options["point_model"] is not None and options["points"] is not None:
+        raise click.UsageError("--points: excludes --point-model")
+    if options["point_model"] is None and options["point_card"] is not None:
+        raise click.UsageError("--point-card: is of a network: give --point-model, too")
+    if images is None and (options["preview"] is not None or options["probabilities"]):
+        raise click.UsageError("--preview, --probabilities: are of pictures: give --image-model, too")
+    if options["output"] is None and options["preview"] is None:
+        raise click.UsageError("found no place for the labels: give -o, or --preview to look at one picture")
+    if options["preview"] is not None and options["preview"].suffix.lower() != ".png":
+        raise click.UsageError(f"--preview: found {options['preview']}, needed a .png")
+
+
+def _picture_labeller(
+    drive: Drive, labels: ImageLabels, device: str, num_threads: int | None
+) -> PictureLabeller:
+    from semcal_cli.labelling.models import open_picture_model
+    from semcal_cli.labelling.pictures import PictureLabeller
+
+    model = open_picture_model(labels.model, labels.card, device, num_threads)
+    return PictureLabeller(model, drive.camera, is_rectified=labels.is_rectified)
+
+
+def _picture_side(labeller: PictureLabeller, labels: ImageLabels, has_probabilities: bool) -> Side:
+    from semcal_cli.labelling.sides import PictureSide
+
+    return PictureSide(labeller, is_rectified=labels.is_rectified, has_probabilities=has_probabilities)
+
+
+def _point_sides(options: dict[str, Any]) -> list[Side]:
+    from semcal_cli.labelling.models import open_point_model
+    from semcal_cli.labelling.sides import SegmentSide, SweepSide
+    from semcal_cli.labelling.sweeps import SweepLabeller
+
+    if options["points"] is not None:
+        return [SegmentSide()]
+    if options["point_model"] is None:
+        return []
+    names = ("point_model", "point_card", "device", "threads")
+    model = open_point_model(*(options[name] for name in names))
+    return [SweepSide(SweepLabeller(model))]
+
+
+def _tell_guesses(labeller: PictureLabeller, terminal: Terminal) -> None:
+    for guess in labeller.model.guesses:
+        terminal.print(f"guessed: {guess}")
+
+
+def _preview(drive: Drive, labeller: PictureLabeller, path: Path, terminal: Terminal) -> None:
+    """Draw the labels of the middle frame."""
+    from semcal_cli.drive.reading import read_frame_image
+    from semcal_cli.errors import InputError
+    from semcal_cli.files.images import write_image
+    from semcal_cli.report.label_picture import draw_labels
+
+    frame = drive.frames[len(drive.frames) // 2]
+    picture = read_frame_image(drive, frame)
+    if picture is None:
+        raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
+    model = labeller.model
+    write_image(draw_labels(picture, labeller.ids(picture), model.classes, model.ignore), path)
+    terminal.print(f"drew {path}: {frame.image}")

@@ -1,0 +1,191 @@
+"""The model card: what a network wants and gives, where its file does not say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, TypeAlias
+
+from pydantic import Field, field_validator, model_validator
+
+from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.drive.document import Ids, ImageSide
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.messages import mismatch
+from semcal_cli.files.validation import StrictModel, Version, check_distinct, length, validate
+
+CARDS = Path(__file__).parent / "cards"
+"""Folder of the ready cards."""
+
+Fit: TypeAlias = Literal["stretch", "letterbox", "tiles"]
+Color: TypeAlias = Literal["rgb", "bgr", "gray"]
+Layout: TypeAlias = Literal["channels_first", "channels_last"]
+Kind: TypeAlias = Literal["logits", "probabilities", "ids", "masks"]
+Channel: TypeAlias = Literal["range", "x", "y", "z", "intensity", "mask"]
+
+Factor = Annotated[float, Field(ge=-1e6, le=1e6)]
+Spread = Annotated[float, Field(gt=0.0, le=1e6)]
+Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
+ClassName = Annotated[str, Field(min_length=1)]
+
+
+class Card(StrictModel):
+    """What cards of networks for pictures and for sweeps share."""
+
+    output: str | None = None
+    """Name of the output, if the network has several."""
+    classes: str | Annotated[tuple[ClassName, ...], length(2)] | dict[ClassName, Ids] | None = None
+    """Name of a class table, as cityscapes-train, or its file; or the names of the ids from 0 on; or ids by name."""
+    ignore: Ids = ()
+    """Ids that carry no information, beside those of the class table."""
+
+    @field_validator("classes")
+    @classmethod
+    def _check_classes(cls, classes: object) -> object:
+        if isinstance(classes, dict):
+            check_distinct({name: [f"id {value}" for value in ids] for name, ids in classes.items()})
+        if isinstance(classes, tuple) and len(set(classes)) < len(classes):
+            twice = next(name for name in classes if classes.count(name) > 1)
+            raise mismatch(f"{twice!r} twice", "different names")
+        return classes
+
+
+class PictureCard(Card):
+    """Card of a network for pictures. What is absent is read from the model, or else guessed, and the guess is told."""
+
+    semcal_picture_model: Version
+    """Version of this format."""
+    size: Annotated[tuple[ImageSide, ...], length(2, 2)] | None = None
+    """Columns and rows that the network wants, if it takes any; by default the picture's, up to a multiple of 32."""
+    fit: Fit = "stretch"
+    """How a picture comes to that size: stretched, scaled with a border around it, or cut into tiles that overlap."""
+    color: Color | None = None
+    """Order of the colours; rgb if the network has three channels, gray if it has one."""
+    scale: Spread | None = None
+    """Factor of the pixels' values from 0 to 255; 1/255 by default."""
+    mean: Annotated[tuple[Factor, ...], length(1, 3)] | None = None
+    """What is subtracted after scaling, from each channel, or one number from all; 0 by default."""
+    std: Annotated[tuple[Spread, ...], length(1, 3)] | None = None
+    """What each channel is then divided by; 1 by default. Without scale, mean and std, ImageNet's are guessed."""
+    layout: Layout | None = None
+    """Place of the channels in the network's input."""
+    kind: Kind | None = None
+    """What the output is: logits or probabilities of each class, ids, or masks with classes as of Mask2Former."""
+    align_corners: bool = False
+    """Whether the centres of the outermost cells of a coarse output lie on those of the outermost pixels."""
+
+
+class NeighborsConfig(StrictModel):
+    """How points take their classes from the pixels around them: Milioto et al., RangeNet++, 2019, algorithm 1."""
+
+    count: Annotated[int, Field(ge=1, le=100)] = 5
+    """Number of neighbours that vote."""
+    search: Annotated[int, Field(ge=1, le=31)] = 5
+    """Side of the window, in pixels, in which they are looked for; odd."""
+    sigma_px: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+    """Standard deviation of the Gaussian that brings near pixels nearer."""
+    max_difference_m: Annotated[float, Field(gt=0.0, le=1e3)] = 1.0
+    """Largest difference between the ranges of a point and of a neighbour, metres."""
+
+    @field_validator("search")
+    @classmethod
+    def _check_odd(cls, search: int) -> int:
+        if search % 2 == 0:
+            raise mismatch(search, "an odd number")
+        return search
+
+
+class PointCard(Card):
+    """Card of a network for range images of sweeps."""
+
+    semcal_point_model: Version
+    """Version of this format."""
+    rows: Annotated[int, Field(ge=2, le=4096)]
+    """Rows of the range image."""
+    columns: Annotated[int, Field(ge=2, le=0xFFFF)]
+    """Columns of the range image."""
+    elevation_deg: Annotated[tuple[Degrees, ...], length(2, 2)]
+    """Elevations of the lower and of the upper border, degrees."""
+    azimuth_deg: Annotated[tuple[Degrees, ...], length(2, 2)] = (180.0, -180.0)
+    """Azimuths of the left and of the right border, degrees, positive to the left."""
+    row_by: Literal["elevation", "ring"] = "elevation"
+    """What tells the row of a point: its elevation, or its ring, 0 the uppermost."""
+    outside: Literal["clamp", "drop"] = "clamp"
+    """What becomes of points above and below: they take the outermost rows, or get no label."""
+    channels: Annotated[tuple[Channel, ...], length(1, 16)]
+    """Channels of the input, in order. `mask` is 1 where there is a return and is not normalised."""
+    mean: Annotated[tuple[Factor, ...], length(1, 16)]
+    """What is subtracted from each channel."""
+    std: Annotated[tuple[Spread, ...], length(1, 16)]
+    """What each channel is then divided by."""
+    empty: Factor = 0.0
+    """Value of pixels without a return, after this."""
+    intensity_scale: Spread = 1.0
+    """Factor of the intensities, if the network was trained with another range of them than the LiDAR has."""
+    neighbors: NeighborsConfig | None = NeighborsConfig()
+    """How points take their classes from pixels; null takes that of the point's own pixel."""
+
+    @model_validator(mode="after")
+    def _check_channels(self) -> PointCard:
+        for name in ("mean", "std"):
+            if len(getattr(self, name)) != len(self.channels):
+                needed = f"{len(self.channels)}, one for each channel"
+                raise ValueError(f"{name}: {mismatch(f'{len(getattr(self, name))} numbers', needed)}")
+        if self.elevation_deg[0] >= self.elevation_deg[1]:
+            raise ValueError(f"elevation_deg: {mismatch(list(self.elevation_deg), 'the lower border first')}")
+        if not 0.0 < self.azimuth_deg[0] - self.azimuth_deg[1] <= 360.0:
+            needed = "the left border first, and at most a turn"
+            raise ValueError(f"azimuth_deg: {mismatch(list(self.azimuth_deg), needed)}")
+        return self
+
+
+def card_names() -> list[str]:
+    """List the names of the ready cards."""
+    return sorted(path.stem for path in CARDS.glob("*.yaml"))
+
+
+def find_card(name: str | None, model: Path) -> Path | None:
+    """Find a ready card by its name, a card's file, or the card beside a model; None if there is none.
+
+    Raises:
+        InputError: there is no such card.
+    """
+    if name is None:
+        beside = model.with_suffix(".yaml")
+        return beside if beside.exists() else None
+    if name in card_names():
+        return CARDS / f"{name}.yaml"
+    if not Path(name).suffix and not Path(name).exists():
+        raise InputError(f"found card {name!r}, needed a file or one of: {', '.join(card_names())}")
+    return Path(name)
+
+
+def read_card(path: Path) -> PictureCard | PointCard:
+    """Read a card.
+
+    Raises:
+        InputError: the file is missing or wrong.
+    """
+    document = read_document(path)
+    if isinstance(document, Mapping) and "semcal_point_model" in document:
+        return validate(PointCard, document, path)
+    return validate(PictureCard, document, path)
+
+
+def read_classes(card: Card, path: Path) -> tuple[dict[str, tuple[int, ...]], tuple[int, ...]]:
+    """Look up the classes of a card that was read from `path`: the ids of each name, and the ids to ignore.
+
+    Raises:
+        InputError: the class table does not exist, or is wrong.
+    """
+    classes = card.classes
+    if classes is None:
+        return {}, card.ignore
+    if isinstance(classes, str):
+        beside = path.parent / classes
+        table = read_ontology(str(beside) if Path(classes).suffix else classes)
+        return {name: named.ids for name, named in table.classes.items()}, (*table.ignore, *card.ignore)
+    named = classes if isinstance(classes, dict) else {name: (place,) for place, name in enumerate(classes)}
+    kept = {name: tuple(value for value in ids if value not in card.ignore) for name, ids in named.items()}
+    return {name: ids for name, ids in kept.items() if ids}, card.ignore

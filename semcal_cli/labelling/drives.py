@@ -1,0 +1,239 @@
+"""A drive with labels from networks: label files, and a drive.yaml that names them beside the files of the old one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeAlias
+
+from semcal_cli.drive.document import DRIVE_FILE, Drive, Frame
+from semcal_cli.errors import InputError
+from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.reading import hash_file
+from semcal_cli.files.validation import validate
+from semcal_cli.files.writing import make_folder, write_bytes, write_text
+from semcal_cli.labelling.sides import Side
+
+RECORD = "semcal_label.json"
+"""File in a folder of labels that says what they depend on."""
+CACHE = ".semcal_labels"
+"""Folder beside a drive.yaml for labels that `calibrate` makes on the way."""
+AT_A_TIME = 2
+"""Frames at a time: while the network works on one, another is read, prepared or written."""
+KEY_LENGTH = 16
+"""Hexadecimal digits of the name of a folder or a file of the cache."""
+Files: TypeAlias = dict[str, list[Path | InputError]]
+"""Label files of all frames by the key of a frame; an error where there can be none."""
+FILES = ("points", "point_labels", "image_labels", "image", "point_features", "image_features")
+"""Keys of a frame's files."""
+
+
+@dataclass(frozen=True)
+class LabelledDrive:
+    """Summary of a labelled drive."""
+
+    path: Path
+    """The drive.yaml."""
+    num_frames: int
+    """Number of its frames."""
+    num_before: int
+    """Number of label files that were there already."""
+    failures: tuple[str, ...]
+    """Messages about frames that are left out."""
+
+
+def label_drive(
+    drive: Drive,
+    sides: Sequence[Side],
+    out: Path,
+    *,
+    force: bool = False,
+    by_content: bool = False,
+    on_event: Listener = ignore,
+) -> LabelledDrive:
+    """Label the frames of a drive, and write a drive with the labels.
+
+    Label files lie in folders beside the new drive.yaml. A frame is done when its files are whole, so that a stopped
+    run goes on where it was. Frames that fail are left out.
+
+    Args:
+        drive: The drive.
+        sides: What is labelled.
+        out: Folder of the new drive, or its drive.yaml.
+        force: Whether labels that are there are made again.
+        by_content: Whether label files are named by what they are labels of, and not by the name of its file.
+        on_event: Called with each event.
+
+    Raises:
+        InputError: no frame can be labelled, or a folder holds labels of other networks or settings.
+    """
+    path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
+    if os.path.realpath(path) == os.path.realpath(drive.path):
+        raise InputError(f"{path}: found the drive that is read, needed another name")
+    files: Files = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}
+    jobs = [(side, index) for index in range(len(drive.frames)) for side in sides]
+    done = {
+        (side.key, index)
+        for side, index in jobs
+        if not force and _is_done(drive, side, files[side.key][index])
+    }
+    waiting = [(side, index) for side, index in jobs if (side.key, index) not in done]
+
+    def label(job: tuple[Side, int]) -> None:
+        side, index = job
+        file = files[side.key][index]
+        if isinstance(file, InputError):
+            raise file
+        write_bytes(side.label(drive, drive.frames[index]), file)
+
+    failed: dict[int, str] = {}
+    for (_, index), error in _run(waiting, label, on_event):
+        if error is not None:
+            failed.setdefault(index, str(error))
+    kept = [index for index in range(len(drive.frames)) if index not in failed]
+    if not kept:
+        raise InputError(next(iter(failed.values())))
+    document = _document(drive, sides, path, kept, files)
+    validate(Drive, document, path)
+    write_text(document_text(document, "yaml"), path)
+    return LabelledDrive(path, len(kept), len(done), tuple(failed.values()))
+
+
+def label_beside(drive: Drive, side: Side, on_event: Listener = ignore) -> Path:
+    """Label the pictures of a drive into a cache beside it, and return the drive.yaml of the labelled drive.
+
+    The cache is keyed by the model, the settings and the content of the pictures.
+
+    Raises:
+        InputError: a picture cannot be labelled, or the cache cannot be written.
+    """
+    settings = {
+        "settings": side.settings,
+        "classes": side.classes,
+        "ignore": side.ignore,
+        "drive": drive.path.name,
+    }
+    key = hashlib.sha256(_text(settings).encode()).hexdigest()[:KEY_LENGTH]
+    found = label_drive(drive, [side], drive.root / CACHE / key, by_content=True, on_event=on_event)
+    if found.failures:
+        raise InputError(f"{len(found.failures)} of {len(drive.frames)} pictures failed; {found.failures[0]}")
+    return found.path
+
+
+def _text(settings: Any) -> str:
+    return json.dumps(settings, indent=2, sort_keys=True) + "\n"
+
+
+def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: bool) -> list[Path | InputError]:
+    """Make the folder of the labels, check its record, and name the label file of each frame.
+
+    Raises:
+        InputError: the folder cannot be made, or holds labels of other networks or settings.
+    """
+    folder = root / side.key
+    make_folder(folder)
+    record = folder / RECORD
+    if not record.exists():
+        if any(folder.iterdir()):
+            raise InputError(f"{folder}: found files that `semcal label` has not written, needed another -o")
+    elif not force and read_document(record) != json.loads(_text(side.settings)):
+        raise InputError(
+            f"{folder}: found labels of another model or other settings, needed another -o, or --force"
+        )
+    write_text(_text(side.settings), record)
+    return [
+        name if isinstance(name, InputError) else folder / f"{name}{side.suffix}"
+        for name in _names(drive, side, by_content)
+    ]
+
+
+def _names(drive: Drive, side: Side, by_content: bool) -> list[str | InputError]:
+    """Name the labels of each frame by the file that is labelled, or by its content."""
+    sources = [getattr(frame, side.source) for frame in drive.frames]
+    if by_content:
+        return [
+            _content_name(drive, frame, source) for frame, source in zip(drive.frames, sources, strict=True)
+        ]
+    stems = [Path(source).name.split(".")[0] if source else "" for source in sources]
+    if len(set(stems)) == len(stems) and all(stems):
+        return [*stems]
+    return [f"{index:06d}" for index in range(len(sources))]
+
+
+def _content_name(drive: Drive, frame: Frame, source: str | None) -> str | InputError:
+    if source is None:
+        return InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
+    try:
+        return hash_file(drive.resolve(source))[:KEY_LENGTH]
+    except InputError as error:
+        return error
+
+
+def _is_done(drive: Drive, side: Side, file: Path | InputError) -> bool:
+    return not isinstance(file, InputError) and file.exists() and side.is_whole(drive, file)
+
+
+def _run(
+    jobs: Sequence[tuple[Side, int]], label: Callable[[tuple[Side, int]], None], on_event: Listener
+) -> Iterator[tuple[tuple[Side, int], InputError | None]]:
+    """Run jobs, some at a time, and yield them in order with their errors."""
+    start = perf_counter()
+    with ThreadPoolExecutor(AT_A_TIME) as pool:
+        futures: list[Future[None]] = [pool.submit(label, job) for job in jobs]
+        try:
+            for count, (job, future) in enumerate(zip(jobs, futures, strict=True)):
+                left = (perf_counter() - start) / count * (len(jobs) - count) if count else 0.0
+                on_event(
+                    Progress(
+                        f"labelling {count + 1} of {len(jobs)}" + (f", {left:.0f} s left" if count else "")
+                    )
+                )
+                error = future.exception()
+                if error is not None and not isinstance(error, InputError):
+                    raise error
+                yield job, error
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _document(
+    drive: Drive,
+    sides: Sequence[Side],
+    path: Path,
+    kept: Sequence[int],
+    files: Files,
+) -> dict[str, Any]:
+    """Make the document of the labelled drive, whose files are relative to it."""
+    document: dict[str, Any] = drive.model_dump(mode="json", exclude_none=True)
+    document["frames"] = [_frame(drive, index, path, files) for index in kept]
+    classes, ignored = document.pop("classes", {}), document.pop("ignore", {})
+    for side in sides:
+        name = "image" if side.key == "image_labels" else "points"
+        classes[name] = {each: list(ids) for each, ids in side.classes.items()}
+        ignored[name] = list(side.ignore)
+        if name == "image":
+            document.pop("palette", None)
+    for key, values in (("ignore", ignored), ("classes", classes)):
+        if given := {name: value for name, value in values.items() if value}:
+            document[key] = given
+    if "poses" in document.get("motion", {}):
+        document["motion"]["poses"] = _relative(drive, document["motion"]["poses"], path)
+    return document
+
+
+def _frame(drive: Drive, index: int, path: Path, files: Files) -> dict[str, Any]:
+    frame: dict[str, Any] = drive.frames[index].model_dump(mode="json", exclude_none=True)
+    frame |= {key: _relative(drive, frame[key], path) for key in FILES if key in frame}
+    return frame | {key: os.path.relpath(str(names[index]), path.parent) for key, names in files.items()}
+
+
+def _relative(drive: Drive, name: str, path: Path) -> str:
+    return os.path.relpath(drive.resolve(name), path.parent)

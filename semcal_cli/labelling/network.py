@@ -1,0 +1,136 @@
+"""A network from an ONNX file, run by onnxruntime and by nothing else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.reading import open_file
+
+if TYPE_CHECKING:
+    import onnxruntime
+
+TYPES = {
+    "tensor(float)": "float32",
+    "tensor(float16)": "float16",
+    "tensor(double)": "float64",
+    "tensor(uint8)": "uint8",
+    "tensor(int8)": "int8",
+    "tensor(uint16)": "uint16",
+    "tensor(int16)": "int16",
+    "tensor(int32)": "int32",
+    "tensor(uint32)": "uint32",
+    "tensor(int64)": "int64",
+    "tensor(uint64)": "uint64",
+    "tensor(bool)": "bool",
+}
+"""NumPy's names of onnxruntime's types."""
+PROVIDERS = {"cpu": "CPUExecutionProvider", "cuda": "CUDAExecutionProvider"}
+"""Providers by the names of the devices."""
+SILENT = 4
+"""Severity from which onnxruntime writes to stderr: never, since its errors are raised, too."""
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input or an output of a network."""
+
+    name: str
+    """Name in the model."""
+    shape: tuple[int | None, ...]
+    """Sizes of the axes; None for one that takes any."""
+    dtype: str
+    """NumPy's name of the type."""
+
+    def __str__(self) -> str:
+        sizes = " x ".join("any" if size is None else str(size) for size in self.shape)
+        return f"{self.name!r} {sizes or 'scalar'} {self.dtype}"
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """An open network with a single input."""
+
+    path: Path
+    """File of the model."""
+    session: onnxruntime.InferenceSession
+    """Session that runs it; several threads may."""
+    input: Port
+    """Its input."""
+    outputs: tuple[Port, ...]
+    """Its outputs, in order."""
+
+    def run(self, tensor: npt.NDArray[Any], names: Sequence[str]) -> Mapping[str, npt.NDArray[Any]]:
+        """Run the network, and give the outputs of these names.
+
+        Raises:
+            InputError: the network fails, as on a size that it cannot take.
+        """
+        try:
+            found = self.session.run(list(names), {self.input.name: tensor})
+        except Exception as error:  # onnxruntime has an exception of its own for each kind of failure.
+            shape = " x ".join(map(str, tensor.shape))
+            raise InputError(f"{self.path}: failed on an input of {shape}: {reason_of(error)}") from None
+        return dict(zip(names, map(np.asarray, found), strict=True))
+
+
+def open_network(path: Path, device: str = "cpu", num_threads: int | None = None) -> Network:
+    """Open a model; its weights may lie in files beside it, and nowhere else.
+
+    Args:
+        path: File of the model, .onnx.
+        device: cpu or cuda.
+        num_threads: Threads of a run; None for all cores.
+
+    Raises:
+        InputError: the file is missing or no model, onnxruntime or the device is missing, or there are several inputs.
+    """
+    onnxruntime = _onnxruntime()
+    with open_file(path):
+        pass
+    provider = PROVIDERS[device]
+    if provider not in onnxruntime.get_available_providers():
+        raise InputError(
+            f"--device {device}: found an onnxruntime without {provider}, needed one with it, as onnxruntime-gpu"
+        )
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = SILENT
+    if num_threads is not None:
+        options.intra_op_num_threads = num_threads
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=[provider])
+    except Exception as error:
+        raise InputError(f"{path}: found no model that onnxruntime can open: {reason_of(error)}") from None
+    inputs, outputs = (tuple(map(_port, ports)) for ports in (session.get_inputs(), session.get_outputs()))
+    if len(inputs) != 1:
+        names = ", ".join(port.name for port in inputs) or "none"
+        raise InputError(f"{path}: found inputs {names}, needed one: a picture or a range image")
+    return Network(path, session, inputs[0], outputs)
+
+
+def reason_of(error: Exception) -> str:
+    """Say in one line why onnxruntime failed."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", text)[:300]
+
+
+def _onnxruntime() -> Any:
+    try:
+        import onnxruntime
+    except ImportError:
+        raise InputError(
+            "onnxruntime: found none, needed it to run a network: pip install 'semcal[label]'"
+        ) from None
+    return onnxruntime
+
+
+def _port(port: Any) -> Port:
+    shape = tuple(size if isinstance(size, int) and size > 0 else None for size in port.shape)
+    return Port(port.name, shape, TYPES.get(port.type, port.type))

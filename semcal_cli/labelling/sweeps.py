@@ -1,0 +1,112 @@
+"""Labels of sweeps: from a network for range images, or by geometry alone."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.errors import InputError
+from semcal_cli.labelling.card import NeighborsConfig
+from semcal_cli.labelling.point_model import PointModel
+
+OWN_PIXEL = NeighborsConfig(count=1, search=1)
+"""Neighbours of a point that takes the class of its own pixel."""
+KIND_IDS = {"ground": 1, "objects": 2}
+"""Ids of the kinds of segments in written labels; 0 is none."""
+INSTANCE_BITS = 16
+"""Bits of a written label below those of the instance: SemanticKITTI's layout."""
+
+
+class SweepLabeller:
+    """Labels sweeps with a network; several threads may use it at a time."""
+
+    def __init__(self, model: PointModel) -> None:
+        """Plan the range image.
+
+        Raises:
+            InputError: its size or field of view is impossible.
+        """
+        self.model, card = model, model.card
+        elevations, azimuths = (
+            (math.radians(first), math.radians(last))
+            for first, last in (card.elevation_deg, card.azimuth_deg)
+        )
+        self.view = _core.RangeView(card.rows, card.columns, elevations, azimuths, card.outside == "clamp")
+
+    def ids(self, cloud: _core.PointCloud) -> npt.NDArray[np.uint16]:
+        """Label the points of a sweep.
+
+        Returns:
+            (N,) ids; `_core.NO_ID` outside the range image.
+
+        Raises:
+            InputError: the cloud lacks a field that the network wants, or the network fails or gives no labels.
+        """
+        card = self.model.card
+        rings = self._field(cloud.ring, "ring") if card.row_by == "ring" else None
+        projection = self.view.project(cloud.points, rings)
+        tensor = self.tensor(cloud, projection.points).astype(self.model.network.input.dtype)
+        output = self.model.network.run(tensor, [self.model.output])[self.model.output]
+        pixels = self._pixels(output)
+        pixels[projection.points == _core.NO_PIXEL] = _core.NO_ID
+        neighbors = card.neighbors or OWN_PIXEL
+        return self.view.carry_back(projection, cloud.points, pixels, neighbors)
+
+    def tensor(self, cloud: _core.PointCloud, points: npt.NDArray[np.uint32]) -> npt.NDArray[np.float32]:
+        """Make the network's input (1, C, rows, columns) of the point of each pixel (P,)."""
+        card = self.model.card
+        is_filled = points != _core.NO_PIXEL
+        taken = points[is_filled]
+        xyz = cloud.points[taken].astype(np.float64)
+        planes = np.full((len(card.channels), len(points)), card.empty, np.float32)
+        for plane, channel, mean, std in zip(planes, card.channels, card.mean, card.std, strict=True):
+            if channel == "mask":
+                plane[:] = is_filled
+                continue
+            if channel == "range":
+                values = np.linalg.norm(xyz, axis=1)
+            elif channel == "intensity":
+                values = self._field(cloud.intensity, "intensity")[taken] * card.intensity_scale
+            else:
+                values = xyz[:, "xyz".index(channel)]
+            plane[is_filled] = (values - mean) / std
+        return planes.reshape(1, len(planes), card.rows, card.columns)
+
+    def _pixels(self, output: npt.NDArray[Any]) -> npt.NDArray[np.uint16]:
+        """Classes (P,) of the pixels from scores (1, C, rows, columns) or ids."""
+        path, size = self.model.network.path, (self.model.card.rows, self.model.card.columns)
+        if output.ndim == 4 and output.shape[0] == 1 and output.shape[1] > 1 and output.shape[2:] == size:
+            if not np.isfinite(output).all():
+                raise InputError(f"{path}: found a score that is not finite, needed finite ones")
+            return np.asarray(output[0].argmax(axis=0).ravel(), np.uint16)
+        if [each for each in output.shape if each != 1] == list(size) and np.issubdtype(
+            output.dtype, np.integer
+        ):
+            low, high = int(output.min()), int(output.max())
+            if low < 0 or high >= _core.NO_ID:
+                raise InputError(f"{path}: found ids from {low} to {high}, needed 0 to {_core.NO_ID - 1}")
+            return np.asarray(output.ravel(), np.uint16)
+        needed = f"1 x classes x {size[0]} x {size[1]}, or ids as whole numbers"
+        raise InputError(f"{path}: found output {output.shape} of {output.dtype}, needed {needed}")
+
+    def _field(self, values: npt.NDArray[Any] | None, name: str) -> npt.NDArray[Any]:
+        if values is None:
+            raise InputError(f"found points without {name}, which {self.model.network.path} wants")
+        return values
+
+
+def segment_labels(points: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
+    """Label the points (N, 3) of a sweep by its geometry: the kind in the lower 16 bits, the segment in the upper ones.
+
+    Segments are numbered from 1; 0 is none.
+    """
+    (sweep,) = _core.segment_sweeps([points], SegmentationConfig())
+    kinds = np.append(np.where(sweep.kinds == _core.GROUND, KIND_IDS["ground"], KIND_IDS["objects"]), 0)
+    place = np.minimum(sweep.ids, sweep.num_segments)
+    instances = np.where(place < sweep.num_segments, (place + 1) % (1 << INSTANCE_BITS), 0)
+    return np.asarray(kinds[place] + (instances << INSTANCE_BITS), np.uint32)

@@ -1,0 +1,271 @@
+"""The pictures that a network sees: a camera's picture, rectified or not, brought to the network's size.
+
+Each pixel of the camera's picture knows the view that shows it best, and its place there, so that what the network says
+of the views is carried back in one step.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import Camera
+from semcal_cli.errors import InputError
+from semcal_cli.labelling.card import Fit
+
+Picture: TypeAlias = npt.NDArray[np.uint8]
+"""(H, W, 3) blue, green, red."""
+Draw: TypeAlias = Callable[[Picture], Picture]
+Places: TypeAlias = npt.NDArray[np.float64]
+"""(N, 2) column and row of each pixel of the camera's picture in another picture; an integer is a pixel centre."""
+
+OVERLAP = 0.25
+"""Least share of a tile that its neighbour shows, too."""
+MAX_VIEWS = 250
+"""Most views of a picture."""
+ONE_VIEW_DEG = 55.0
+"""Largest angle from the optical axis, in degrees, that a single rectified picture shows."""
+FACE_DEG = 50.0
+"""Half of the field of view of a face of the cube that rectifies wider lenses: faces overlap by ten degrees."""
+MAX_RECTIFIED = 2.0
+"""Largest size of a rectified picture, in widths and heights of the camera's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """A picture made of the camera's, to be brought to the network's size."""
+
+    size: tuple[int, int]
+    """Columns and rows."""
+    draw: Draw
+    places: Places
+    """Places of the camera's pixels; NaN where this picture does not show them."""
+    merit: npt.NDArray[np.float64]
+    """(N,) how well this picture shows each pixel of the camera's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What a network sees of a camera's picture."""
+
+    draws: tuple[Draw, ...]
+    """Functions that make the views of the camera's picture."""
+    size: tuple[int, int]
+    """Columns and rows of each view."""
+    views: npt.NDArray[np.uint8]
+    """(N,) the view that shows each pixel of the camera's picture best, or `_core.NO_VIEW`."""
+    places: npt.NDArray[np.float32]
+    """(N, 2) the pixel's place there."""
+
+    def places_on(self, columns: int, rows: int, *, align_corners: bool) -> npt.NDArray[np.float32]:
+        """Places (N, 2) on a grid that covers a view: at any stride, so that borders or outermost centres agree."""
+        (width, height), grid = self.size, np.array([columns, rows], np.float32)
+        size = np.array([width, height], np.float32)
+        if align_corners:
+            return np.asarray(self.places * ((grid - 1) / np.maximum(size - 1, 1)), np.float32)
+        return np.asarray((self.places + 0.5) * (grid / size) - 0.5, np.float32)
+
+
+def make_views(
+    camera: Camera, size: tuple[int, int], fit: Fit, padding: Sequence[int], *, is_rectified: bool
+) -> Views:
+    """Plan the views of a camera's pictures.
+
+    Args:
+        camera: The camera, with its lens.
+        size: Columns and rows of each view.
+        fit: How a picture comes to that size.
+        padding: Blue, green and red of what is beyond a picture.
+        is_rectified: Whether the network sees pictures without the lens's distortion.
+
+    Raises:
+        InputError: tiles would be too many.
+    """
+    sources = list(_rectified(camera)) if is_rectified else [_raw(camera)]
+    best = np.argmax([source.merit for source in sources], axis=0)
+    num_pixels = camera.width * camera.height
+    views, places = np.full(num_pixels, _core.NO_VIEW, np.uint8), np.zeros((num_pixels, 2), np.float32)
+    draws: list[Draw] = []
+    for index, source in enumerate(sources):
+        is_here = (best == index) & np.isfinite(source.merit)
+        if not is_here.any():
+            continue
+        merit = np.full(num_pixels, -np.inf)
+        for draw, view_places, view_merit in _fitted(source, size, fit, padding):
+            is_better = is_here & (view_merit > merit)
+            if not is_better.any():
+                continue
+            if len(draws) == MAX_VIEWS:
+                raise InputError(f"tiles of {size[0]} x {size[1]}: found more than {MAX_VIEWS}, needed fewer")
+            views[is_better], places[is_better] = len(draws), view_places[is_better]
+            merit[is_better] = view_merit[is_better]
+            draws.append(draw)
+    return Views(tuple(draws), size, views, places)
+
+
+def _pixels(camera: Camera) -> Places:
+    columns, rows = np.meshgrid(np.arange(camera.width, dtype=float), np.arange(camera.height, dtype=float))
+    return np.stack([columns.ravel(), rows.ravel()], axis=1)
+
+
+def _raw(camera: Camera) -> Source:
+    places = _pixels(camera)
+    return Source((camera.width, camera.height), lambda picture: picture, places, np.zeros(len(places)))
+
+
+# Rectified pictures
+
+
+def _rectified(camera: Camera) -> Iterator[Source]:
+    """Yield one rectified picture along the optical axis, or the faces of a cube for a lens that sees too much."""
+    lens = core_camera(camera)
+    rays = lens.unproject(_pixels(camera))
+    cosines = rays[:, 2][np.isfinite(rays[:, 2])]
+    if not len(cosines):
+        raise InputError("--rectify: found a lens that reaches no pixel, needed another")
+    if math.degrees(math.acos(max(min(cosines.min(), 1.0), -1.0))) <= ONE_VIEW_DEG:
+        yield _front(camera, lens, rays)
+        return
+    half = math.tan(math.radians(FACE_DEG))
+    focal = lens.pixels_per_radian
+    side = max(round(2.0 * half * focal), 1)
+    for R_face_camera in _faces():
+        center = (side - 1) / 2.0
+        yield _pinhole(
+            camera, lens, rays @ R_face_camera.T, R_face_camera, focal, (center, center), (side, side)
+        )
+
+
+def _faces() -> Iterator[npt.NDArray[np.float64]]:
+    """Yield R_face_camera (3, 3) of the faces of a cube: front, right, back, left, below, above."""
+    for turns in range(4):
+        yield np.asarray(cv2.Rodrigues(np.array([0.0, -0.5 * math.pi * turns, 0.0]))[0].round(), float)
+    for sign in (1.0, -1.0):
+        yield np.asarray(cv2.Rodrigues(np.array([sign * 0.5 * math.pi, 0.0, 0.0]))[0].round(), float)
+
+
+def _front(camera: Camera, lens: _core.Camera, rays: npt.NDArray[np.float64]) -> Source:
+    """Make the rectified picture that shows all that the camera sees, of the same scale on the optical axis."""
+    focal = lens.pixels_per_radian
+    inside = np.isfinite(rays).all(1)
+    slopes = rays[inside, :2] / rays[inside, 2:]
+    low, high = slopes.min(axis=0), slopes.max(axis=0)
+    sides = np.ceil(focal * (high - low)) + 1
+    most = MAX_RECTIFIED * np.array([camera.width, camera.height])
+    focal *= min(1.0, *(most / sides))
+    columns, rows = (int(side) for side in np.ceil(focal * (high - low)) + 1)
+    center = (-focal * low[0], -focal * low[1])
+    return _pinhole(camera, lens, rays, np.eye(3), focal, center, (columns, rows))
+
+
+def _pinhole(
+    camera: Camera,
+    lens: _core.Camera,
+    rays_face: npt.NDArray[np.float64],
+    R_face_camera: npt.NDArray[np.float64],
+    focal: float,
+    center: tuple[float, float],
+    size: tuple[int, int],
+) -> Source:
+    """Make a picture without distortion; `rays_face` (N, 3) are those of the camera's pixels in its frame."""
+    columns, rows = size
+    u, v = np.meshgrid((np.arange(columns) - center[0]) / focal, (np.arange(rows) - center[1]) / focal)
+    rays_camera = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera
+    taken = lens.project(rays_camera).reshape(rows, columns, 2)
+    # What the lens does not reach is taken from beyond the picture's border.
+    taken = np.where(np.isfinite(taken), taken, -1e4)
+    across, down = taken[..., 0].astype(np.float32), taken[..., 1].astype(np.float32)
+    forward = rays_face[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        places = focal * rays_face[:, :2] / forward[:, None] + np.array(center)
+    shown = (places >= -0.5).all(1) & (places[:, 0] < columns - 0.5) & (places[:, 1] < rows - 0.5)
+    merit = np.where(shown & (forward > 0.0), forward, -np.inf)
+
+    def draw(picture: Picture) -> Picture:
+        return np.asarray(cv2.remap(picture, across, down, cv2.INTER_LINEAR), np.uint8)
+
+    return Source(size, draw, places, merit)
+
+
+# The network's size
+
+
+def _fitted(
+    source: Source, size: tuple[int, int], fit: Fit, padding: Sequence[int]
+) -> Iterator[tuple[Draw, Places, npt.NDArray[np.float64]]]:
+    """Yield functions that draw the views of a source, with the places of the camera's pixels and their merit."""
+    (width, height), (columns, rows) = source.size, size
+    if fit == "tiles":
+        for left in _starts(width, columns):
+            for top in _starts(height, rows):
+                yield _tile(source, size, (left, top), padding)
+        return
+    across, down = columns / width, rows / height
+    if fit == "letterbox":
+        across = down = min(across, down)
+    inner = (min(max(round(width * across), 1), columns), min(max(round(height * down), 1), rows))
+    left, top = (columns - inner[0]) // 2, (rows - inner[1]) // 2
+    scale = np.array([inner[0] / width, inner[1] / height])
+    places = (source.places + 0.5) * scale - 0.5 + np.array([left, top])
+    shrinks = inner[0] < width or inner[1] < height
+
+    def draw(picture: Picture) -> Picture:
+        drawn = source.draw(picture)
+        if inner != source.size:
+            drawn = _as_picture(
+                cv2.resize(drawn, inner, interpolation=cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR)
+            )
+        return _padded(drawn, size, (left, top), padding)
+
+    yield draw, places, np.where(np.isfinite(places).all(1), 0.0, -np.inf)
+
+
+def _starts(length: int, side: int) -> list[int]:
+    """First pixels of tiles of a side along a length, evenly spread; one for all if it is longer."""
+    if length <= side:
+        return [0]
+    count = math.ceil((length - side) / ((1.0 - OVERLAP) * side)) + 1
+    return [round(place) for place in np.linspace(0, length - side, count)]
+
+
+def _tile(
+    source: Source, size: tuple[int, int], start: tuple[int, int], padding: Sequence[int]
+) -> tuple[Draw, Places, npt.NDArray[np.float64]]:
+    (left, top), (columns, rows) = start, size
+    width, height = min(columns, source.size[0]), min(rows, source.size[1])
+    places = source.places - np.array([left, top])
+    # The tile whose border is farthest away shows a pixel best; the picture's own border is no tile's.
+    beyond = np.array([left + width >= source.size[0], top + height >= source.size[1]])
+    to_start = np.where(np.array([left, top]) == 0, np.inf, places + 0.5)
+    to_end = np.where(beyond, np.inf, np.array([width, height]) - 0.5 - places)
+    merit = np.minimum(to_start, to_end).min(axis=1)
+    inside = (places >= -0.5).all(1) & (places[:, 0] < width - 0.5) & (places[:, 1] < height - 0.5)
+
+    def draw(picture: Picture) -> Picture:
+        drawn = source.draw(picture)[top : top + height, left : left + width]
+        return _padded(drawn, size, (0, 0), padding)
+
+    return draw, places, np.where(inside, merit, -np.inf)
+
+
+def _padded(
+    picture: Picture, size: tuple[int, int], start: tuple[int, int], padding: Sequence[int]
+) -> Picture:
+    (left, top), (columns, rows) = start, size
+    right, bottom = columns - left - picture.shape[1], rows - top - picture.shape[0]
+    if not any((left, top, right, bottom)):
+        return picture
+    border = cv2.BORDER_CONSTANT
+    return _as_picture(cv2.copyMakeBorder(picture, top, bottom, left, right, border, value=tuple(padding)))
+
+
+def _as_picture(picture: object) -> Picture:
+    return np.asarray(picture, np.uint8)

@@ -1,0 +1,99 @@
+"""Small ONNX networks whose answers NumPy knows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from onnx import TensorProto, helper, numpy_helper
+
+OPSET = 17
+IR_VERSION = 9
+COLORS = np.array(
+    [[40, 40, 40], [220, 60, 60], [60, 220, 60], [60, 60, 220], [220, 220, 60], [200, 200, 200]], np.uint8
+)
+"""Red, green, blue of classes that differ in colour alone."""
+TYPES = {"float32": TensorProto.FLOAT, "float16": TensorProto.FLOAT16, "uint8": TensorProto.UINT8}
+
+
+def save(
+    path: Path,
+    nodes: Sequence[onnx.NodeProto],
+    inputs: dict[str, tuple[int, Sequence[Any]]],
+    outputs: dict[str, tuple[int, Sequence[Any]]],
+    constants: dict[str, np.ndarray] | None = None,
+) -> Path:
+    """Write a model; inputs and outputs are types and shapes by name."""
+    graph = helper.make_graph(
+        list(nodes),
+        "net",
+        [helper.make_tensor_value_info(name, kind, list(shape)) for name, (kind, shape) in inputs.items()],
+        [helper.make_tensor_value_info(name, kind, list(shape)) for name, (kind, shape) in outputs.items()],
+        [numpy_helper.from_array(array, name) for name, array in (constants or {}).items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)])
+    model.ir_version = IR_VERSION
+    onnx.checker.check_model(model)
+    onnx.save(model, str(path))
+    return path
+
+
+def color_network(
+    path: Path,
+    size: tuple[Any, Any] = ("h", "w"),
+    *,
+    kind: str = "logits",
+    stride: int = 1,
+    channels_last: bool = False,
+    dtype: str = "float32",
+    scale: float = 255.0,
+    colors: np.ndarray = COLORS,
+) -> Path:
+    """Write a network that knows classes by their colours: the score of a class is 2 c.x - c.c, highest for the nearest.
+
+    Args:
+        path: File to write.
+        size: Rows and columns; texts for any.
+        kind: logits, probabilities or ids.
+        stride: Pixels a cell of the output: of each square, the mean colour is taken.
+        channels_last: Whether the channels of input and output are the last axis.
+        dtype: Type of the input.
+        scale: What the input is multiplied with, to be colours from 0 to 255.
+        colors: (C, 3) red, green, blue of the classes.
+    """
+    weights = colors.astype(np.float32) * 2.0 * np.float32(1e-4) * np.float32(scale)
+    bias = -(colors.astype(np.float32) ** 2).sum(1) * np.float32(1e-4)
+    nodes, name = [], "x"
+    if dtype != "float32":
+        nodes.append(helper.make_node("Cast", [name], ["cast"], to=TensorProto.FLOAT))
+        name = "cast"
+    if channels_last:
+        nodes.append(helper.make_node("Transpose", [name], ["first"], perm=[0, 3, 1, 2]))
+        name = "first"
+    if stride > 1:
+        nodes.append(
+            helper.make_node("AveragePool", [name], ["mean"], kernel_shape=[stride] * 2, strides=[stride] * 2)
+        )
+        name = "mean"
+    nodes.append(helper.make_node("Conv", [name, "w", "b"], ["scores"]))
+    name = "scores"
+    if kind == "probabilities":
+        nodes.append(helper.make_node("Softmax", [name], ["likely"], axis=1))
+        name = "likely"
+    if kind == "ids":
+        nodes.append(helper.make_node("ArgMax", [name], ["ids"], axis=1, keepdims=0))
+        name = "ids"
+    elif channels_last:
+        nodes.append(helper.make_node("Transpose", [name], ["last"], perm=[0, 2, 3, 1]))
+        name = "last"
+    nodes.append(helper.make_node("Identity", [name], ["y"]))
+    out = [each // stride if isinstance(each, int) else f"{each}o" for each in size]
+    number = len(colors)
+    shape_in = (1, *size, 3) if channels_last else (1, 3, *size)
+    shape_out = (1, *out) if kind == "ids" else ((1, *out, number) if channels_last else (1, number, *out))
+    given = {"w": weights.reshape(number, 3, 1, 1), "b": bias}
+    kind_out = TensorProto.INT64 if kind == "ids" else TensorProto.FLOAT
+    return save(path, nodes, {"x": (TYPES[dtype], shape_in)}, {"y": (kind_out, shape_out)}, given)
