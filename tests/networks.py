@@ -52,7 +52,7 @@ def color_network(
     scale: float = 255.0,
     colors: np.ndarray = COLORS,
 ) -> Path:
-    """Write a network that knows classes by their colours: the score of a class is 2 c.x - c.c, highest for the nearest.
+    """Write a network that knows classes by colour: the score of a class is 2 c.x - c.c, highest for the nearest.
 
     Args:
         path: File to write.
@@ -97,3 +97,14 @@ def color_network(
     given = {"w": weights.reshape(number, 3, 1, 1), "b": bias}
     kind_out = TensorProto.INT64 if kind == "ids" else TensorProto.FLOAT
     return save(path, nodes, {"x": (TYPES[dtype], shape_in)}, {"y": (kind_out, shape_out)}, given)
+
+
+def range_network(path: Path, channels: int, rows: int, columns: int, place: int, limit: float) -> Path:
+    """Write a network for range images: class 1 where a channel is at most `limit`, and 2 above; 0 never."""
+    weights = np.zeros((3, channels, 1, 1), np.float32)
+    weights[2, place] = 1.0
+    bias = np.array([-1e3, 0.0, -limit], np.float32)
+    nodes = [helper.make_node("Conv", ["x", "w", "b"], ["y"])]
+    inputs = {"x": (TensorProto.FLOAT, (1, channels, rows, columns))}
+    outputs = {"y": (TensorProto.FLOAT, (1, 3, rows, columns))}
+    return save(path, nodes, inputs, outputs, {"w": weights, "b": bias})

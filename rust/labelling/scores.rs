@@ -85,11 +85,25 @@ impl<'a> Scores<'a> {
         &self.values[first..first + self.num_classes]
     }
 
+    /// The class of the highest score of each cell.
+    fn highest(&self) -> Vec<u16> {
+        self.values.par_chunks_exact(self.num_classes).with_min_len(CHUNK).map(highest).collect()
+    }
+
+    /// The class that is the highest in all four cells around a place, and so between them, if there is one.
+    #[inline]
+    fn agreed(&self, cells: &[u16], [x, y]: [f32; 2]) -> Option<u16> {
+        let ((left, right, _), (above, below, _)) = (between(x, self.columns), between(y, self.rows));
+        let at = |column: usize, row: usize| cells[row * self.columns + column];
+        let class = at(left, above);
+        let others = [at(right, above), at(left, below), at(right, below)];
+        others.iter().all(|other| *other == class).then_some(class)
+    }
+
     /// Writes the scores at a place, bilinear between the centres of cells; beyond the outermost centres they stay.
     #[inline]
     fn sample(&self, [x, y]: [f32; 2], scores: &mut [f32]) {
-        let (left, right, across) = between(x, self.columns);
-        let (above, below, down) = between(y, self.rows);
+        let ((left, right, across), (above, below, down)) = (between(x, self.columns), between(y, self.rows));
         let (a, b) = (self.at(left, above), self.at(right, above));
         let (c, d) = (self.at(left, below), self.at(right, below));
         let weights =
@@ -116,13 +130,16 @@ impl Places<'_> {
     /// A pixel's view has no scores, or views differ in their number of classes.
     pub fn classes(&self, scores: &[Scores<'_>]) -> Result<Vec<u16>> {
         let num_classes = self.check(scores)?;
+        let cells: Vec<Vec<u16>> = scores.iter().map(Scores::highest).collect();
         let mut classes = vec![NO_ID; self.views.len()];
         classes.par_chunks_mut(CHUNK).enumerate().for_each(|(chunk, part)| {
             let mut sampled = vec![0.0; num_classes];
             for (offset, class) in part.iter_mut().enumerate() {
-                if self.sample(scores, chunk * CHUNK + offset, &mut sampled) {
-                    *class = highest(&sampled);
-                }
+                let Some((view, place)) = self.seen(chunk * CHUNK + offset) else { continue };
+                *class = scores[view].agreed(&cells[view], place).unwrap_or_else(|| {
+                    scores[view].sample(place, &mut sampled);
+                    highest(&sampled)
+                });
             }
         });
         Ok(classes)
@@ -140,7 +157,8 @@ impl Places<'_> {
         shares.par_chunks_mut(CHUNK * num_classes).enumerate().for_each(|(chunk, part)| {
             let mut sampled = vec![0.0; num_classes];
             for (offset, pixel) in part.chunks_exact_mut(num_classes).enumerate() {
-                if self.sample(scores, chunk * CHUNK + offset, &mut sampled) {
+                if let Some((view, place)) = self.seen(chunk * CHUNK + offset) {
+                    scores[view].sample(place, &mut sampled);
                     write_shares(&mut sampled, are_logits, pixel);
                 }
             }
@@ -157,14 +175,12 @@ impl Places<'_> {
         Ok(num_classes.max(1))
     }
 
+    /// The view and the place of a pixel, if a view shows it.
     #[inline]
-    fn sample(&self, scores: &[Scores<'_>], index: usize, sampled: &mut [f32]) -> bool {
+    fn seen(&self, index: usize) -> Option<(usize, [f32; 2])> {
         let (view, place) = (self.views[index], self.places[index]);
         let is_seen = view != NO_VIEW && place.iter().all(|x| x.is_finite());
-        if is_seen {
-            scores[usize::from(view)].sample(place, sampled);
-        }
-        is_seen
+        is_seen.then_some((usize::from(view), place))
     }
 }
 
@@ -224,6 +240,20 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn what_four_cells_agree_on_is_the_highest_between_them(
+            values in prop::collection::vec(0u8..4, 12), x in 0f32..1.0, y in 0f32..1.0,
+        ) {
+            let values: Vec<f32> = values.into_iter().map(f32::from).collect();
+            let scores = Scores::classes_last(&values, (2, 2, 3)).expect("whole");
+            let mut sampled = [0.0; 3];
+            scores.sample([x, y], &mut sampled);
+            if let Some(class) = scores.agreed(&scores.highest(), [x, y]) {
+                let most = sampled.iter().copied().fold(f32::MIN, f32::max);
+                prop_assert!(sampled[usize::from(class)] >= most);
+            }
+        }
+
         #[test]
         fn the_likeliest_class_has_the_highest_score(logits in prop::collection::vec(-9f32..9f32, 4)) {
             let scores = [Scores::classes_last(&logits, (1, 1, 4)).expect("whole")];

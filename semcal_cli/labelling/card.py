@@ -183,8 +183,10 @@ def read_classes(card: Card, path: Path) -> tuple[dict[str, tuple[int, ...]], tu
     if classes is None:
         return {}, card.ignore
     if isinstance(classes, str):
-        beside = path.parent / classes
-        table = read_ontology(str(beside) if Path(classes).suffix else classes)
+        try:
+            table = read_ontology(str(path.parent / classes) if Path(classes).suffix else classes)
+        except InputError as error:
+            raise InputError(f"{path}: classes: {error}") from None
         return {name: named.ids for name, named in table.classes.items()}, (*table.ignore, *card.ignore)
     named = classes if isinstance(classes, dict) else {name: (place,) for place, name in enumerate(classes)}
     kept = {name: tuple(value for value in ids if value not in card.ignore) for name, ids in named.items()}

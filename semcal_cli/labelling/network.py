@@ -102,6 +102,8 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
         )
     options = onnxruntime.SessionOptions()
     options.log_severity_level = SILENT
+    # Threads that wait for the next picture leave the cores to what is done between pictures.
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
     if num_threads is not None:
         options.intra_op_num_threads = num_threads
     try:

@@ -54,6 +54,10 @@ class PictureModel:
     """Ids of each name; empty without names."""
     ignore: tuple[int, ...]
     """Ids that carry no information."""
+    num_listed: int | None
+    """Number of names, if these are a list with one for each score."""
+    stated_in: Path
+    """File that states the classes: the card, or the model without one."""
     guesses: tuple[str, ...]
     """Sentences about what neither the model nor the card says."""
 
@@ -67,6 +71,22 @@ class PictureModel:
         if self.size is not None:
             return self.size
         return _rounded(width), _rounded(height)
+
+    def check_num_classes(self, num_classes: int) -> None:
+        """Check that a number of scores is that of the classes.
+
+        Raises:
+            InputError: there are too few, or names that are a list are not as many.
+        """
+        if num_classes < 2:
+            raise InputError(f"{self.network.path}: found scores of {num_classes} class, needed two or more")
+        if self.num_listed not in (None, num_classes):
+            needed = f"{num_classes}, one for each score of {self.network.path}"
+            raise InputError(f"{self.stated_in}: classes: found {self.num_listed} names, needed {needed}")
+        highest = max((value for ids in self.classes.values() for value in ids), default=0)
+        if highest >= num_classes:
+            needed = f"at most {num_classes - 1}, the last score of {self.network.path}"
+            raise InputError(f"{self.stated_in}: classes: found id {highest}, needed {needed}")
 
     def describe(self) -> list[tuple[str, str]]:
         """Describe what was understood, in pairs of a word and a sentence."""
@@ -120,6 +140,8 @@ def understand(network: Network, card: PictureCard | None, card_path: Path) -> P
         card.align_corners,
         classes,
         ignore,
+        len(card.classes) if isinstance(card.classes, tuple) else None,
+        card_path,
         tuple(guesses),
     )
 

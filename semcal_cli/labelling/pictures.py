@@ -120,8 +120,7 @@ class PictureLabeller:
         if not np.issubdtype(outputs[0].dtype, np.floating):
             raise self._unfit(f"output of {outputs[0].dtype}", "float")
         are_first = self._are_classes_first(shape[1:])
-        if shape[1 if are_first else 3] < 2:
-            raise self._unfit(f"output of {shape}", "two classes or more")
+        self.model.check_num_classes(shape[1 if are_first else 3])
         return [np.ascontiguousarray(output[0], np.float32) for output in outputs], are_first
 
     def _are_classes_first(self, shape: tuple[int, int, int]) -> bool:

@@ -180,7 +180,7 @@ def _pinhole(
     u, v = np.meshgrid((np.arange(columns) - center[0]) / focal, (np.arange(rows) - center[1]) / focal)
     rays_camera = np.stack([u.ravel(), v.ravel(), np.ones(u.size)], axis=1) @ R_face_camera
     taken = lens.project(rays_camera).reshape(rows, columns, 2)
-    # What the lens does not reach is taken from beyond the picture's border.
+    # What the lens does not reach takes the colour of a corner.
     taken = np.where(np.isfinite(taken), taken, -1e4)
     across, down = taken[..., 0].astype(np.float32), taken[..., 1].astype(np.float32)
     forward = rays_face[:, 2]
@@ -190,7 +190,8 @@ def _pinhole(
     merit = np.where(shown & (forward > 0.0), forward, -np.inf)
 
     def draw(picture: Picture) -> Picture:
-        return np.asarray(cv2.remap(picture, across, down, cv2.INTER_LINEAR), np.uint8)
+        # A picture all round goes on beyond its border, by less than a pixel.
+        return _as_picture(cv2.remap(picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
 
     return Source(size, draw, places, merit)
 

@@ -90,6 +90,39 @@ PLY = (
 )
 
 
+PICTURE_CARD = """
+semcal_picture_model: 1
+size: [1024, 512]
+fit: tiles
+color: bgr
+scale: 0.5
+mean: [0.4, 0.5, 0.6]
+std: [0.2]
+layout: channels_last
+output: y
+kind: logits
+align_corners: true
+classes: {road: [0], car: [13, 14]}
+ignore: [255]
+"""
+POINT_CARD = """
+semcal_point_model: 1
+rows: 64
+columns: 2048
+elevation_deg: [-25.0, 3.0]
+azimuth_deg: [45.0, -45.0]
+row_by: ring
+outside: drop
+channels: [range, x, mask]
+mean: [12.1, 10.9, 0]
+std: [12.3, 11.5, 1]
+empty: -1
+intensity_scale: 0.1
+neighbors: {count: 3, search: 7, sigma_px: 2.0, max_difference_m: 0.5}
+classes: [road, car]
+"""
+
+
 def save(target: str, name: str, content: str | bytes) -> None:
     """Keep a file for a target."""
     path = CORPUS / target / name
@@ -214,6 +247,8 @@ def seed_others() -> None:
     save("rig", "pair.json", '{"cameras": {"a": "a", "b": "b"}, "semcal_rig": 1}')
     save("poses", "three.txt", POSES)
     save("ontology", "two.yaml", ONTOLOGY)
+    save("card", "picture.yaml", PICTURE_CARD)
+    save("card", "points.yaml", POINT_CARD)
     save("list", "three.txt", "# of today\nb/2\n\n./a/drive.yaml\r\n/x\n")
     save("ply", "window.ply", PLY)
     for name in ("ROS", "ROS_MESSAGE", "ROS_ECHO", "KALIBR", "OPENCV"):

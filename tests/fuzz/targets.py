@@ -42,6 +42,7 @@ from semcal_cli.formats import FORMATS, put_transform, read_transform, write_tra
 from semcal_cli.formats.format import Format, FormatOptions
 from semcal_cli.formats.semcal import read_half_widths
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.labelling.card import read_card, read_classes
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.rig.document import find_rig, read_rig
 
@@ -243,6 +244,13 @@ def check_ontology(path: Path) -> None:
         ontology.in_red()
 
 
+def check_card(path: Path) -> None:
+    """Check a model card."""
+    card = read_card(path)
+    read_classes(card, path)
+    check_written_again(card, path)
+
+
 def check_list(path: Path) -> None:
     """Check a list of drives; patterns that leave the folder are not tried, since they could walk the whole disk."""
     text = path.read_bytes()
@@ -369,6 +377,7 @@ TARGETS: dict[str, Target] = {
     "poses": Target(check_poses, lambda content: "poses.txt"),
     "intrinsics": Target(check_intrinsics, document_name("camera")),
     "ontology": Target(check_ontology, document_name("classes")),
+    "card": Target(check_card, document_name("card")),
     "list": Target(check_list, lambda content: "drives.txt"),
     "ply": Target(read_vertices, lambda content: "points.ply"),
     **{f"transform-{format.name}": transform_target(format) for format in FORMATS},
