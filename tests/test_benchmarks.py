@@ -71,6 +71,14 @@ RUNS: dict[str, tuple[str, list[str]]] = {
         "knocked_drive.py -o OUT/knocked.png --frames 4 --width 320 --height 180 --angle-deg 3",
         [r"found: .*", r"truth: frame 2, 3\.00 degrees, 5\.0 cm"],
     ),
+    "labels from pictures": (
+        "labels_from_pictures.py -o OUT/labels --seconds 1 --training-frames 1 --drives 1 --frames 1 --width 128",
+        [
+            r"\| 0 \| [\d.]+% \|( no answer \|| [\d.]+ deg, [\d.]+ cm, \w+ \|){2}",
+            rf"\| the one above \|( -?{NUMBER} \|){{3}}",
+            rf"\| 3 times as wide \|( -?{NUMBER} \|){{3}}",
+        ],
+    ),
     "point clouds": (
         "point_clouds.py --rounds 1 --columns 32",
         [
