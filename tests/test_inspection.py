@@ -79,7 +79,8 @@ def test_a_drive_without_labels_is_looked_at(street: Path, tmp_path: Path) -> No
     assert report.pattern.startswith("64 channels")
     assert report.suspicions == (
         "no labels of points that can be read: a calibration by labels needs them; --cue segments does without",
-        "no labels of pixels that can be read: a calibration by labels needs them",
+        "no labels of pixels that can be read: a calibration by labels needs them; "
+        "`semcal label` makes them with a network",
     )
     found = CliRunner().invoke(semcal, ["inspect", str(tmp_path)])
     assert found.exit_code == 0, found.output

@@ -438,10 +438,14 @@ def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
     (folder,) = (plain / ".semcal_labels").iterdir()
     times = {file: file.stat().st_mtime_ns for file in folder.glob("image_labels/*.png")}
     result = (tmp_path / "out.yaml").read_bytes()
-    assert yaml.safe_load(result)["input"]["drive"].endswith(f".semcal_labels/{folder.name}/drive.yaml")
+    (labelled,) = folder.glob("drive_*.yaml")
+    assert yaml.safe_load(result)["input"]["drive"].endswith(f".semcal_labels/{folder.name}/{labelled.name}")
     assert run(*arguments).exit_code == first.exit_code
     assert {file: file.stat().st_mtime_ns for file in times} == times
     assert (tmp_path / "out.yaml").read_bytes() == result
+    # Other frames are another drive, by the same labels.
+    run(*arguments, "--max-frames", "1")
+    assert len(list(folder.glob("drive_*.yaml"))) == 2
     # Another picture has another name in the cache.
     picture = sorted((plain / "images").iterdir())[0]
     cv2.imwrite(str(picture), cv2.imread(str(picture))[:, ::-1])

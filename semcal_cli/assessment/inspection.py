@@ -40,6 +40,8 @@ MAX_IGNORED = 0.9
 """Largest share of points or pixels without information that gives no finding."""
 MAX_MOTION_PX = 1.0
 """Largest median displacement of points by uncompensated motion without a finding, in pixels."""
+WITHOUT = {"points": "--cue segments does without", "pixels": "`semcal label` makes them with a network"}
+"""What helps a drive that lacks labels of one side."""
 NUM_PROBED = 4
 """Number of frames whose images are measured and whose clouds are registered, as they are and mirrored."""
 MIN_MIRROR_MARGIN = 2.0
@@ -294,8 +296,9 @@ def _check_classes(points: Sequence[str] | None, pixels: Sequence[str] | None) -
     found = []
     for side, names in (("points", points), ("pixels", pixels)):
         if names is None:
-            without = "; --cue segments does without" if side == "points" else ""
-            found.append(f"no labels of {side} that can be read: a calibration by labels needs them{without}")
+            found.append(
+                f"no labels of {side} that can be read: a calibration by labels needs them; {WITHOUT[side]}"
+            )
         elif len(names) < 2:
             found.append(f"{side} of {' and '.join(names) or 'no class'} only, over all frames")
         elif len(names) > MANY_CLASSES:

@@ -80,11 +80,7 @@ def label_drive(
         raise InputError(f"{path}: found the drive that is read, needed another name")
     files: Files = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}
     jobs = [(side, index) for index in range(len(drive.frames)) for side in sides]
-    done = {
-        (side.key, index)
-        for side, index in jobs
-        if not force and _is_done(drive, side, files[side.key][index])
-    }
+    done = {(side.key, index) for side, index in jobs if _is_done(drive, side, files[side.key][index])}
     waiting = [(side, index) for side, index in jobs if (side.key, index) not in done]
 
     def label(job: tuple[Side, int]) -> None:
@@ -115,20 +111,21 @@ def label_beside(drive: Drive, side: Side, on_event: Listener = ignore) -> Path:
     Raises:
         InputError: a picture cannot be labelled, or the cache cannot be written.
     """
-    settings = {
-        "settings": side.settings,
-        "classes": side.classes,
-        "ignore": side.ignore,
-        "drive": drive.path.name,
-    }
-    key = hashlib.sha256(_text(settings).encode()).hexdigest()[:KEY_LENGTH]
-    found = label_drive(drive, [side], drive.root / CACHE / key, by_content=True, on_event=on_event)
+    of_labels = {"settings": side.settings, "classes": side.classes, "ignore": side.ignore}
+    # Other frames or another camera are another drive, so that a result's drive stays what it was.
+    of_drive = drive.model_dump(mode="json")
+    path = drive.root / CACHE / _key(of_labels) / f"{drive.path.stem}_{_key(of_drive)}.yaml"
+    found = label_drive(drive, [side], path, by_content=True, on_event=on_event)
     if found.failures:
         raise InputError(f"{len(found.failures)} of {len(drive.frames)} pictures failed; {found.failures[0]}")
     return found.path
 
 
-def _text(settings: Any) -> str:
+def _key(content: object) -> str:
+    return hashlib.sha256(_text(content).encode()).hexdigest()[:KEY_LENGTH]
+
+
+def _text(settings: object) -> str:
     return json.dumps(settings, indent=2, sort_keys=True) + "\n"
 
 
@@ -148,11 +145,17 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
         raise InputError(
             f"{folder}: found labels of another model or other settings, needed another -o, or --force"
         )
-    write_text(_text(side.settings), record)
-    return [
+    files = [
         name if isinstance(name, InputError) else folder / f"{name}{side.suffix}"
         for name in _names(drive, side, by_content)
     ]
+    if force:
+        # A forced run that is stopped leaves no labels of before.
+        for file in files:
+            if isinstance(file, Path):
+                file.unlink(missing_ok=True)
+    write_text(_text(side.settings), record)
+    return files
 
 
 def _names(drive: Drive, side: Side, by_content: bool) -> list[str | InputError]:

@@ -191,7 +191,9 @@ def _pinhole(
 
     def draw(picture: Picture) -> Picture:
         # A picture all round goes on beyond its border, by less than a pixel.
-        return _as_picture(cv2.remap(picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE))
+        return _as_picture(
+            cv2.remap(picture, across, down, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        )
 
     return Source(size, draw, places, merit)
 
