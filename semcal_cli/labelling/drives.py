@@ -82,6 +82,20 @@ def label_drive(
     jobs = [(side, index) for index in range(len(drive.frames)) for side in sides]
     done = {(side.key, index) for side, index in jobs if _is_done(drive, side, files[side.key][index])}
     waiting = [(side, index) for side, index in jobs if (side.key, index) not in done]
+    failed = _label_all(drive, waiting, files, on_event)
+    kept = [index for index in range(len(drive.frames)) if index not in failed]
+    if not kept:
+        raise InputError(next(iter(failed.values())))
+    document = _document(drive, sides, path, kept, files)
+    validate(Drive, document, path)
+    write_text(document_text(document, "yaml"), path)
+    return LabelledDrive(path, len(kept), len(done), tuple(failed.values()))
+
+
+def _label_all(
+    drive: Drive, jobs: Sequence[tuple[Side, int]], files: Files, on_event: Listener
+) -> dict[int, str]:
+    """Label frames and write their files, and return the first message about each frame that fails."""
 
     def label(job: tuple[Side, int]) -> None:
         side, index = job
@@ -91,16 +105,10 @@ def label_drive(
         write_bytes(side.label(drive, drive.frames[index]), file)
 
     failed: dict[int, str] = {}
-    for (_, index), error in _run(waiting, label, on_event):
+    for (_, index), error in _run(jobs, label, on_event):
         if error is not None:
             failed.setdefault(index, str(error))
-    kept = [index for index in range(len(drive.frames)) if index not in failed]
-    if not kept:
-        raise InputError(next(iter(failed.values())))
-    document = _document(drive, sides, path, kept, files)
-    validate(Drive, document, path)
-    write_text(document_text(document, "yaml"), path)
-    return LabelledDrive(path, len(kept), len(done), tuple(failed.values()))
+    return failed
 
 
 def label_beside(drive: Drive, side: Side, on_event: Listener = ignore) -> Path:
