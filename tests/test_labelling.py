@@ -19,7 +19,7 @@ from onnx import TensorProto, helper
 from semcal_cli import _core
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import Camera, Drive, read_drive
-from semcal_cli.drive.reading import read_label_images
+from semcal_cli.drive.reading import read_clouds, read_label_images
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.labelling.card import card_names, find_card, read_card, read_classes
 from semcal_cli.labelling.models import open_picture_model, open_point_model
@@ -430,6 +430,29 @@ def test_segments_are_written_as_labels(plain: Path, tmp_path: Path) -> None:
     assert new.classes.points == {"ground": (1,), "objects": (2,)}
 
 
+@pytest.mark.parametrize("by", ["segments", "network"])
+def test_entries_that_are_no_points_keep_their_places(plain: Path, tmp_path: Path, by: str) -> None:
+    for file in (plain / "points").iterdir():
+        points = np.fromfile(file, np.float32).reshape(-1, 4)
+        points[100:300] = 0.0
+        points.tofile(file)
+    options: tuple[object, ...] = ("--points", "segments")
+    if by == "network":
+        net = range_network(tmp_path / "net.onnx", 5, 16, 128, 1, 0.0)
+        (tmp_path / "net.yaml").write_text(yaml.safe_dump(POINT_CARD))
+        options = ("--point-model", net)
+    found = run("label", plain, *options, "-o", tmp_path / "out")
+    assert found.exit_code == 0, found.output
+    new = read_drive(tmp_path / "out")
+    for frame, cloud in zip(new.frames, read_clouds(new), strict=True):
+        assert cloud.labels is not None
+        labels = np.fromfile(new.resolve(str(frame.point_labels)), np.uint32)
+        assert len(labels) == len(cloud.is_return)
+        assert cloud.num_no_returns >= 200
+        assert np.array_equal(cloud.labels, labels[cloud.is_return] & 0xFFFF)
+        assert set(cloud.labels) <= ({1, 2} if by == "network" else {0, 1, 2})
+
+
 def test_calibrate_labels_on_the_way(plain: Path, tmp_path: Path) -> None:
     net = street_network(tmp_path)
     arguments = ("calibrate", plain, "--image-model", net, "--no-polish", "-o", tmp_path / "out.yaml")
@@ -482,6 +505,22 @@ def test_ready_cards_are_whole(name: str) -> None:
     classes, ignored = read_classes(found, path)
     assert len(classes) >= 2
     assert not {value for ids in classes.values() for value in ids} & set(ignored)
+
+
+@pytest.mark.parametrize(
+    ("classes", "named"),
+    [
+        ("voc", {"bicycle", "person"}),
+        (["a", "b"], {"b"}),
+        ({"a": [0, 1], "b": [0x7F]}, {"a", "b"}),
+    ],
+)
+def test_ignored_ids_have_no_name(tmp_path: Path, classes: object, named: set[str]) -> None:
+    card(tmp_path, classes=classes, ignore=[0])
+    found, ignored = read_classes(read_card(tmp_path / "net.yaml"), tmp_path / "net.yaml")
+    assert named <= set(found)
+    assert 0 in ignored
+    assert not {0} & {value for ids in found.values() for value in ids}
 
 
 # Complaints

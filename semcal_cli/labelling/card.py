@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.drive.document import Ids, ImageSide
@@ -30,12 +30,25 @@ Degrees = Annotated[float, Field(ge=-360.0, le=360.0)]
 ClassName = Annotated[str, Field(min_length=1)]
 
 
+def _kind_of_classes(classes: object) -> str:
+    return "ids" if isinstance(classes, dict) else "names" if isinstance(classes, list | tuple) else "table"
+
+
+ClassesOfCard: TypeAlias = Annotated[
+    Annotated[str, Field(min_length=1), Tag("table")]
+    | Annotated[tuple[ClassName, ...], length(2), Tag("names")]
+    | Annotated[dict[ClassName, Ids], Field(min_length=1), Tag("ids")],
+    Discriminator(_kind_of_classes),
+]
+"""Classes as a card states them: the name of a table, a list of names, or ids by name."""
+
+
 class Card(StrictModel):
     """What cards of networks for pictures and for sweeps share."""
 
     output: str | None = None
     """Name of the output, if the network has several."""
-    classes: str | Annotated[tuple[ClassName, ...], length(2)] | dict[ClassName, Ids] | None = None
+    classes: ClassesOfCard | None = None
     """Name of a class table, as cityscapes-train, or its file; or the names of the ids from 0 on; or ids by name."""
     ignore: Ids = ()
     """Ids that carry no information, beside those of the class table."""
@@ -179,15 +192,18 @@ def read_classes(card: Card, path: Path) -> tuple[dict[str, tuple[int, ...]], tu
     Raises:
         InputError: the class table does not exist, or is wrong.
     """
-    classes = card.classes
+    classes, ignore = card.classes, card.ignore
     if classes is None:
-        return {}, card.ignore
+        return {}, ignore
     if isinstance(classes, str):
         try:
             table = read_ontology(str(path.parent / classes) if Path(classes).suffix else classes)
         except InputError as error:
             raise InputError(f"{path}: classes: {error}") from None
-        return {name: named.ids for name, named in table.classes.items()}, (*table.ignore, *card.ignore)
-    named = classes if isinstance(classes, dict) else {name: (place,) for place, name in enumerate(classes)}
-    kept = {name: tuple(value for value in ids if value not in card.ignore) for name, ids in named.items()}
-    return {name: ids for name, ids in kept.items() if ids}, card.ignore
+        named, ignore = table.ids(), (*table.ignore, *ignore)
+    elif isinstance(classes, tuple):
+        named = {name: [place] for place, name in enumerate(classes)}
+    else:
+        named = {name: list(ids) for name, ids in classes.items()}
+    kept = {name: tuple(value for value in ids if value not in ignore) for name, ids in named.items()}
+    return {name: ids for name, ids in kept.items() if ids}, ignore

@@ -21,8 +21,10 @@ MAX_SCALED = 2.0
 """Largest mean or standard deviation of pixels that are scaled to 1, with some room for unusual ones."""
 MULTIPLE = 32
 """Sides of a picture for a network that takes any size are a multiple of this, the stride of most encoders."""
-MAX_SIDE = 8192
+MAX_SIDE = 4096
 """Largest side of a picture for a network that takes any size."""
+MAX_NETWORK_PIXELS = 1 << 25
+"""Most pixels of a network's picture."""
 CHANNELS = (1, 3)
 PLAIN = ("logits", "output", "out", "output_0", "pred", "prediction", "semantic_logits")
 """Names of the one output that matters, in order, where a network has several."""
@@ -185,6 +187,9 @@ def _read_input(
         if columns is not None or rows is not None or card.fit == "tiles":
             raise InputError(f"{card_path}: size: found none, needed columns and rows for {port}")
         guesses.append(f"the size is the picture's, up to a multiple of {MULTIPLE}")
+    elif size[0] * size[1] > MAX_NETWORK_PIXELS:
+        area = f"{size[0]:,} x {size[1]:,} pixels"
+        raise InputError(f"{card_path}: size: found {area}, needed at most {MAX_NETWORK_PIXELS:,}")
     return is_last, channels or (1 if card.color == "gray" else 3), size
 
 

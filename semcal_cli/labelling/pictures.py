@@ -10,9 +10,9 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.drive.document import Camera
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, about
 from semcal_cli.labelling.picture_model import PictureModel, joined_masks
-from semcal_cli.labelling.views import Picture, Views, make_views
+from semcal_cli.labelling.views import Picture, make_views
 
 MAX_SHARES = 255
 """Most classes of a file of probabilities."""
@@ -40,7 +40,8 @@ class PictureLabeller:
         size = model.size_for(camera.width, camera.height)
         mean = [int(np.clip(round(each / model.scale), 0, 255)) for each in model.mean]
         self._padding = tuple(mean if model.color == "bgr" else reversed(mean)) * (3 // len(mean))
-        self.views: Views = make_views(camera, size, model.fit, self._padding, is_rectified=is_rectified)
+        with about(model.stated_in):
+            self.views = make_views(camera, size, model.fit, self._padding, is_rectified=is_rectified)
         levels = np.arange(256) * model.scale
         rows = [(levels - mean) / std for mean, std in zip(model.mean, model.std, strict=True)]
         self._table = np.asarray(rows).astype(model.dtype)

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.reading import read_clouds
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, about
 from semcal_cli.files.images import read_image
 from semcal_cli.files.reading import hash_file
 from semcal_cli.labelling.pictures import PictureLabeller
@@ -94,9 +94,10 @@ class PictureSide(Side):
             raise InputError(f"{drive.path}: {frame.key('image')}: found nothing, needed a picture")
         camera = drive.camera
         picture = read_image(drive.resolve(frame.image), (camera.width, camera.height))
-        if self.has_probabilities:
-            return _archive(self.labeller.shares(picture))
-        ids = self.labeller.ids(picture)
+        with about(drive.resolve(frame.image)):
+            if self.has_probabilities:
+                return _archive(self.labeller.shares(picture))
+            ids = self.labeller.ids(picture)
         seen = ids[ids != _core.NO_ID]
         if self._is_small and (not seen.size or seen.max() < NO_BYTE):
             ids = np.where(ids == _core.NO_ID, NO_BYTE, ids).astype(np.uint8)
@@ -120,11 +121,17 @@ class _PointSide(Side):
     source = "points"
     suffix = ".label"
 
+    no_return: int
+    """Id of the entries of a file that are no points."""
+
     def label(self, drive: Drive, frame: Frame) -> bytes:
         """Label the points of a frame; see `Side.label`."""
         alone = drive.model_copy(update={"frames": (frame.model_copy(update={"point_labels": None}),)})
         (cloud,) = read_clouds(alone)
-        return self.label_points(cloud).astype("<u4").tobytes()
+        labels = np.full(len(cloud.is_return), self.no_return, "<u4")
+        with about(drive.resolve(frame.points)):
+            labels[cloud.is_return] = self.label_points(cloud)
+        return labels.tobytes()
 
     @abstractmethod
     def label_points(self, cloud: _core.PointCloud) -> npt.NDArray[Any]:
@@ -142,6 +149,8 @@ class _PointSide(Side):
 class SweepSide(_PointSide):
     """Labels of points from a network."""
 
+    no_return = int(_core.NO_ID)
+
     def __init__(self, labeller: SweepLabeller) -> None:
         model = labeller.model
         self.labeller = labeller
@@ -157,6 +166,8 @@ class SweepSide(_PointSide):
 
 class SegmentSide(_PointSide):
     """Geometric segments as labels of points."""
+
+    no_return = 0
 
     def __init__(self) -> None:
         self.classes = {name: (value,) for name, value in KIND_IDS.items()}

@@ -104,7 +104,9 @@ def make_views(
             if not is_better.any():
                 continue
             if len(draws) == MAX_VIEWS:
-                raise InputError(f"tiles of {size[0]} x {size[1]}: found more than {MAX_VIEWS}, needed fewer")
+                raise InputError(
+                    f"fit: found more than {MAX_VIEWS} tiles of {size[0]} x {size[1]}, needed fewer"
+                )
             views[is_better], places[is_better] = len(draws), view_places[is_better]
             merit[is_better] = view_merit[is_better]
             draws.append(draw)
