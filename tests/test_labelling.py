@@ -33,6 +33,8 @@ K = ((60.0, 0.0, 47.5), (0.0, 60.0, 31.5), (0.0, 0.0, 1.0))
 PLAIN = Camera(model="plumb_bob", width=WIDTH, height=HEIGHT, K=K)
 BORDER_PX = 1.0
 """A rectified picture is sampled once, so that no border moves by more than a pixel."""
+BESIDE_PX = 1.0
+"""Distance from its border, which counts as the pixel below it, of the pixel above."""
 
 
 def card(folder: Path, name: str = "net", **values: object) -> None:
@@ -228,7 +230,7 @@ def test_the_way_through_rectified_pictures_moves_no_border_by_more_than_a_pixel
     if name == "equirectangular":
         seen[[0, -1]] = False  # a row at a pole is one point
     border = cv2.distanceTransform((classes == np.roll(classes, 1, 0)).astype(np.uint8), cv2.DIST_L2, 5)
-    assert border[seen & (found != classes)].max(initial=0.0) <= BORDER_PX + 1.0
+    assert border[seen & (found != classes)].max(initial=0.0) <= BORDER_PX + BESIDE_PX
     assert np.mean(found[seen] == classes[seen]) > 0.97
 
 

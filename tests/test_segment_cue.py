@@ -12,10 +12,12 @@ from conftest import make_pose
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
+from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig, Cue, ExactConfig
+from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues import SEGMENTS, load_cues
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -164,6 +166,20 @@ def test_beside_intensity_segments_weigh_less_and_are_searched_alone(street: Pat
     assert searched.num_frames == len(drive.frames)
     assert not searched.has_segments
     assert both.has_many_tops
+
+
+def test_pictures_of_unsure_labels_are_exchanged_as_sure_as_their_own(
+    seen: Observations, street_truth: Pose, tmp_path: Path
+) -> None:
+    unsure = []
+    for index, image in enumerate(seen.images):
+        shares = np.eye(NO_CLASS)[np.where(image.classes == NO_CLASS, 0, image.classes)] * 8
+        shares[..., : len(seen.image_class_names)] += 2
+        np.savez(tmp_path / f"{index}.npz", shares.astype(np.uint8))
+        (read,) = _core.read_class_shares([tmp_path / f"{index}.npz"], image.classes.shape)
+        unsure.append(replace(image, shares=read))
+    found = check_consistency(seen.with_images(unsure), street_truth)
+    assert not any("pictures of other frames" in finding.sentence for finding in found)
 
 
 def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:

@@ -137,8 +137,9 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[st
 
 def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     """Check that clouds agree less well with the label images of other frames."""
-    own = _information(observations, T_camera_lidar)
+    # Pictures are compared by their likeliest classes, their own as well: shares alone tell less.
     images, found = [image.without_shares() for image in observations.images], []
+    own = _information(observations.with_images(images), T_camera_lidar)
     shares = shares_alike([cloud.points for cloud in observations.clouds])
     for shift in range(1, observations.num_frames):
         others = images[shift:] + images[:shift]
