@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from semcal_cli import _core
@@ -19,9 +17,8 @@ from semcal_cli.refinement.pyramid import Level
 NUM_STARTS = (10, 6, 4, 2)
 """Number of poses from which the first levels are ascended; the last number holds from then on. Of ten runs on a real
 jam by segments and intensity, from 2 degrees and 0.2 m, 8 came back with six at first, and 6 from one start."""
-FIRST_FRAMES, FIRST_POINTS = 6, 40_000
-"""Number of frames and of points by which the first level is ascended by segments alone: it only has to tell where tops
-are. With 20,000, 40,000 and 100,000 points, 22 runs on 11 drives ended 0.003 degrees and 0.4 mm apart or less."""
+FIRST_FRAMES = 6
+"""Number of frames by which the first level is ascended by segments alone: it only has to tell where tops are."""
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """Ends of ascents that are nearer to a better one than this have met it, and do not go on."""
 FARTHEST_DEG, FARTHEST_M = 6.0, 1.0
@@ -48,20 +45,19 @@ class SeveralStarts:
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
-        observations, config = self.observations, self.config
+        observations = self.observations
         if self._T_first is None:
             self._T_first = T_start
             rng = np.random.default_rng(self.seed)
             self.others = [displaced(T_start, SPREAD_DEG, SPREAD_M, rng) for _ in range(NUM_STARTS[0] - 1)]
             if observations.num_cues == 1:
                 observations = few_frames(observations, FIRST_FRAMES)
-                config = replace(config, batch_size=FIRST_POINTS, max_points=FIRST_POINTS)
         poses = [T_start, *self.others][: NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]]
         for _ in range(NUM_ROUNDS):
             ends = _core.align(
                 observations.core,
                 poses,
-                config,
+                self.config,
                 factor=factor,
                 visible_only=visible_only,
                 seed=self.seed,
