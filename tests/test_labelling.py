@@ -386,11 +386,35 @@ def test_a_stopped_run_goes_on_and_other_settings_do_not_mix(plain: Path, tmp_pa
     assert [file.read_bytes() for file in files] == whole
     card(tmp_path, classes=["sky", "road", "green", "brown"], color="bgr")
     found = run(*arguments)
-    assert "found labels of another model or other settings, needed another -o, or --force" in str(
+    assert "found labels of another model, drive or settings, needed another -o, or --force" in str(
         found.exception
     )
     assert run(*arguments, "--force").exit_code == 0
     assert [file.read_bytes() for file in files] != whole
+
+
+def test_names_do_not_depend_on_how_many_frames_are_labelled(plain: Path, tmp_path: Path) -> None:
+    """Pictures of one name lie in folders of their own, so that labels are numbered."""
+    net = street_network(tmp_path)
+    document = yaml.safe_load((plain / "drive.yaml").read_text())
+    for index, frame in enumerate(document["frames"]):
+        folder = plain / f"at_{index}"
+        folder.mkdir()
+        shutil.move(plain / frame["image"], folder / "picture.png")
+        frame["image"] = f"at_{index}/picture.png"
+    (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+    arguments = ("label", plain, "--image-model", net)
+    assert run(*arguments, "-o", tmp_path / "whole").exit_code == 0
+    assert run(*arguments, "-o", tmp_path / "some", "--max-frames", "2").exit_code == 0
+    assert len(read_drive(tmp_path / "some").frames) == 2
+    assert run(*arguments, "-o", tmp_path / "some").exit_code == 0
+    whole, some = (sorted((tmp_path / name / "image_labels").glob("*.png")) for name in ("whole", "some"))
+    assert [file.name for file in whole] == [file.name for file in some]
+    assert [file.read_bytes() for file in whole] == [file.read_bytes() for file in some]
+    document["frames"].reverse()
+    (plain / "drive.yaml").write_text(yaml.safe_dump(document))
+    found = run(*arguments, "-o", tmp_path / "some")
+    assert "found labels of another model, drive or settings" in str(found.exception)
 
 
 def test_a_bad_picture_is_named_and_the_rest_is_done(plain: Path, tmp_path: Path) -> None:

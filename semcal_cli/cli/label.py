@@ -187,9 +187,8 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
     images = take_image_labels(options)
     _check(options, images)
     drive = read_drive(path, options["max_points"])
-    if options["max_frames"] is not None:
-        kept = tuple(evenly_spaced(drive.frames, options["max_frames"]))
-        drive = drive.model_copy(update={"frames": kept})
+    num_frames = len(drive.frames)
+    indices = evenly_spaced(range(num_frames), options["max_frames"] or num_frames)
     sides = []
     if images is not None:
         labeller = _picture_labeller(drive, images, options["device"], options["threads"])
@@ -201,13 +200,20 @@ def _label_drive(path: Path, options: dict[str, Any], terminal: Terminal) -> Non
     if options["output"] is None:
         return
     start = perf_counter()
-    done = label_drive(drive, sides, options["output"], force=options["force"], on_event=terminal.on_event)
+    done = label_drive(
+        drive,
+        sides,
+        options["output"],
+        indices=indices,
+        force=options["force"],
+        on_event=terminal.on_event,
+    )
     before = f", {done.num_before:,} label files were there" if done.num_before else ""
     terminal.print(f"wrote {done.path}: {done.num_frames:,} frames in {perf_counter() - start:.1f} s{before}")
     for failure in done.failures:
         terminal.print(f"failed: {failure}")
     if done.failures:
-        raise InputError(f"{len(done.failures)} of {len(drive.frames)} frames failed; {done.failures[0]}")
+        raise InputError(f"{len(done.failures)} of {len(indices)} frames failed; {done.failures[0]}")
 
 
 def _check(options: dict[str, Any], images: ImageLabels | None) -> None:

@@ -55,6 +55,7 @@ def label_drive(
     sides: Sequence[Side],
     out: Path,
     *,
+    indices: Sequence[int] | None = None,
     force: bool = False,
     by_content: bool = False,
     on_event: Listener = ignore,
@@ -68,6 +69,7 @@ def label_drive(
         drive: The drive.
         sides: What is labelled.
         out: Folder of the new drive, or its drive.yaml.
+        indices: Frames that are labelled and kept; None for all. Label files are named among all.
         force: Whether labels that are there are made again.
         by_content: Whether label files are named by what they are labels of, and not by the name of its file.
         on_event: Called with each event.
@@ -79,11 +81,12 @@ def label_drive(
     if os.path.realpath(path) == os.path.realpath(drive.path):
         raise InputError(f"{path}: found the drive that is read, needed another name")
     files: Files = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}
-    jobs = [(side, index) for index in range(len(drive.frames)) for side in sides]
+    chosen = range(len(drive.frames)) if indices is None else indices
+    jobs = [(side, index) for index in chosen for side in sides]
     done = {(side.key, index) for side, index in jobs if _is_done(drive, side, files[side.key][index])}
     waiting = [(side, index) for side, index in jobs if (side.key, index) not in done]
     failed = _label_all(drive, waiting, files, on_event)
-    kept = [index for index in range(len(drive.frames)) if index not in failed]
+    kept = [index for index in chosen if index not in failed]
     if not kept:
         raise InputError(next(iter(failed.values())))
     document = _document(drive, sides, path, kept, files)
@@ -141,17 +144,20 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
     """Make the folder of the labels, check its record, and name the label file of each frame.
 
     Raises:
-        InputError: the folder cannot be made, or holds labels of other networks or settings.
+        InputError: the folder cannot be made, or holds labels of other networks, drives or settings.
     """
     folder = root / side.key
     make_folder(folder)
-    record = folder / RECORD
+    record, settings = folder / RECORD, dict(side.settings)
+    if not by_content:
+        # The same name may stand for another file in another drive.
+        settings["sources"] = _key([str(drive.resolve(source)) for source in _sources(drive, side) if source])
     if not record.exists():
         if any(folder.iterdir()):
             raise InputError(f"{folder}: found files that `semcal label` has not written, needed another -o")
-    elif not force and read_document(record) != json.loads(_text(side.settings)):
+    elif not force and read_document(record) != json.loads(_text(settings)):
         raise InputError(
-            f"{folder}: found labels of another model or other settings, needed another -o, or --force"
+            f"{folder}: found labels of another model, drive or settings, needed another -o, or --force"
         )
     files = [
         name if isinstance(name, InputError) else folder / f"{name}{side.suffix}"
@@ -162,13 +168,17 @@ def _prepared(drive: Drive, side: Side, root: Path, force: bool, by_content: boo
         for file in files:
             if isinstance(file, Path):
                 file.unlink(missing_ok=True)
-    write_text(_text(side.settings), record)
+    write_text(_text(settings), record)
     return files
+
+
+def _sources(drive: Drive, side: Side) -> list[str | None]:
+    return [getattr(frame, side.source) for frame in drive.frames]
 
 
 def _names(drive: Drive, side: Side, by_content: bool) -> list[str | InputError]:
     """Name the labels of each frame by the file that is labelled, or by its content."""
-    sources = [getattr(frame, side.source) for frame in drive.frames]
+    sources = _sources(drive, side)
     if by_content:
         return [
             _content_name(drive, frame, source) for frame, source in zip(drive.frames, sources, strict=True)
