@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from semcal_cli.drive.document import read_drive
-from semcal_cli.drive.frame_selection import farthest_points, select_frames
+from semcal_cli.drive.frame_selection import farthest_points, num_different, select_frames
 from semcal_cli.errors import InputError
 
 
 def test_rows_that_differ_are_chosen_before_rows_that_repeat() -> None:
     same, near, far = np.zeros(10), np.eye(10)[0], np.ones(10)
     rows = np.array([same, same, near, same, far]).astype(np.uint16)
-    assert farthest_points(rows, 2) == [0, 4]
-    assert farthest_points(rows, 3) == [0, 2, 4]
-    assert farthest_points(rows, 5) == [0, 1, 2, 3, 4]
+    assert farthest_points(rows, 2, num_different) == [0, 4]
+    assert farthest_points(rows, 3, num_different) == [0, 2, 4]
+    assert farthest_points(rows, 5, num_different) == [0, 1, 2, 3, 4]
 
 
 def test_a_long_drive_keeps_its_order_and_a_short_one_everything(street: Path) -> None:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from semcal_cli.cli.import_bag import bag
 from semcal_cli.cli.options import PATH, FiniteRange, number_option, quiet_option
 from semcal_cli.datasets import DATASETS, load_dataset
 
@@ -56,7 +57,7 @@ class FrameSlice(click.ParamType):  # type: ignore[type-arg]
 
 @click.group(name="import")
 def import_() -> None:
-    """Make a drive of a data set, or of a folder of your own files.
+    """Make a drive of a recording, of a data set, or of a folder of your own files.
 
     Writes a drive.yaml that points at the original files, with intrinsics, class names, ignored ids and, as
     the reference T_camera_lidar, the data set's own calibration.
@@ -153,6 +154,7 @@ def _dataset_command(name: str, summary: str) -> click.Command:
     return command
 
 
+import_.add_command(bag)
 for _name, _summary in DATASETS.items():
     import_.add_command(_dataset_command(_name, _summary))
 

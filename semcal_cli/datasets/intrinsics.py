@@ -136,6 +136,15 @@ def read_mei(path: Path) -> dict[str, Any]:
     return camera_block(path, _mei(Storage(path)), MEI_KEYS)
 
 
+def ros_camera(source: Path, document: dict[Any, Any]) -> dict[str, Any]:
+    """Make the camera block of a sensor_msgs/CameraInfo whose fields have been read; `source` is named in errors.
+
+    Raises:
+        InputError: the lens is not known, or a value is wrong.
+    """
+    return camera_block(source, _ros(source, document), _names(document))
+
+
 def _mei(storage: Storage) -> dict[str, Any]:
     fx, fy, cx, cy = (
         storage.number("projection_parameters", key) for key in ("gamma1", "gamma2", "u0", "v0")

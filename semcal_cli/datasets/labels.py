@@ -65,11 +65,11 @@ def labelled(recording: Recording) -> Recording:
                 f"found {num_points:,} frames with labels of points and {num_images:,} with labels of "
                 f"pictures, none of {len(recording.frames):,} with both, needed at least one"
             )
-        if not kept:
+        if not kept and recording.labels_by is not None:
             remarks.append(
                 f"no labels of {what}: a calibration by labels needs them, see {option} {recording.labels_by}"
             )
-        elif len(kept) < len(frames):
+        elif kept and len(kept) < len(frames):
             remarks.append(f"{len(frames) - len(kept):,} frames without labels of {what} are left out")
         frames = kept or frames
     return replace(recording, frames=frames, remarks=(*recording.remarks, *remarks))

@@ -120,9 +120,11 @@ class Recording:
     """Classes of the label images."""
     ids_in_red: bool = False
     """Whether the label images are colours whose red is the id, and whose green and blue are 0."""
+    motion: Mapping[str, Any] | None = None
+    """The `motion:` block of a drive, if the motion of the LiDAR is known."""
     remarks: tuple[str, ...] = ()
     """Sentences that the user should read."""
     read: tuple[Path, ...] = ()
     """YAML files that were read, which a drive.yaml must not overwrite."""
-    labels_by: str = "DIR"
-    """Placeholder of the values of --point-labels and --image-labels in messages."""
+    labels_by: str | None = "DIR"
+    """Placeholder of the values of --point-labels and --image-labels in messages; None if `semcal label` makes them."""

@@ -131,6 +131,8 @@ def _document(recording: Recording, path: Path) -> dict[str, Any]:
         document["lidar"] = dict(recording.lidar)
     document["frames"] = [_frame_document(frame, path.parent) for frame in recording.frames]
     document |= _class_blocks(recording)
+    if recording.motion is not None:
+        document["motion"] = dict(recording.motion)
     T_camera_lidar = _reference(recording)
     if T_camera_lidar is not None:
         document["T_camera_lidar"] = T_camera_lidar.tolist()

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeVar
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -51,20 +51,35 @@ def select_frames(drive: Drive, max_frames: int) -> Drive:
     thumbnails = _core.read_label_thumbnails(
         label_paths(drive, "image_labels"), camera.width, camera.height, *THUMBNAIL, colors(drive)
     )
-    chosen = farthest_points(thumbnails.reshape(len(thumbnails), -1), max_frames)
+    chosen = farthest_points(thumbnails.reshape(len(thumbnails), -1), max_frames, num_different)
     return drive.model_copy(update={"frames": tuple(drive.frames[i] for i in chosen)})
 
 
-def farthest_points(rows: npt.NDArray[np.uint16], count: int) -> list[int]:
-    """Choose `count` rows of (N, M) that differ from one another in many columns; ties go to the lower index.
+def farthest_points(
+    rows: npt.NDArray[Any],
+    count: int,
+    distances: Callable[[npt.NDArray[Any], npt.NDArray[Any]], npt.NDArray[Any]],
+) -> list[int]:
+    """Choose `count` rows of (N, M) that are far from one another; ties go to the lower index.
+
+    Args:
+        rows: The rows, at least `count`.
+        count: How many to choose.
+        distances: Function of all rows and one of them that gives the distances (N,) between them.
 
     Returns:
         Indices of the rows, in ascending order.
     """
     chosen = [0]
-    nearest = np.count_nonzero(rows != rows[0], axis=1)
+    nearest = distances(rows, rows[0])
     for _ in range(1, count):
         nearest[chosen] = -1
         chosen.append(int(nearest.argmax()))
-        nearest = np.minimum(nearest, np.count_nonzero(rows != rows[chosen[-1]], axis=1))
+        nearest = np.minimum(nearest, distances(rows, rows[chosen[-1]]))
     return sorted(chosen)
+
+
+def num_different(rows: npt.NDArray[Any], row: npt.NDArray[Any]) -> npt.NDArray[np.intp]:
+    """Count the columns (N,) in which rows (N, M) differ from one row (M,)."""
+    counts: npt.NDArray[np.intp] = np.count_nonzero(rows != row, axis=1)
+    return counts

@@ -1,0 +1,257 @@
+"""Sweeps of recordings as binary PCD, with all their fields.
+
+Numbers stay as they are, but for times whose unit no reader could know: these become seconds (see `_readable_times`).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.bags.messages import CLOUD, HEADER_BYTES, NS, Message, MessageError
+from semcal_cli.files.messages import listed
+
+POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
+"""NumPy's name of each datatype of a sensor_msgs/PointField."""
+PCD_KINDS = {"i": "I", "u": "U", "f": "F"}
+MAX_POINTS, MAX_POINT_BYTES, MAX_FIELDS = 10_000_000, 1024, 128
+LIVOX_POINT = [
+    ("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"), ("line", "u1"),
+]  # fmt: skip
+"""CustomPoint.msg of both of Livox' drivers."""
+TIMES = ("t", "time", "timestamp", "offset_time", "time_offset", "time_stamp", "timestamps", "gps_time")
+"""Names of fields of times, the best first."""
+READ_AS_TIME = ("t", "time", "timestamp", "offset_time", "time_offset", "gps_time")
+"""Those of them that the reader of point clouds knows."""
+TICKS_S = {"nanoseconds": 1e-9, "microseconds": 1e-6, "milliseconds": 1e-3, "seconds": 1.0}
+SHORTEST_SWEEP_S, LONGEST_SWEEP_S = 0.004, 1.5
+"""Time that the points of a sweep can span. Units are a thousand apart, so that at most one of them fits."""
+
+
+class Sweep(NamedTuple):
+    """A sweep of a recording."""
+
+    records: npt.NDArray[np.void]
+    """(height, width) records of all fields, little endian and without gaps."""
+    point_times: str | None
+    """`relative` or `absolute`, as a drive's motion states it; None without times on the clock of the header."""
+    remark: str | None
+    """What the user should know of its times."""
+
+    def pcd(self) -> bytes:
+        """Make the content of a binary PCD 0.7."""
+        height, width = self.records.shape
+        fields = [(name, *_scalar(self.records.dtype, name)) for name in self.records.dtype.names or ()]
+        header = [
+            "# .PCD v0.7 - Point Cloud Data file format",
+            "VERSION 0.7",
+            "FIELDS " + " ".join(name for name, _, _ in fields),
+            "SIZE " + " ".join(str(scalar.itemsize) for _, scalar, _ in fields),
+            "TYPE " + " ".join(PCD_KINDS[scalar.kind] for _, scalar, _ in fields),
+            "COUNT " + " ".join(str(count) for _, _, count in fields),
+            f"WIDTH {width}",
+            f"HEIGHT {height}",
+            "VIEWPOINT 0 0 0 1 0 0 0",
+            f"POINTS {width * height}",
+            "DATA binary",
+        ]
+        return "\n".join(header).encode() + b"\n" + self.records.tobytes()
+
+
+def read_sweep(message: Message, stamp_ns: int) -> Sweep:
+    """Read a PointCloud2 or a Livox CustomMsg.
+
+    Args:
+        message: The message.
+        stamp_ns: Time of the sweep, which its points' times refer to.
+
+    Raises:
+        MessageError: the message is damaged, or contradicts itself, or has no points with a range.
+    """
+    records = _point_cloud2(message) if message.type == CLOUD else _livox(message)
+    names = records.dtype.names or ()
+    missing = [axis for axis in "xyz" if axis not in names]
+    if missing:
+        raise MessageError(f"found the fields {listed(names)}, needed x, y and z")
+    if not _any_range(records):
+        raise MessageError(f"found no point of {records.size:,} with a range")
+    return Sweep(*_readable_times(records, stamp_ns))
+
+
+def _any_range(records: npt.NDArray[np.void]) -> bool:
+    axes = np.stack([records[axis].ravel().astype(np.float32) for axis in "xyz"])
+    with np.errstate(invalid="ignore"):
+        return bool((np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)).any())
+
+
+def _point_cloud2(message: Message) -> npt.NDArray[np.void]:
+    """Read the points of a PointCloud2 of any layout, in either byte order."""
+    cloud = message.content
+    width, height, step, row = int(cloud.width), int(cloud.height), int(cloud.point_step), int(cloud.row_step)
+    if width * height == 0:
+        raise MessageError("found a cloud without points")
+    if width * height > MAX_POINTS:
+        raise MessageError(f"found {width * height:,} points, needed at most {MAX_POINTS:,}")
+    layout = _layout(cloud, step)
+    row = width * step if height == 1 else row
+    if row < width * step:
+        raise MessageError(f"found row_step {row:,}, needed {width * step:,} or more for {width:,} points")
+    needed = (height - 1) * row + width * step
+    if len(cloud.data) < needed:
+        raise MessageError(f"found {len(cloud.data):,} bytes of points, needed {needed:,}")
+    points: npt.NDArray[np.void] = np.ndarray((height, width), layout, cloud.data.tobytes(), 0, (row, step))
+    packed = np.empty((height, width), _packed(layout))
+    for name in layout.names or ():
+        packed[name] = points[name]
+    return packed
+
+
+def _layout(cloud: Any, step: int) -> np.dtype[Any]:
+    """Make the layout of a point's record."""
+    if not 0 < step <= MAX_POINT_BYTES or len(cloud.fields) > MAX_FIELDS:
+        found = f"point_step {step:,} and {len(cloud.fields):,} fields"
+        raise MessageError(f"found {found}, needed at most {MAX_POINT_BYTES:,} bytes and {MAX_FIELDS} fields")
+    order = ">" if cloud.is_bigendian else "<"
+    names, formats, offsets = [], [], []
+    for field in cloud.fields:
+        kind, count = POINT_FIELD_TYPES.get(int(field.datatype)), max(int(field.count), 1)
+        if kind is None:
+            raise MessageError(f"found field {field.name!r} of datatype {field.datatype}, needed 1 to 8")
+        end = int(field.offset) + np.dtype(kind).itemsize * count
+        if end > step:
+            raise MessageError(f"found field {field.name!r} up to byte {end:,}, but point_step {step:,}")
+        names.append(re.sub(r"\s+", "_", field.name.strip("\0")) or "_")
+        formats.append((order + kind, (count,)) if count > 1 else order + kind)
+        offsets.append(int(field.offset))
+    if len(set(names)) < len(names):
+        raise MessageError(f"found a field twice in {listed(names)}")
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": step})
+
+
+def _packed(layout: np.dtype[Any]) -> np.dtype[Any]:
+    """Make the same fields, little endian and without gaps."""
+    fields = []
+    for name in layout.names or ():
+        scalar, count = _scalar(layout, name)
+        fields.append((name, scalar.newbyteorder("<"), (count,) if count > 1 else ()))
+    return np.dtype([(name, scalar, shape) if shape else (name, scalar) for name, scalar, shape in fields])
+
+
+def _scalar(layout: np.dtype[Any], name: str) -> tuple[np.dtype[Any], int]:
+    """Tell the type of a field's numbers and how many there are."""
+    assert layout.fields is not None
+    kind = layout.fields[name][0]
+    return kind.base, int(np.prod(kind.shape, dtype=int))
+
+
+def _livox(message: Message) -> npt.NDArray[np.void]:
+    """Read the points of a CustomMsg from its bytes, which a reader of any message would make an object of each.
+
+    After the header stand `timebase` (u8 bytes), `point_num`, `lidar_id` with three reserved bytes, and the points with
+    their number in front. CDR aligns each of these, and each point, to the size of its numbers.
+    """
+    order, start = message.byte_order, 0 if message.is_ros1 else 4
+    layout = np.dtype([(name, order + kind) for name, kind in LIVOX_POINT], align=not message.is_ros1)
+    (length,) = (
+        struct.unpack_from(f"{order}I", message.raw, HEADER_BYTES - 4) if len(message.raw) >= 16 else (0,)
+    )
+    place = HEADER_BYTES + length
+    if not message.is_ros1:
+        place = start + -(-(place - start) // 8) * 8
+    place += 8 + 4 + 4  # timebase, point_num, and lidar_id with what is reserved
+    if place + 4 > len(message.raw):
+        raise MessageError(f"found {len(message.raw):,} bytes that are no {message.type}")
+    (count,) = struct.unpack_from(f"{order}I", message.raw, place)
+    if count == 0:
+        raise MessageError("found a cloud without points")
+    used = sum(np.dtype(kind).itemsize for _, kind in LIVOX_POINT)
+    needed = place + 4 + (count - 1) * layout.itemsize + used
+    if count > MAX_POINTS or needed > len(message.raw):
+        raise MessageError(f"found {count:,} points in {len(message.raw):,} bytes")
+    padded = message.raw[place + 4 :] + bytes(layout.itemsize - used)
+    points = np.frombuffer(padded, layout, count)
+    packed = np.empty((1, count), [(name, f"<{kind}") for name, kind in LIVOX_POINT])
+    for name, _ in LIVOX_POINT:
+        packed[name] = points[name]
+    return packed
+
+
+def _readable_times(
+    records: npt.NDArray[np.void], stamp_ns: int
+) -> tuple[npt.NDArray[np.void], str | None, str | None]:
+    """Tell what the times of points refer to, and make those readable that are not.
+
+    Whole numbers are read as nanoseconds and others as seconds. Times in another unit, or under a name that no reader
+    knows, become seconds relative to the stamp, as float64, under the name `t`.
+    """
+    lowered = {name.lower(): name for name in reversed(records.dtype.names or ())}
+    name = next((lowered[each] for each in TIMES if each in lowered), None)
+    if name is None or _scalar(records.dtype, name)[1] > 1:
+        return records, None, None
+    values = records[name]
+    scale = _tick_s(values)
+    if scale is None:
+        found = f"the times of points, {name!r}, span {_span(values):g} of no usual unit"
+        return records, None, f"{found}; they are written as they are, and no motion"
+    shift, reference = _shift(values, scale, stamp_ns)
+    if reference is None:
+        return (
+            records,
+            None,
+            f"the times of points, {name!r}, are on another clock than the header; no motion is written",
+        )
+    is_read = name.lower() in READ_AS_TIME and scale == (1.0 if values.dtype.kind == "f" else 1e-9)
+    if is_read:
+        return records, reference, None
+    # Whole numbers are subtracted as such: as float64, nanoseconds since 1970 would lose their last 8 bits.
+    exact = values.astype(np.int64) if values.dtype.kind in "iu" else values
+    seconds = (exact - shift).astype(np.float64) * scale
+    unit = next(unit for unit, tick in TICKS_S.items() if tick == scale)
+    remark = f"the times of points, {name!r} in {unit}, are written as seconds after the sweep's stamp"
+    return _with_times(records, name, seconds), "relative", remark
+
+
+def _span(values: npt.NDArray[Any]) -> float:
+    finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+    return float(finite.max() - finite.min()) if finite.size else 0.0
+
+
+def _tick_s(values: npt.NDArray[Any]) -> float | None:
+    """Find the unit in which the times span a sweep, in seconds."""
+    span = _span(values)
+    fits = [tick for tick in TICKS_S.values() if SHORTEST_SWEEP_S <= span * tick <= LONGEST_SWEEP_S]
+    return fits[0] if len(fits) == 1 else None
+
+
+def _shift(values: npt.NDArray[Any], tick_s: float, stamp_ns: int) -> tuple[int, str | None]:
+    """Find what to subtract from times to make them relative, in their own unit, and what they refer to."""
+    first = values[np.isfinite(values)].min() if values.dtype.kind == "f" else values.min()
+    if abs(float(first)) * tick_s <= LONGEST_SWEEP_S:
+        return 0, "relative"
+    ticks = round(stamp_ns / (tick_s * NS))
+    if abs(float(first) - ticks) * tick_s <= LONGEST_SWEEP_S:
+        return ticks, "absolute"
+    return 0, None
+
+
+def _with_times(
+    records: npt.NDArray[np.void], name: str, seconds: npt.NDArray[np.float64]
+) -> npt.NDArray[np.void]:
+    """Replace a field by times in seconds, with the name that is read first."""
+    fields = [
+        ("t", "<f8") if each == name else (each, *_kept(records.dtype, each))
+        for each in records.dtype.names or ()
+    ]
+    changed = np.empty(records.shape, fields)
+    for each in records.dtype.names or ():
+        changed["t" if each == name else each] = seconds if each == name else records[each]
+    return changed
+
+
+def _kept(layout: np.dtype[Any], name: str) -> tuple[Any, ...]:
+    scalar, count = _scalar(layout, name)
+    return (scalar, (count,)) if count > 1 else (scalar,)

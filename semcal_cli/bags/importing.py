@@ -1,0 +1,406 @@
+"""A drive from a recording: its topics, its frames, and the files that are written of them."""
+
+from __future__ import annotations
+
+import os
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.bags.bag import Bag
+from semcal_cli.bags.cameras import CameraInfo, camera_block, read_camera_info
+from semcal_cli.bags.clouds import Sweep, read_sweep
+from semcal_cli.bags.messages import NS, TRANSFORMS, Message, MessageError
+from semcal_cli.bags.motion import TF_STATIC, Trajectory, find_motion, seconds_text
+from semcal_cli.bags.pairs import AFTER_NS, Pair, Pairing, stretches
+from semcal_cli.bags.pictures import Picture, read_picture, thumbnail
+from semcal_cli.bags.topics import Request, Topics, choose_topics
+from semcal_cli.bags.transforms import FrameTree
+from semcal_cli.datasets.intrinsics import read_intrinsics
+from semcal_cli.datasets.recording import Recording, SourceFrame
+from semcal_cli.datasets.writing import Options, Written, write_drive
+from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.drive.frame_selection import farthest_points
+from semcal_cli.errors import InputError
+from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.files.writing import make_folder, write_bytes, write_text
+from semcal_cli.geometry.poses import Pose
+
+CANDIDATES = 2
+"""Pairs that are looked at for each frame that is kept, when scenes are to differ."""
+LEAST_TRAVELLED_M = 5.0
+"""Way of the rig from which on frames are spread along it; below, by how much their pictures differ."""
+FAR_CLOCKS_S = 1.0
+"""Difference between two clocks that no driver's delay explains."""
+
+
+class ImportedDrive(NamedTuple):
+    """Summary of an import."""
+
+    written: Written
+    """The drive."""
+    left_out: Counter[str]
+    """What was looked at and left out, by what and why."""
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A pair whose messages lie in the spool."""
+
+    pair: Pair
+    """The pair, without the bytes of its messages."""
+    places: tuple[slice, slice]
+    """Where the bytes of its sweep and its picture lie."""
+    look: npt.NDArray[np.float32]
+    """Thumbnail of the picture."""
+
+
+class _Spool:
+    """Messages on disk, until it is known which are needed."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def put(self, message: Message) -> slice:
+        start = self._file.seek(0, os.SEEK_END)
+        self._file.write(message.raw)
+        return slice(start, start + len(message.raw))
+
+    def get(self, message: Message, place: slice) -> Message:
+        self._file.seek(place.start)
+        return replace(message, raw=self._file.read(place.stop - place.start))
+
+
+def import_bag(request: Request, out: Path, on_event: Listener = ignore) -> ImportedDrive:
+    """Make a drive of a recording. The drive.yaml is written last, and each file as a whole or not at all.
+
+    Files are named by the topic and the stamp that they come from, so that a second import writes the same files, and
+    several cameras of one recording can share a folder.
+
+    Args:
+        request: The recording, and what is wanted of it.
+        out: Folder of the drive, or its drive.yaml.
+        on_event: Called with each event.
+
+    Raises:
+        InputError: the recording has no usable pairs, or contradicts itself or the request.
+    """
+    with Bag(request.paths) as bag:
+        return _Import(bag, request, out, on_event).run()
+
+
+class _Import:
+    def __init__(self, bag: Bag, request: Request, out: Path, on_event: Listener) -> None:
+        self.bag, self.request, self.on_event = bag, request, on_event
+        self.path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
+        self.topics: Topics = choose_topics(bag, request)
+        self.info: CameraInfo | None = None
+        self.remarks: list[str] = []
+        self.left_out: Counter[str] = Counter()
+
+    def run(self) -> ImportedDrive:
+        camera = self._camera()
+        tree = self._tree()
+        lidar, optical = (self._frame_id(topic) for topic in (self.topics.points, self.topics.image))
+        reference = self._reference(tree, lidar, optical)
+        source, why = find_motion(self.bag, tree, lidar, self.request.motion, self.request.motion_frame)
+        self.remarks += [why] if why else []
+        trajectory = None if source is None else Trajectory(source)
+        make_folder(self.path.parent)
+        with tempfile.TemporaryFile(dir=self.path.parent) as file:
+            spool = _Spool(file)
+            candidates = list(self._candidates(spool, trajectory))
+            chosen = self._chosen(candidates, trajectory)
+            frames, sweeps = self._write(chosen, spool, camera)
+        motion, frames = self._motion(trajectory, frames, sweeps)
+        recording = Recording(
+            camera=camera,
+            frames=frames,
+            T_camera_lidar=reference,
+            motion=motion,
+            remarks=(*self.remarks, *self.bag.damage_remarks()),
+            labels_by=None,
+        )
+        return ImportedDrive(write_drive(recording, Options(), self.path), self.left_out)
+
+    def _camera(self) -> dict[str, Any]:
+        """Read the camera from the file that is given, or from the first message about it."""
+        if self.request.intrinsics is not None:
+            return read_intrinsics(self.request.intrinsics)
+        topic = self.topics.camera_info
+        assert topic is not None
+        first = next(self.bag.messages([topic]), None)
+        if first is None:
+            raise InputError(
+                f"{topic.name}: found no whole message, needed a camera; or give --intrinsics FILE"
+            )
+        try:
+            self.info = read_camera_info(first)
+        except MessageError as error:
+            raise InputError(f"{topic.name}: {error}") from None
+        if self.topics.is_rectified:
+            self.remarks.append(
+                f"{self.topics.image.name} holds rectified pictures: P of {topic.name} counts, not K and D"
+            )
+        return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
+
+    def _tree(self) -> FrameTree:
+        tree = FrameTree()
+        static = [topic for topic in self.bag.of_types(TRANSFORMS) if topic.name == TF_STATIC]
+        for message in self.bag.messages(static):
+            with suppress(MessageError):
+                tree.add(message)
+        return tree
+
+    def _frame_id(self, topic: Any) -> str:
+        first = next(self.bag.messages([topic]), None)
+        try:
+            return "" if first is None else first.frame_id
+        except MessageError:
+            return ""
+
+    def _reference(self, tree: FrameTree, lidar: str, optical: str) -> Pose | None:
+        """Find T_camera_lidar (4, 4), metres, in the fixed transforms."""
+        T = tree.reached(optical).get(lidar)
+        if T is None or not lidar:
+            self.remarks.append(f"no reference from {lidar!r} to {optical!r}: {tree.missing(lidar, optical)}")
+            return None
+        if self.info is not None and self.topics.is_rectified:
+            if self.info.P[3] or self.info.P[7]:
+                self.remarks.append(
+                    "no reference: P is that of the second camera of a stereo pair, whose frame is not stated"
+                )
+                return None
+            R = np.reshape(self.info.R, (3, 3))
+            T[:3] = (R if R.any() else np.eye(3)) @ T[:3]
+        self.remarks.append(f"the reference T_camera_lidar is {TF_STATIC}'s, from {lidar!r} to {optical!r}")
+        return T
+
+    def _candidates(self, spool: _Spool, trajectory: Trajectory | None) -> Iterator[_Candidate]:
+        """Yield pairs near evenly spaced times, and check on the way that the camera stays the same."""
+        wanted = self._wanted_ns()
+        gap_ns = round(self.request.max_gap_s * NS)
+        pairing = Pairing(
+            wanted, gap_ns, by_receipt=self.request.by_receipt, picture_topic=self.topics.image.name
+        )
+        after_ns = AFTER_NS + self.topics.period_ns
+        places = (
+            stretches(wanted, after_ns) if self.bag.is_indexed else [(self.bag.start_ns, self.bag.end_ns + 1)]
+        )
+        began = perf_counter()
+        count = 0
+        for done, (start, stop) in enumerate(places):
+            left_s = (perf_counter() - began) / max(done, 1) * (len(places) - done)
+            left = f", {left_s:.0f} s left" if done else ""
+            self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {len(places)} places{left}"))
+            messages = self._watched(start, stop, trajectory)
+            for pair in pairing.pairs(messages, stop if self.bag.is_indexed else None):
+                try:
+                    look = thumbnail(pair.picture)
+                except MessageError as error:
+                    self.left_out[f"pictures: {error}"] += 1
+                    continue
+                count += 1
+                yield _spooled(pair, spool, look)
+        self.left_out += pairing.left_out
+        self._check_clocks(pairing, count)
+        not_read = self.topics.points.span.num_messages - count - sum(self.left_out.values())
+        if not_read > 0:
+            self.left_out["sweeps: lie between the times that were looked at"] += not_read
+
+    def _wanted_ns(self) -> list[int]:
+        """Choose the times, as messages were received, near which pairs are looked for."""
+        span, request = self.topics.points.span, self.request
+        if request.every_s is not None:
+            step = max(round(request.every_s * NS), 1)
+            wanted = range(span.first_ns, span.last_ns + 1, step)
+            return list(wanted[: request.max_frames]) if request.max_frames else list(wanted)
+        count = min(CANDIDATES * (request.max_frames or 0), span.num_messages)
+        if count == span.num_messages:  # Every sweep is wanted, however unevenly they came.
+            return sorted(message.received_ns for message in self.bag.messages([self.topics.points]))
+        return [int(time) for time in np.linspace(span.first_ns, span.last_ns, count + 1)[:-1]]
+
+    def _watched(self, start: int, stop: int, trajectory: Trajectory | None) -> Iterator[Message]:
+        """Yield sweeps and pictures; poses and cameras are looked at here."""
+        topics = [self.topics.points, self.topics.image]
+        if self.info is not None and self.topics.camera_info is not None:
+            topics.append(self.topics.camera_info)
+        if trajectory is not None:
+            topics.append(trajectory.source.topic)
+        for message in self.bag.messages(topics, start, stop):
+            if self.topics.camera_info is not None and message.topic == self.topics.camera_info.name:
+                self._check_same(message)
+            elif trajectory is not None and message.topic == trajectory.source.topic.name:
+                trajectory.take(message, self.request.by_receipt)
+            else:
+                yield message
+
+    def _check_same(self, message: Message) -> None:
+        assert self.info is not None
+        try:
+            difference = read_camera_info(message).difference(self.info)
+        except MessageError:
+            return
+        if difference is not None:
+            seconds = (message.received_ns - self.bag.start_ns) / NS
+            found = f"found another camera {seconds:.3f} s after the start: {difference}"
+            raise InputError(f"{message.topic}: {found}; needed the same throughout")
+
+    def _check_clocks(self, pairing: Pairing, count: int) -> None:
+        """Notice clocks of the LiDAR and of the camera that differ, by how late messages were received."""
+        sweeps, pictures = (pairing.delays_s[is_picture] for is_picture in (False, True))
+        apart = ""
+        if sweeps and pictures:
+            difference_s = float(np.median(sweeps) - np.median(pictures))
+            if abs(difference_s) > FAR_CLOCKS_S:
+                names = f"{self.topics.points.name} and {self.topics.image.name}"
+                apart = f"the clocks of {names} differ by {difference_s:.3f} s"
+        if not count:
+            common = self.left_out.most_common(1) or [("no sweeps and pictures at the same times", 0)]
+            reason = apart or common[0][0]
+            advice = "; try --stamps receive" if apart else ""
+            raise InputError(
+                f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}{advice}"
+            )
+        if apart:
+            self.remarks.append(f"{apart}, judged by when their messages were received")
+
+    def _chosen(self, candidates: Sequence[_Candidate], trajectory: Trajectory | None) -> list[_Candidate]:
+        """Choose the pairs whose scenes differ most, in order of time."""
+        forward: list[_Candidate] = []
+        for each in candidates:
+            if forward and each.pair.sweep_ns <= forward[-1].pair.sweep_ns:
+                self.left_out["pairs: their stamps run backwards"] += 1
+            else:
+                forward.append(each)
+        count = self.request.max_frames
+        if self.request.every_s is not None or count is None or len(forward) <= count:
+            return forward
+        positions = [trajectory and trajectory.position(each.pair.sweep_ns) for each in forward]
+        way = _way_m(positions)
+        if way is not None and way[-1] >= LEAST_TRAVELLED_M:
+            kept = _along(way, count)
+            self.left_out["pairs: others are spread better along the way"] += len(forward) - len(kept)
+        else:
+            kept = farthest_points(np.stack([each.look for each in forward]), count, _mean_difference)
+            self.left_out["pairs: their pictures are like those of others"] += len(forward) - len(kept)
+        return [forward[index] for index in kept]
+
+    def _write(
+        self, chosen: Sequence[_Candidate], spool: _Spool, camera: dict[str, Any]
+    ) -> tuple[list[SourceFrame], list[Sweep]]:
+        """Write the files of the frames; pairs that cannot be used are counted."""
+        frames, sweeps = [], []
+        for index, each in enumerate(chosen):
+            self.on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
+            pair = each.pair
+            try:
+                sweep = read_sweep(spool.get(pair.sweep, each.places[0]), pair.sweep_ns)
+                picture = read_picture(spool.get(pair.picture, each.places[1]))
+            except MessageError as error:
+                self.left_out[f"pairs: {error}"] += 1
+                continue
+            _check_size(picture, camera, self.topics.image.name)
+            points = self._file("points", self.topics.points.name, pair.sweep_ns, ".pcd", sweep.pcd())
+            image = self._file(
+                "images", self.topics.image.name, pair.picture_ns, picture.suffix, picture.content
+            )
+            stamps = pair.sweep_ns / NS, pair.picture_ns / NS
+            frames.append(
+                SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
+            )
+            sweeps.append(sweep._replace(records=sweep.records[:0]))
+        if not frames:
+            reason = next(reversed(self.left_out))
+            raise InputError(f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}")
+        self.remarks += list(dict.fromkeys(sweep.remark for sweep in sweeps if sweep.remark))
+        return frames, sweeps
+
+    def _motion(
+        self, trajectory: Trajectory | None, frames: list[SourceFrame], sweeps: Sequence[Sweep]
+    ) -> tuple[dict[str, Any] | None, list[SourceFrame]]:
+        """Write the poses, if the points have times that they can correct, and leave out frames beyond them."""
+        if trajectory is None:
+            return None, frames
+        source = trajectory.source
+        told = f"{source.topic.name} tells of the motion of {source.frame!r}"
+        kinds = {sweep.point_times for sweep in sweeps}
+        if len(kinds) > 1 or None in kinds:
+            self.remarks.append(
+                f"{told}, but the points have no times that it could correct; no motion is written"
+            )
+            return None, frames
+        covered = [frame for frame in frames if trajectory.covers(*_stamps_ns(frame))]
+        if 2 * len(covered) < len(frames):
+            self.remarks.append(f"{told}, but has no poses around most frames; no motion is written")
+            return None, frames
+        if len(covered) < len(frames):
+            self.left_out["pairs: no poses around them"] += len(frames) - len(covered)
+        path = self.path.parent / "poses" / f"{_slug(source.topic.name)}.txt"
+        make_folder(path.parent)
+        write_text(trajectory.tum(), path)
+        self.remarks.append(f"{told}: the drive's motion")
+        poses = path.relative_to(self.path.parent).as_posix()
+        return {"poses": poses, "point_times": kinds.pop()}, covered
+
+    def _file(self, kind: str, topic: str, stamp_ns: int, suffix: str, content: bytes) -> Path:
+        path = self.path.parent / kind / _slug(topic) / f"{seconds_text(stamp_ns)}{suffix}"
+        make_folder(path.parent)
+        write_bytes(content, path)
+        return path
+
+
+def _spooled(pair: Pair, spool: _Spool, look: npt.NDArray[np.float32]) -> _Candidate:
+    places = spool.put(pair.sweep), spool.put(pair.picture)
+    light = pair._replace(sweep=replace(pair.sweep, raw=b""), picture=replace(pair.picture, raw=b""))
+    return _Candidate(light, places, look)
+
+
+def _way_m(positions: Sequence[Any]) -> npt.NDArray[np.float64] | None:
+    """Length of the way to each position (N,), metres; None if a position is unknown."""
+    if any(position is None for position in positions) or len(positions) < 2:
+        return None
+    steps = np.linalg.norm(np.diff(np.stack(positions), axis=0), axis=1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _along(way_m: npt.NDArray[np.float64], count: int) -> list[int]:
+    """Choose at most `count` places at about equal distances along the way, in ascending order."""
+    wanted = np.linspace(0.0, way_m[-1], count)
+    return sorted({int(np.abs(way_m - each).argmin()) for each in wanted})
+
+
+def _mean_difference(
+    looks: npt.NDArray[np.float32], look: npt.NDArray[np.float32]
+) -> npt.NDArray[np.float32]:
+    found: npt.NDArray[np.float32] = np.abs(looks - look).mean(axis=1)
+    return found
+
+
+def _check_size(picture: Picture, camera: dict[str, Any], topic: str) -> None:
+    size = camera["width"], camera["height"]
+    if picture.size != size:
+        found = "{} x {}".format(*picture.size)
+        raise InputError(
+            f"{topic}: found pictures of {found} pixels, needed {size[0]} x {size[1]}, as its camera states"
+        )
+
+
+def _stamps_ns(frame: SourceFrame) -> tuple[int, int]:
+    assert frame.points_stamp is not None
+    assert frame.image_stamp is not None
+    return round(frame.points_stamp * NS), round(frame.image_stamp * NS)
+
+
+def _slug(topic: str) -> str:
+    """Make a name of a folder or a file of the name of a topic."""
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", topic.strip("/")).strip(".") or "topic"

@@ -1,0 +1,107 @@
+"""Messages of recordings: their header from their first bytes, and their content by ROS's own definitions."""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+CLOUD = "sensor_msgs/msg/PointCloud2"
+LIVOX = ("livox_ros_driver/msg/CustomMsg", "livox_ros_driver2/msg/CustomMsg")
+PICTURE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
+CAMERA_INFO = "sensor_msgs/msg/CameraInfo"
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+ODOMETRY, POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseStamped"
+CLOUDS, PICTURES = (CLOUD, *LIVOX), (PICTURE, COMPRESSED)
+
+HEADER_BYTES = 16
+"""Bytes before the characters of `frame_id`: ROS 1's sequence or ROS 2's encapsulation, stamp and length."""
+MAX_FRAME_ID = 4096
+NS = 1_000_000_000
+
+
+class MessageError(ValueError):
+    """A message cannot be used; the text says what was found and what was needed."""
+
+
+@dataclass(frozen=True)
+class Message:
+    """A message as the recording holds it."""
+
+    topic: str
+    """Name of its topic."""
+    type: str
+    """Name of its type, as sensor_msgs/msg/Image."""
+    received_ns: int
+    """Time at which it was received."""
+    raw: bytes
+    """Its bytes."""
+    is_ros1: bool
+    """Whether the bytes are those of ROS 1, and not CDR."""
+
+    @property
+    def byte_order(self) -> str:
+        """The sign of the byte order in `struct`."""
+        return "<" if self.is_ros1 or self.raw[1:2] in (b"\1", b"\3") else ">"
+
+    @cached_property
+    def header_ns(self) -> int:
+        """The stamp of the header.
+
+        Raises:
+            MessageError: the message is too short for a header.
+        """
+        self._need_header()
+        seconds, nanoseconds = struct.unpack_from(
+            f"{self.byte_order}{'I' if self.is_ros1 else 'i'}I", self.raw, 4
+        )
+        return int(seconds) * NS + int(nanoseconds)
+
+    @property
+    def frame_id(self) -> str:
+        """The coordinate frame of the header, without the slash in front that ROS 1 allows.
+
+        Raises:
+            MessageError: the message is too short for a header.
+        """
+        self._need_header()
+        (length,) = struct.unpack_from(f"{self.byte_order}I", self.raw, HEADER_BYTES - 4)
+        if length > min(MAX_FRAME_ID, len(self.raw) - HEADER_BYTES):
+            raise MessageError(f"found a frame_id of {length:,} characters in {len(self.raw):,} bytes")
+        name = self.raw[HEADER_BYTES : HEADER_BYTES + length]
+        return plain_frame(name.decode("utf-8", "replace"))
+
+    @property
+    def content(self) -> Any:
+        """The message with its fields.
+
+        Raises:
+            MessageError: the bytes are no message of this type.
+        """
+        store = _types(self.is_ros1)
+        read = store.deserialize_ros1 if self.is_ros1 else store.deserialize_cdr
+        try:
+            return read(self.raw, self.type)
+        except Exception as error:  # Hostile bytes raise errors of any kind in the library.
+            raise MessageError(f"found {len(self.raw):,} bytes that are no {self.type}") from error
+
+    def _need_header(self) -> None:
+        if len(self.raw) < HEADER_BYTES:
+            raise MessageError(f"found {len(self.raw)} bytes, needed a header of {HEADER_BYTES} or more")
+
+
+def plain_frame(name: str) -> str:
+    """Remove what does not count in the name of a coordinate frame."""
+    return name.rstrip("\0").lstrip("/")
+
+
+@cache
+def _types(is_ros1: bool) -> Any:
+    """Load ROS's own definitions; those in a recording are not needed for its usual messages, and can be broken."""
+    store = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    for name in set(TRANSFORMS) - store.fielddefs.keys():
+        store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    return store

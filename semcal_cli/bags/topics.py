@@ -1,0 +1,131 @@
+"""The topics of a recording that make a drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from semcal_cli.bags.bag import Bag, Topic
+from semcal_cli.bags.cameras import is_rectified
+from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, NS, ODOMETRY, PICTURES, POSE, TRANSFORMS
+from semcal_cli.bags.motion import TF_STATIC
+from semcal_cli.errors import InputError
+from semcal_cli.files.messages import listed
+
+MAX_FRAMES = 70
+"""Frames that are kept if nothing else is asked for."""
+MAX_GAP_S = 0.05
+"""Largest time between a sweep and its picture if nothing else is asked for."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the user asks of a recording."""
+
+    paths: Sequence[Path]
+    """Its files or its folder."""
+    points: str | None = None
+    """Topic of the sweeps; None for the only one."""
+    image: str | None = None
+    """Topic of the pictures; None for the only one."""
+    camera_info: str | None = None
+    """Topic of the intrinsics; None for the one beside the pictures, or the only one."""
+    intrinsics: Path | None = None
+    """File of the intrinsics, instead of a topic."""
+    max_frames: int | None = MAX_FRAMES
+    """Most frames."""
+    every_s: float | None = None
+    """Time from one frame to the next, seconds; None spreads them so that scenes differ."""
+    by_receipt: bool = False
+    """Whether times are those at which messages were received, and not those of their headers."""
+    max_gap_s: float = MAX_GAP_S
+    """Largest time between a sweep and its picture, seconds."""
+    motion: str | None = None
+    """Topic of the motion; `none` for none, None for the only one."""
+    motion_frame: str | None = None
+    """Frame whose poses that topic holds; None for the one that its messages name."""
+
+
+@dataclass(frozen=True)
+class Topics:
+    """The topics that a drive is made of."""
+
+    points: Topic
+    """The sweeps."""
+    image: Topic
+    """The pictures."""
+    camera_info: Topic | None
+    """The intrinsics; None if a file holds them."""
+
+    @property
+    def is_rectified(self) -> bool:
+        """Whether the pictures are rectified."""
+        return self.camera_info is not None and is_rectified(self.image.name)
+
+    @property
+    def period_ns(self) -> int:
+        """Time from one sweep or picture to the next, of the slower of both, nanoseconds."""
+        rates = [topic.rate_hz for topic in (self.points, self.image) if topic.rate_hz > 0.0]
+        return round(NS / min(rates)) if rates else NS
+
+
+def choose_topics(bag: Bag, request: Request) -> Topics:
+    """Choose the topics that the user names, or the only ones of their kind.
+
+    Raises:
+        InputError: there is none of a kind, or several, or a name is none of them.
+    """
+    points = _choose(bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg)")
+    image = _choose(bag, PICTURES, request.image, "--image", "pictures (Image, CompressedImage)")
+    info = None if request.intrinsics is not None else _choose_info(bag, request, image)
+    return Topics(points, image, info)
+
+
+def _choose(bag: Bag, types: Sequence[str], wanted: str | None, option: str, what: str) -> Topic:
+    known = bag.of_types(types)
+    if wanted is not None:
+        found = [topic for topic in known if topic.name == wanted]
+        if not found:
+            raise InputError(f"{option}: found no topic {wanted!r} of {what}, needed one of: {_names(known)}")
+        return found[0]
+    if not known:
+        others = listed(sorted({topic.type for topic in bag.topics if topic.span.num_messages}))
+        raise InputError(f"{bag.paths[0]}: found no topic of {what}, only {others}")
+    if len(known) > 1:
+        raise InputError(f"{option}: found {len(known):,} topics of {what}, needed one of: {_names(known)}")
+    return known[0]
+
+
+def _choose_info(bag: Bag, request: Request, image: Topic) -> Topic:
+    known = bag.of_types([CAMERA_INFO])
+    if request.camera_info is None:
+        # image_transport: camera_info lies beside image_raw, whose compressed pictures are a level deeper.
+        folders = [str(Path(image.name).parent), str(Path(image.name).parent.parent)]
+        beside = [f"{folder.rstrip('/')}/camera_info" for folder in folders]
+        for name in beside:
+            if found := [topic for topic in known if topic.name == name]:
+                return found[0]
+        if not known:
+            needed = "needed one, or --intrinsics FILE"
+            raise InputError(f"{bag.paths[0]}: found no topic of intrinsics (CameraInfo), {needed}")
+    return _choose(bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)")
+
+
+def _names(topics: Sequence[Topic]) -> str:
+    return listed(topic.name for topic in topics)
+
+
+def roles(bag: Bag) -> dict[Topic, str]:
+    """Say of each topic that can be used what for."""
+    uses = {
+        "sweeps": CLOUDS,
+        "pictures": PICTURES,
+        "intrinsics": (CAMERA_INFO,),
+        "motion": (ODOMETRY, POSE, *TRANSFORMS),
+    }
+    found = {}
+    for use, types in uses.items():
+        for topic in bag.of_types(types):
+            found[topic] = "fixed frames" if topic.name == TF_STATIC else use
+    return found

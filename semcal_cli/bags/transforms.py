@@ -1,0 +1,84 @@
+"""Coordinate frames of a recording: chains of transforms from `/tf_static`, and what moves by `/tf`."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from semcal_cli.bags.messages import Message, plain_frame
+from semcal_cli.files.messages import listed
+from semcal_cli.formats.values import MAX_WORLD_M, rigid
+from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
+
+Edge = tuple[str, str]
+"""Parent and child."""
+SAME = 1e-9
+"""Largest difference between two transforms that are the same."""
+
+
+class FrameTree:
+    """Coordinate frames and the fixed transforms between them."""
+
+    def __init__(self) -> None:
+        self.edges: dict[Edge, Pose] = {}
+        """T_parent_child (4, 4) by parent and child, metres."""
+        self.changed: set[Edge] = set()
+        """Edges that were stated again with another transform; the last one counts."""
+
+    def add(self, message: Message) -> None:
+        """Take in the transforms of a TFMessage.
+
+        Raises:
+            MessageError: the bytes are none.
+        """
+        for edge, T in stated_transforms(message.content.transforms):
+            before = self.edges.get(edge)
+            if before is not None and np.abs(before - T).max() > SAME:
+                self.changed.add(edge)
+            self.edges[edge] = T
+
+    def reached(self, frame: str) -> dict[str, Pose]:
+        """Find every frame that is fixed to one, with T_frame_other (4, 4), that frame itself among them."""
+        neighbours: dict[str, list[tuple[str, Pose]]] = {}
+        for (parent, child), T in self.edges.items():
+            neighbours.setdefault(parent, []).append((child, T))
+            neighbours.setdefault(child, []).append((parent, inverse(T)))
+        found, waiting = {frame: np.eye(4)}, deque([frame])
+        while waiting:
+            here = waiting.popleft()
+            for there, T in neighbours.get(here, []):
+                if there not in found:
+                    found[there] = found[here] @ T
+                    waiting.append(there)
+        return found
+
+    def missing(self, source: str, target: str) -> str:
+        """Say why there is no chain between two frames."""
+        if not self.edges:
+            return "there is no /tf_static"
+        from_source, from_target = (listed(sorted(self.reached(frame))) for frame in (source, target))
+        return f"/tf_static has no chain between them: {from_source} hang together, and {from_target}"
+
+
+def stated_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:
+    """Read TransformStamped messages: T_parent_child (4, 4) by parent and child; no transform that is not rigid."""
+    found = []
+    for each in transforms:
+        T = pose_of(each.transform.rotation, each.transform.translation)
+        edge = plain_frame(each.header.frame_id), plain_frame(each.child_frame_id)
+        if T is not None and edge[0] != edge[1]:
+            found.append((edge, T))
+    return found
+
+
+def pose_of(rotation: Any, position: Any) -> Pose | None:
+    """Make a transform (4, 4), metres, of a Quaternion and a Point or Vector3; None if it is not rigid."""
+    quaternion = [rotation.x, rotation.y, rotation.z, rotation.w]
+    place = [position.x, position.y, position.z]
+    try:
+        return rigid("transform", pose_from_quaternion(quaternion, place), MAX_WORLD_M)
+    except ValueError:
+        return None
