@@ -295,6 +295,8 @@ def write_drive_as_bag(
             )
             for axis, name in enumerate("xyz"):
                 records[name] = cloud.points[:, axis]
+            if cloud.intensity is not None:
+                records["intensity"] = cloud.intensity
             bag.write("/camera/camera_info", bag.camera_info(drive.camera, stamp_ns), stamp_ns)
             pixels = read_image(drive.resolve(frame.image or ""))
             bag.write(

@@ -89,8 +89,8 @@ def test_the_pose_is_that_of_the_drive_itself(synthetic: Drive, tmp_path: Path) 
     for mine, theirs in zip(document["frames"], first["frames"], strict=True):
         for side in ("image_labels", "point_labels"):
             mine[side] = str(synthetic.resolve(theirs[side]).absolute())
-    document |= {key: first[key] for key in ("classes", "ignore") if key in first}
-    (tmp_path / "drive/drive.yaml").write_text(yaml.safe_dump(document))
+    document |= {key: first[key] for key in ("classes", "ignore", "lidar") if key in first}
+    (tmp_path / "drive/drive.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
     found = []
     for drive in (tmp_path / "drive", synthetic.path):
         out = tmp_path / f"{len(found)}.yaml"
