@@ -32,6 +32,7 @@ MAY_IMPORT = {
     "synthetic": "drive",
     "datasets": "synthetic formats",
     "labelling": "datasets",
+    "bags": "datasets",
     "report": "verification",
     "jobs": "files",
     "batch": "verification jobs",
@@ -39,7 +40,7 @@ MAY_IMPORT = {
     "fleet": "batch report",
     "experiments": "jobs baselines datasets report",
     "schemas": "batch rig fleet labelling",
-    "cli": "library labelling experiments schemas",
+    "cli": "library labelling bags experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
 import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""
@@ -61,6 +62,7 @@ WITH_OPENCV = {
     "files/images",
     "drive/intensity",
     "labelling/views",
+    "bags/pictures",
     "labelling/sides",
     "initialization/pnp",
     "assessment/uncertainty",

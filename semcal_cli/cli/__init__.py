@@ -21,6 +21,7 @@ from semcal_cli.cli.convert import convert
 from semcal_cli.cli.demo import demo
 from semcal_cli.cli.evaluate import evaluate
 from semcal_cli.cli.experiment import experiment
+from semcal_cli.cli.export import export
 from semcal_cli.cli.fleet import fleet
 from semcal_cli.cli.import_ import import_
 from semcal_cli.cli.initialize import initialize
@@ -45,7 +46,7 @@ def semcal() -> None:
 
 COMMANDS = (
     *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch, fleet),
-    *(overlay, report, inspect, import_, label, synth, experiment, demo),
+    *(overlay, report, inspect, import_, export, label, synth, experiment, demo),
 )
 for command in COMMANDS:
     semcal.add_command(command)

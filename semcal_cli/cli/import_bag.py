@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,11 +69,8 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
     """
     from semcal_cli.cli.terminal import make_console, progress_line
 
-    try:
-        import rosbags
-    except ImportError:
-        raise InputError(f"semcal import bag: found no rosbags, {MISSING}") from None
-    del rosbags
+    if find_spec("rosbags") is None:
+        raise InputError(f"semcal import bag: found no rosbags, {MISSING}")
     if is_list:
         _list(paths)
         return

@@ -1,0 +1,167 @@
+"""A drive and its poses as a file of the Rerun viewer: sweeps, pictures and cameras along time.
+
+The world is the LiDAR's frame. Each pose is a camera of its own there, which can be switched on and off; the picture
+and its labels hang on the last one. Lenses that are no pinhole are drawn as one with the same K.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Camera, Drive, Frame
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import load_points, read_frame_image, read_observations
+from semcal_cli.errors import InputError
+from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
+from semcal_cli.files.writing import write_bytes
+from semcal_cli.formats import read_transform
+from semcal_cli.formats.semcal import read_record
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.report.colors import palettes
+
+LIDAR = "lidar"
+"""Entity of the LiDAR's frame, under which all others stand."""
+FRAME, TIME = "frame", "time"
+"""Timelines: the index of the frame, and the stamp of its sweep where there is one."""
+FRUSTUM_M = 1.0
+"""Distance of the picture's plane from the camera."""
+MEDIA_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+UNKNOWN_COLOR = (128, 128, 128)
+POINT_RADIUS_PX = 1.5
+
+
+def read_poses(path: Path) -> dict[str, Pose]:
+    """Read the poses of a calibration by the names of their cameras: hypotheses, stages in order, and the result.
+
+    A transform of another format is the result alone.
+
+    Raises:
+        InputError: the file is missing or wrong.
+    """
+    calibration = read_record(path)
+    if calibration is None:
+        return {"result": read_transform(path)}
+    found = {f"hypothesis_{index}": each.pose for index, each in enumerate(calibration.hypotheses)}
+    found |= {f"stage_{name}": np.array(stage.T_camera_lidar) for name, stage in calibration.stages.items()}
+    return found | {"result": calibration.pose}
+
+
+def write_rerun(drive: Drive, poses: Mapping[str, Pose], path: Path) -> None:
+    """Write a `.rrd`, as a whole or not at all.
+
+    Points have the colour of their class if all frames have labels of points and of pictures, else of their height.
+
+    Args:
+        drive: The drive, whose frames are all written.
+        poses: T_camera_lidar (4, 4), metres, by the name of the camera; the picture hangs on the last. May be empty.
+        path: File to write; its suffix is .rrd.
+
+    Raises:
+        InputError: the suffix is another one, a file of the drive is missing or wrong, or nothing can be written.
+    """
+    if path.suffix != ".rrd":
+        raise InputError(f"{path}: found suffix {path.suffix!r}, needed .rrd")
+    has_labels = all(frame.point_labels and frame.image_labels for frame in drive.frames)
+    observations = read_observations(drive) if has_labels else load_points(drive)
+    stream = rr.RecordingStream("semcal", recording_id=drive.path.absolute().parent.name or "drive")
+    memory = stream.memory_recording()
+    stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
+    for name, T in poses.items():
+        _log_camera(stream, name, T, drive.camera)
+    colors = _ClassColors(stream, observations)
+    for index, frame in enumerate(drive.frames):
+        stream.set_time(FRAME, sequence=index)
+        if frame.points_stamp is not None:
+            stream.set_time(TIME, timestamp=frame.points_stamp)
+        colors.log_points(index)
+        if poses:
+            _log_picture(stream, drive, frame, _entity(list(poses)[-1]))
+            colors.log_labels(index, _entity(list(poses)[-1]))
+    stream.flush()
+    write_bytes(memory.drain_as_bytes(), path)
+
+
+def _entity(name: str) -> str:
+    return f"{LIDAR}/cameras/{name}"
+
+
+def _log_camera(stream: rr.RecordingStream, name: str, T_camera_lidar: Pose, camera: Camera) -> None:
+    relation = rr.TransformRelation.ChildFromParent
+    transform = rr.Transform3D(
+        translation=T_camera_lidar[:3, 3], mat3x3=T_camera_lidar[:3, :3], relation=relation
+    )
+    stream.log(_entity(name), transform, static=True)
+    K = np.array(camera.K)
+    pinhole = rr.Pinhole(
+        image_from_camera=K,
+        resolution=[camera.width, camera.height],
+        camera_xyz=rr.ViewCoordinates.RDF,
+        image_plane_distance=FRUSTUM_M,
+    )
+    stream.log(_entity(name), pinhole, static=True)
+
+
+def _log_picture(stream: rr.RecordingStream, drive: Drive, frame: Frame, entity: str) -> None:
+    """Log the picture of a frame, in the bytes of its file where the viewer reads them."""
+    if frame.image is None:
+        return
+    file = drive.resolve(frame.image)
+    media_type = MEDIA_TYPES.get(file.suffix.lower())
+    if media_type is not None:
+        content = read_bytes(file, limit=MAX_TABLE_BYTES)
+        stream.log(f"{entity}/picture", rr.EncodedImage(contents=content, media_type=media_type))
+        return
+    pixels = read_frame_image(drive, frame)
+    assert pixels is not None
+    stream.log(f"{entity}/picture", rr.Image(pixels, color_model="BGR"))
+
+
+class _ClassColors:
+    """The classes of both sides as one table of names and colours."""
+
+    def __init__(self, stream: rr.RecordingStream, observations: Observations) -> None:
+        self._stream, self._observations = stream, observations
+        point_colors, pixel_colors = palettes(observations)
+        self._log_table(f"{LIDAR}/points", observations.point_class_names, point_colors)
+        self._pixel_colors = pixel_colors
+        self._named: set[str] = set()
+
+    def log_points(self, index: int) -> None:
+        """Log the sweep of a frame."""
+        cloud = self._observations.clouds[index]
+        if self._observations.point_class_names:
+            points = rr.Points3D(cloud.points, class_ids=cloud.classes, radii=-POINT_RADIUS_PX)
+        else:
+            points = rr.Points3D(cloud.points, colors=_height_colors(cloud.points), radii=-POINT_RADIUS_PX)
+        self._stream.log(f"{LIDAR}/points", points)
+
+    def log_labels(self, index: int, entity: str) -> None:
+        """Log the label image of a frame over its picture."""
+        names = self._observations.image_class_names
+        if not names:
+            return
+        if entity not in self._named:
+            self._named.add(entity)
+            self._log_table(f"{entity}/labels", names, self._pixel_colors)
+        image = rr.SegmentationImage(self._observations.images[index].classes, opacity=0.5)
+        self._stream.log(f"{entity}/labels", image)
+
+    def _log_table(self, entity: str, names: Sequence[str], bgr: np.ndarray) -> None:
+        table = [(index, name, tuple(bgr[index][::-1].tolist())) for index, name in enumerate(names)]
+        table.append((NO_CLASS, "no class", UNKNOWN_COLOR))
+        self._stream.log(entity, rr.AnnotationContext(table), static=True)
+
+
+def _height_colors(points: np.ndarray) -> np.ndarray:
+    """Colours (N, 3) from dark to light by height, between the 2nd and the 98th percentile."""
+    if len(points) == 0:
+        return np.zeros((0, 3), np.uint8)
+    low, high = np.percentile(points[:, 2], (2, 98))
+    share = np.clip((points[:, 2] - low) / max(high - low, 1e-6), 0.0, 1.0)[:, None]
+    colors: np.ndarray = np.rint(40 + share * np.array([120, 190, 215])).astype(np.uint8)
+    return colors
