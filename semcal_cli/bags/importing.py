@@ -2,45 +2,52 @@
 
 from __future__ import annotations
 
-import os
 import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.bags.bag import Bag
 from semcal_cli.bags.cameras import CameraInfo, camera_block, read_camera_info
+from semcal_cli.bags.candidates import (
+    Candidate,
+    Spool,
+    along,
+    most_different,
+    read_pairs,
+    spooled,
+    wanted_times,
+    way_m,
+)
 from semcal_cli.bags.clouds import Sweep, read_sweep
 from semcal_cli.bags.messages import NS, TRANSFORMS, Message, MessageError
 from semcal_cli.bags.motion import TF_STATIC, Trajectory, find_motion, seconds_text
-from semcal_cli.bags.pairs import AFTER_NS, Pair, Pairing, stretches
-from semcal_cli.bags.pictures import Picture, read_picture, thumbnail
+from semcal_cli.bags.pairs import Pairing
+from semcal_cli.bags.pictures import Picture, read_picture
 from semcal_cli.bags.topics import Request, Topics, choose_topics
 from semcal_cli.bags.transforms import FrameTree
 from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.datasets.writing import Options, Written, write_drive
 from semcal_cli.drive.document import DRIVE_FILE
-from semcal_cli.drive.frame_selection import farthest_points
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
 from semcal_cli.geometry.poses import Pose
 
-CANDIDATES = 2
-"""Pairs that are looked at for each frame that is kept, when scenes are to differ."""
-LEAST_TRAVELLED_M = 5.0
-"""Way of the rig from which on frames are spread along it; below, by how much their pictures differ."""
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
+POSES_AFTER_NS = 3 * NS // 10
+"""What is read after a sweep for poses after its points."""
+AT_A_TIME = 2
+"""Frames that are written at a time."""
 
 
 class ImportedDrive(NamedTuple):
@@ -50,34 +57,6 @@ class ImportedDrive(NamedTuple):
     """The drive."""
     left_out: Counter[str]
     """What was looked at and left out, by what and why."""
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    """A pair whose messages lie in the spool."""
-
-    pair: Pair
-    """The pair, without the bytes of its messages."""
-    places: tuple[slice, slice]
-    """Where the bytes of its sweep and its picture lie."""
-    look: npt.NDArray[np.float32]
-    """Thumbnail of the picture."""
-
-
-class _Spool:
-    """Messages on disk, until it is known which are needed."""
-
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
-
-    def put(self, message: Message) -> slice:
-        start = self._file.seek(0, os.SEEK_END)
-        self._file.write(message.raw)
-        return slice(start, start + len(message.raw))
-
-    def get(self, message: Message, place: slice) -> Message:
-        self._file.seek(place.start)
-        return replace(message, raw=self._file.read(place.stop - place.start))
 
 
 def import_bag(request: Request, out: Path, on_event: Listener = ignore) -> ImportedDrive:
@@ -117,8 +96,8 @@ class _Import:
         trajectory = None if source is None else Trajectory(source)
         make_folder(self.path.parent)
         with tempfile.TemporaryFile(dir=self.path.parent) as file:
-            spool = _Spool(file)
-            candidates = list(self._candidates(spool, trajectory))
+            spool = Spool(file)
+            candidates = self._candidates(spool, trajectory)
             chosen = self._chosen(candidates, trajectory)
             frames, sweeps = self._write(chosen, spool, camera)
         motion, frames = self._motion(trajectory, frames, sweeps)
@@ -185,49 +164,33 @@ class _Import:
         self.remarks.append(f"the reference T_camera_lidar is {TF_STATIC}'s, from {lidar!r} to {optical!r}")
         return T
 
-    def _candidates(self, spool: _Spool, trajectory: Trajectory | None) -> Iterator[_Candidate]:
-        """Yield pairs near evenly spaced times, and check on the way that the camera stays the same."""
-        wanted = self._wanted_ns()
-        gap_ns = round(self.request.max_gap_s * NS)
-        pairing = Pairing(
-            wanted, gap_ns, by_receipt=self.request.by_receipt, picture_topic=self.topics.image.name
-        )
-        after_ns = AFTER_NS + self.topics.period_ns
-        places = (
-            stretches(wanted, after_ns) if self.bag.is_indexed else [(self.bag.start_ns, self.bag.end_ns + 1)]
-        )
+    def _candidates(self, spool: Spool, trajectory: Trajectory | None) -> list[Candidate]:
+        """Read pairs near evenly spaced times, and check on the way that the camera stays the same."""
+        request = self.request
+        wanted = wanted_times(self.bag, self.topics, request)
+        names = {"by_receipt": request.by_receipt, "picture_topic": self.topics.image.name}
+        pairing = Pairing(wanted, round(request.max_gap_s * NS), **names)  # type: ignore[arg-type]
         began = perf_counter()
-        count = 0
-        for done, (start, stop) in enumerate(places):
-            left_s = (perf_counter() - began) / max(done, 1) * (len(places) - done)
-            left = f", {left_s:.0f} s left" if done else ""
-            self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {len(places)} places{left}"))
-            messages = self._watched(start, stop, trajectory)
-            for pair in pairing.pairs(messages, stop if self.bag.is_indexed else None):
-                try:
-                    look = thumbnail(pair.picture)
-                except MessageError as error:
-                    self.left_out[f"pictures: {error}"] += 1
-                    continue
-                count += 1
-                yield _spooled(pair, spool, look)
+
+        def on_place(done: int, count: int) -> None:
+            left = f", {(perf_counter() - began) / done * (count - done):.0f} s left" if done else ""
+            self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {count} places{left}"))
+
+        def on_error(error: MessageError) -> None:
+            self.left_out[f"pictures: {error}"] += 1
+
+        def watched(start: int, stop: int) -> Iterator[Message]:
+            return self._watched(start, stop, trajectory)
+
+        enough_ns = 0 if trajectory is None else POSES_AFTER_NS
+        pairs = read_pairs(self.bag, wanted, pairing, watched, enough_ns, on_place)
+        found = spooled(pairs, spool, on_error)
         self.left_out += pairing.left_out
-        self._check_clocks(pairing, count)
-        not_read = self.topics.points.span.num_messages - count - sum(self.left_out.values())
+        self._check_clocks(pairing, len(found))
+        not_read = self.topics.points.span.num_messages - len(found) - self.left_out.total()
         if not_read > 0:
             self.left_out["sweeps: lie between the times that were looked at"] += not_read
-
-    def _wanted_ns(self) -> list[int]:
-        """Choose the times, as messages were received, near which pairs are looked for."""
-        span, request = self.topics.points.span, self.request
-        if request.every_s is not None:
-            step = max(round(request.every_s * NS), 1)
-            wanted = range(span.first_ns, span.last_ns + 1, step)
-            return list(wanted[: request.max_frames]) if request.max_frames else list(wanted)
-        count = min(CANDIDATES * (request.max_frames or 0), span.num_messages)
-        if count == span.num_messages:  # Every sweep is wanted, however unevenly they came.
-            return sorted(message.received_ns for message in self.bag.messages([self.topics.points]))
-        return [int(time) for time in np.linspace(span.first_ns, span.last_ns, count + 1)[:-1]]
+        return found
 
     def _watched(self, start: int, stop: int, trajectory: Trajectory | None) -> Iterator[Message]:
         """Yield sweeps and pictures; poses and cameras are looked at here."""
@@ -274,56 +237,74 @@ class _Import:
         if apart:
             self.remarks.append(f"{apart}, judged by when their messages were received")
 
-    def _chosen(self, candidates: Sequence[_Candidate], trajectory: Trajectory | None) -> list[_Candidate]:
+    def _chosen(self, candidates: Sequence[Candidate], trajectory: Trajectory | None) -> list[Candidate]:
         """Choose the pairs whose scenes differ most, in order of time."""
-        forward: list[_Candidate] = []
+        forward: list[Candidate] = []
         for each in candidates:
             if forward and each.pair.sweep_ns <= forward[-1].pair.sweep_ns:
                 self.left_out["pairs: their stamps run backwards"] += 1
             else:
                 forward.append(each)
         count = self.request.max_frames
-        if self.request.every_s is not None or count is None or len(forward) <= count:
+        if self.request.every_s is not None or len(forward) <= count:
             return forward
-        positions = [trajectory and trajectory.position(each.pair.sweep_ns) for each in forward]
-        way = _way_m(positions)
-        if way is not None and way[-1] >= LEAST_TRAVELLED_M:
-            kept = _along(way, count)
+        way = (
+            None
+            if trajectory is None
+            else way_m([trajectory.position(each.pair.sweep_ns) for each in forward])
+        )
+        if way is not None:
+            kept = along(way, count)
             self.left_out["pairs: others are spread better along the way"] += len(forward) - len(kept)
         else:
-            kept = farthest_points(np.stack([each.look for each in forward]), count, _mean_difference)
+            kept = most_different([each.look for each in forward], count)
             self.left_out["pairs: their pictures are like those of others"] += len(forward) - len(kept)
         return [forward[index] for index in kept]
 
     def _write(
-        self, chosen: Sequence[_Candidate], spool: _Spool, camera: dict[str, Any]
+        self, chosen: Sequence[Candidate], spool: Spool, camera: dict[str, Any]
     ) -> tuple[list[SourceFrame], list[Sweep]]:
-        """Write the files of the frames; pairs that cannot be used are counted."""
+        """Write the files of the frames, two at a time; pairs that cannot be used are counted."""
         frames, sweeps = [], []
-        for index, each in enumerate(chosen):
-            self.on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
-            pair = each.pair
+
+        def write(candidate: Candidate) -> tuple[SourceFrame, Sweep] | MessageError:
             try:
-                sweep = read_sweep(spool.get(pair.sweep, each.places[0]), pair.sweep_ns)
-                picture = read_picture(spool.get(pair.picture, each.places[1]))
+                return self._write_frame(candidate, spool, camera)
             except MessageError as error:
-                self.left_out[f"pairs: {error}"] += 1
-                continue
-            _check_size(picture, camera, self.topics.image.name)
-            points = self._file("points", self.topics.points.name, pair.sweep_ns, ".pcd", sweep.pcd())
-            image = self._file(
-                "images", self.topics.image.name, pair.picture_ns, picture.suffix, picture.content
-            )
-            stamps = pair.sweep_ns / NS, pair.picture_ns / NS
-            frames.append(
-                SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
-            )
-            sweeps.append(sweep._replace(records=sweep.records[:0]))
+                return error
+
+        with ThreadPoolExecutor(AT_A_TIME) as workers:
+            for index, written in enumerate(workers.map(write, chosen)):
+                self.on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
+                if isinstance(written, MessageError):
+                    self.left_out[f"pairs: {written}"] += 1
+                else:
+                    frames.append(written[0])
+                    sweeps.append(written[1])
         if not frames:
             reason = next(reversed(self.left_out))
             raise InputError(f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}")
         self.remarks += list(dict.fromkeys(sweep.remark for sweep in sweeps if sweep.remark))
         return frames, sweeps
+
+    def _write_frame(
+        self, candidate: Candidate, spool: Spool, camera: dict[str, Any]
+    ) -> tuple[SourceFrame, Sweep]:
+        pair = candidate.pair
+        sweep_message, picture_message = spool.get(candidate)
+        sweep = read_sweep(sweep_message, pair.sweep_ns)
+        picture = read_picture(picture_message)
+        _check_size(picture, camera, self.topics.image.name)
+        frame = SourceFrame(
+            name=seconds_text(pair.sweep_ns),
+            points=self._file("points", self.topics.points.name, pair.sweep_ns, ".pcd", sweep.pcd()),
+            image=self._file(
+                "images", self.topics.image.name, pair.picture_ns, picture.suffix, picture.content
+            ),
+            points_stamp=pair.sweep_ns / NS,
+            image_stamp=pair.picture_ns / NS,
+        )
+        return frame, sweep._replace(records=sweep.records[:0])
 
     def _motion(
         self, trajectory: Trajectory | None, frames: list[SourceFrame], sweeps: Sequence[Sweep]
@@ -357,33 +338,6 @@ class _Import:
         make_folder(path.parent)
         write_bytes(content, path)
         return path
-
-
-def _spooled(pair: Pair, spool: _Spool, look: npt.NDArray[np.float32]) -> _Candidate:
-    places = spool.put(pair.sweep), spool.put(pair.picture)
-    light = pair._replace(sweep=replace(pair.sweep, raw=b""), picture=replace(pair.picture, raw=b""))
-    return _Candidate(light, places, look)
-
-
-def _way_m(positions: Sequence[Any]) -> npt.NDArray[np.float64] | None:
-    """Length of the way to each position (N,), metres; None if a position is unknown."""
-    if any(position is None for position in positions) or len(positions) < 2:
-        return None
-    steps = np.linalg.norm(np.diff(np.stack(positions), axis=0), axis=1)
-    return np.concatenate([[0.0], np.cumsum(steps)])
-
-
-def _along(way_m: npt.NDArray[np.float64], count: int) -> list[int]:
-    """Choose at most `count` places at about equal distances along the way, in ascending order."""
-    wanted = np.linspace(0.0, way_m[-1], count)
-    return sorted({int(np.abs(way_m - each).argmin()) for each in wanted})
-
-
-def _mean_difference(
-    looks: npt.NDArray[np.float32], look: npt.NDArray[np.float32]
-) -> npt.NDArray[np.float32]:
-    found: npt.NDArray[np.float32] = np.abs(looks - look).mean(axis=1)
-    return found
 
 
 def _check_size(picture: Picture, camera: dict[str, Any], topic: str) -> None:

@@ -14,9 +14,11 @@ MAX_WAITING_BYTES = 1 << 27
 PATIENCE_NS = NS
 """How far apart the messages of one moment may be received: drivers are slow by different times."""
 BEFORE_NS, AFTER_NS = NS // 2, 2 * NS
-"""What is read around a wanted time: pictures before the first sweep, and sweeps until one has a picture."""
-MARGIN_NS = 3 * NS // 10
-"""What is read after the last sweep that is taken, for poses after its points."""
+"""What is read before and after a wanted time: pictures before the first sweep, and sweeps until one has a picture."""
+MARGIN_NS = NS // 20
+"""What is read before the pictures that were as late as any so far."""
+LEARNED = 5
+"""Number of pairs from which on it is known how late pictures are."""
 
 
 class Pair(NamedTuple):
@@ -64,17 +66,30 @@ class Pairing:
         self._used: set[int] = set()
         self._retry_until_ns = 0
         self._last_ns = 0
+        self._leads_ns: list[int] = []
         self.left_out: Counter[str] = Counter()
         """Number of sweeps and pictures that were looked at and left out, by the reason."""
         self.delays_s: dict[bool, list[float]] = {False: [], True: []}
         """Times between stamp and receipt, of sweeps and of pictures (True)."""
 
-    def pairs(self, messages: Iterable[Message], until_ns: int | None = None) -> Iterator[Pair]:
+    @property
+    def before_ns(self) -> int:
+        """What has to be read before a wanted time, so that the pictures of its sweep are there."""
+        return BEFORE_NS if len(self._leads_ns) < LEARNED else max(*self._leads_ns, 0) + MARGIN_NS
+
+    def is_wanted(self, time_ns: int) -> bool:
+        """Whether no sweep was taken for a wanted time yet."""
+        return bool(self._wanted) and self._wanted[0] <= time_ns
+
+    def pairs(
+        self, messages: Iterable[Message], goal_ns: int | None = None, enough_ns: int = 0
+    ) -> Iterator[Pair]:
         """Yield the pairs of a stretch of the recording, in order.
 
         Args:
-            messages: The sweeps and pictures of the stretch.
-            until_ns: Where the stretch ends: no more messages are taken than its wanted times need; None takes all.
+            messages: The sweeps and pictures of the stretch, which follows those before.
+            goal_ns: The wanted time for which the stretch is read, until there is a pair; None reads all.
+            enough_ns: What to read after its sweep.
         """
         for message in messages:
             is_picture = message.topic == self._picture_topic
@@ -89,12 +104,10 @@ class Pairing:
             else:
                 self._take_sweep(message, stamp_ns)
             yield from self._settled(message)
-            if until_ns is not None and self._is_done(message.received_ns, until_ns):
+            if goal_ns is not None and self._is_done(goal_ns, message.received_ns - enough_ns):
                 break
         yield from self._settled(None)
         self._retry_until_ns = 0
-        self._pictures.clear()
-        self._picture_bytes = 0
 
     def stamp_ns(self, message: Message) -> int:
         """Tell the time of a message.
@@ -150,12 +163,13 @@ class Pairing:
                 self.left_out["sweeps: the nearest picture is nearer to another one"] += 1
             else:
                 self._used.add(first.picture_ns)
+                self._leads_ns.append(first.sweep.received_ns - first.picture.received_ns)
                 yield Pair(first.sweep, first.picture, first.stamp_ns, first.picture_ns)
 
-    def _is_done(self, now_ns: int, until_ns: int) -> bool:
-        is_last = not self._wanted or self._wanted[0] >= until_ns
-        is_settled = not self._waiting and self._retry_until_ns == 0
-        return is_last and is_settled and now_ns > self._last_ns + MARGIN_NS
+    def _is_done(self, goal_ns: int, now_ns: int) -> bool:
+        if self._waiting or self._retry_until_ns or self.is_wanted(goal_ns):
+            return False
+        return now_ns >= self._last_ns
 
     def _is_settled(self, waiting: _Waiting, message: Message) -> bool:
         """Whether pictures are past the sweep by more than the best gap, or can hardly come any more."""
@@ -163,15 +177,3 @@ class Pairing:
             return True
         newest = self._pictures[-1][0] if self._pictures else None
         return newest is not None and newest >= waiting.stamp_ns + min(waiting.gap_ns, self._max_gap_ns)
-
-
-def stretches(wanted_ns: Sequence[int], after_ns: int) -> list[tuple[int, int]]:
-    """Join what is read around wanted times, in ascending order, into stretches from a start to before a stop."""
-    found: list[tuple[int, int]] = []
-    for wanted in wanted_ns:
-        start, stop = wanted - BEFORE_NS, wanted + after_ns + 1
-        if found and start <= found[-1][1]:
-            found[-1] = (found[-1][0], stop)
-        else:
-            found.append((start, stop))
-    return found

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from semcal_cli.bags.bag import Bag, Topic
 from semcal_cli.bags.cameras import is_rectified
-from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, NS, ODOMETRY, PICTURES, POSE, TRANSFORMS
+from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS
 from semcal_cli.bags.motion import TF_STATIC
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
@@ -33,7 +33,7 @@ class Request:
     """Topic of the intrinsics; None for the one beside the pictures, or the only one."""
     intrinsics: Path | None = None
     """File of the intrinsics, instead of a topic."""
-    max_frames: int | None = MAX_FRAMES
+    max_frames: int = MAX_FRAMES
     """Most frames."""
     every_s: float | None = None
     """Time from one frame to the next, seconds; None spreads them so that scenes differ."""
@@ -62,12 +62,6 @@ class Topics:
     def is_rectified(self) -> bool:
         """Whether the pictures are rectified."""
         return self.camera_info is not None and is_rectified(self.image.name)
-
-    @property
-    def period_ns(self) -> int:
-        """Time from one sweep or picture to the next, of the slower of both, nanoseconds."""
-        rates = [topic.rate_hz for topic in (self.points, self.image) if topic.rate_hz > 0.0]
-        return round(NS / min(rates)) if rates else NS
 
 
 def choose_topics(bag: Bag, request: Request) -> Topics:
