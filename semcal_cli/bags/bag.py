@@ -29,8 +29,8 @@ MAGIC: dict[bytes, type[Any]] = {
 """Readers by the first bytes of a file."""
 SUFFIXES = (".bag", ".mcap", ".db3")
 METADATA = "metadata.yaml"
-STEP_NS, LONGEST_STEP_NS = NS // 2, 600 * NS
-"""How far behind damaged messages reading goes on: the first step, which doubles, and the longest."""
+STEP_NS = NS // 2
+"""How far behind damaged messages reading goes on; it doubles until there is something to read."""
 
 
 class Folder(DirectoryReader):
@@ -54,11 +54,7 @@ class Topic:
     def rate_hz(self) -> float:
         """Messages a second; 0 if it has fewer than two."""
         duration_ns = self.span.last_ns - self.span.first_ns
-        return (
-            (self.span.num_messages - 1) * NS / duration_ns
-            if self.span.num_messages > 1 and duration_ns > 0
-            else 0.0
-        )
+        return (self.span.num_messages - 1) * NS / duration_ns if duration_ns > 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -67,8 +63,10 @@ class _Part:
 
     path: Path
     storage: Storage
-    is_ros1: bool
-    is_compressed: bool
+    spans: dict[int, Span]
+    """Number and times of the messages of each connection."""
+    is_ros1: bool = False
+    is_compressed: bool = False
     """Whether each message is compressed by zstd."""
 
 
@@ -147,6 +145,8 @@ class Bag:
         while connections and start < stop:
             try:
                 for connection, received, raw in part.storage.messages(connections, start, stop):
+                    if not isinstance(received, int) or not isinstance(raw, bytes | bytearray | memoryview):
+                        raise ValueError("found a row that is no message")
                     start = max(start, received)
                     data = DECOMPRESSORS["zstd"](raw, 0) if part.is_compressed else raw
                     yield Message(connection.topic, connection.msgtype, received, bytes(data), part.is_ros1)
@@ -155,24 +155,23 @@ class Bag:
             except Exception as error:  # Hostile bytes raise errors of any kind in the library.
                 reason = f"{part.path.name}: {_told(error)}"
                 self._damaged[reason] = self._damaged.get(reason, 0) + 1
-                start, step = start + step, min(2 * step, LONGEST_STEP_NS)
+                start, step = start + step, 2 * step
 
     def _open(self, path: Path) -> list[_Part]:
         if not is_folder(path):
             return [self._open_file(path)]
         if (path / METADATA).exists():
             folder = Folder(path)
+            self._stack.callback(_closed, folder)
             try:
                 folder.open()
-            except Exception as error:  # Hostile bytes raise errors of any kind in the library.
-                self.remarks.append(f"{path / METADATA}: {_told(error)}; its files are read without it")
-            else:
-                self._stack.callback(folder.close)
                 is_compressed = folder.metadata.compression_mode == "message"
                 storages: list[Any] = folder.storages
                 return [
-                    _Part(each.path, each, is_ros1=False, is_compressed=is_compressed) for each in storages
+                    _Part(each.path, each, each.spans(), is_compressed=is_compressed) for each in storages
                 ]
+            except Exception as error:  # Hostile bytes raise errors of any kind in the library.
+                self.remarks.append(f"{path / METADATA}: {_told(error)}; its files are read without it")
         files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
         if not files:
             raise InputError(f"{path}: found no {', '.join(SUFFIXES)} in this folder, needed a recording")
@@ -185,23 +184,22 @@ class Bag:
             found = f"{path.stat().st_size:,} bytes of no known format"
             raise InputError(f"{path}: found {found}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
         storage = reader(path)
+        self._stack.callback(_closed, storage)
         try:
             storage.open()
+            return _Part(path, storage, storage.spans(), is_ros1=reader is Ros1File)
         except Exception as error:  # Hostile bytes raise errors of any kind in the library.
             raise InputError(f"{path}: found a recording that cannot be read: {_told(error)}") from None
-        self._stack.callback(_closed, storage)
-        return _Part(path, storage, is_ros1=reader is Ros1File, is_compressed=False)
 
     def _topics(self) -> list[Topic]:
         found: dict[tuple[str, str], Span] = {}
         for part in self._parts:
-            spans = part.storage.spans()
             for each in part.storage.connections:
-                key, span = (each.topic, each.msgtype), spans[each.id]
+                key, span = (each.topic, each.msgtype), part.spans[each.id]
+                if not all(isinstance(name, str) for name in key):
+                    continue  # The names of a damaged database can be anything.
                 before = found.get(key, Span(0, 0, 0))
-                found[key] = (
-                    _joined(before, span) if before.num_messages and span.num_messages else max(before, span)
-                )
+                found[key] = _joined(before, span) if min(before, span).num_messages else max(before, span)
         return [Topic(*key, span) for key, span in sorted(found.items())]
 
 
@@ -209,7 +207,7 @@ def _joined(a: Span, b: Span) -> Span:
     return Span(a.num_messages + b.num_messages, min(a.first_ns, b.first_ns), max(a.last_ns, b.last_ns))
 
 
-def _closed(storage: Storage) -> None:
+def _closed(storage: Any) -> None:
     with suppress(Exception):  # A file that was not opened whole cannot always be closed.
         storage.close()
 
