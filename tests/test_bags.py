@@ -26,7 +26,7 @@ from semcal_cli.bags.pictures import ENCODINGS, read_picture
 from semcal_cli.bags.topics import Request
 from semcal_cli.cli import semcal
 from semcal_cli.drive.document import Drive, read_drive
-from semcal_cli.drive.reading import read_clouds
+from semcal_cli.drive.reading import load_points, read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.geometry.poses import Pose, pose_from_mounting, rotation_error_deg
@@ -447,8 +447,9 @@ def test_poses_become_the_motion_of_the_lidar(source: str, tmp_path: Path) -> No
     T_base_lidar = pose_from_mounting([5, 6, 7], [1, 2, 3]) @ T_MOUNT
     expected = [(moved(int(stamp)) @ T_base_lidar)[:3, 3] for stamp in stamps]
     np.testing.assert_allclose(rows[:, 1:4], expected, atol=1e-9)
-    # The first and the last frame have no poses before or after them.
+    # The first and the last frame have no poses before or after their points.
     assert 5 <= len(document["frames"]) <= 7
+    assert load_points(read_drive(tmp_path / "drive")).num_frames == len(document["frames"])
     assert np.isfinite(np.array(document["T_camera_lidar"])).all()
     run_cli("inspect", tmp_path / "drive", code=None)
 

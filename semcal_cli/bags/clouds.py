@@ -39,6 +39,8 @@ class Sweep(NamedTuple):
     """(height, width) records of all fields, little endian and without gaps."""
     point_times: str | None
     """`relative` or `absolute`, as a drive's motion states it; None without times on the clock of the header."""
+    times_s: tuple[float, float] | None
+    """Times of the first and the last point, seconds after the stamp; None without `point_times`."""
     remark: str | None
     """What the user should know of its times."""
 
@@ -182,8 +184,8 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
 
 def _readable_times(
     records: npt.NDArray[np.void], stamp_ns: int
-) -> tuple[npt.NDArray[np.void], str | None, str | None]:
-    """Tell what the times of points refer to, and make those readable that are not.
+) -> tuple[npt.NDArray[np.void], str | None, tuple[float, float] | None, str | None]:
+    """Tell what the times of points refer to, and make those readable that are not: the fields of a `Sweep`.
 
     Whole numbers are read as nanoseconds and others as seconds. Times in another unit, or under a name that no reader
     knows, become seconds relative to the stamp, as float64, under the name `t`.
@@ -191,51 +193,50 @@ def _readable_times(
     lowered = {name.lower(): name for name in reversed(records.dtype.names or ())}
     name = next((lowered[each] for each in TIMES if each in lowered), None)
     if name is None or _scalar(records.dtype, name)[1] > 1:
-        return records, None, None
+        return records, None, None, None
     values = records[name]
-    scale = _tick_s(values)
-    if scale is None:
-        found = f"the times of points, {name!r}, span {_span(values):g} of no usual unit"
-        return records, None, f"{found}; they are written as they are, and no motion"
-    shift, reference = _shift(values, scale, stamp_ns)
-    if reference is None:
+    first, last = _ends(values)
+    spans = [
+        unit for unit, tick in TICKS_S.items() if SHORTEST_SWEEP_S <= (last - first) * tick <= LONGEST_SWEEP_S
+    ]
+    told = f"the times of points, {name!r},"
+    if not spans:
         return (
             records,
             None,
-            f"the times of points, {name!r}, are on another clock than the header; no motion is written",
+            None,
+            f"{told} span {last - first:g} of no usual unit: written as they are, no motion",
         )
-    is_read = name.lower() in READ_AS_TIME and scale == (1.0 if values.dtype.kind == "f" else 1e-9)
-    if is_read:
-        return records, reference, None
+    tick_s = TICKS_S[spans[0]]
+    shift = _shift(first, tick_s, stamp_ns)
+    if shift is None:
+        return (
+            records,
+            None,
+            None,
+            f"{told} are on another clock than the header: written as they are, no motion",
+        )
     # Whole numbers are subtracted as such: as float64, nanoseconds since 1970 would lose their last 8 bits.
     exact = values.astype(np.int64) if values.dtype.kind in "iu" else values
-    seconds = (exact - shift).astype(np.float64) * scale
-    unit = next(unit for unit, tick in TICKS_S.items() if tick == scale)
-    remark = f"the times of points, {name!r} in {unit}, are written as seconds after the sweep's stamp"
-    return _with_times(records, name, seconds), "relative", remark
+    seconds = (exact - shift).astype(np.float64) * tick_s
+    ends_s = _ends(seconds)
+    if name.lower() in READ_AS_TIME and tick_s == (1.0 if values.dtype.kind == "f" else 1e-9):
+        return records, "absolute" if shift else "relative", ends_s, None
+    remark = f"{told} {spans[0]}, are written as seconds after the sweep's stamp, 't'"
+    return _with_times(records, name, seconds), "relative", ends_s, remark
 
 
-def _span(values: npt.NDArray[Any]) -> float:
+def _ends(values: npt.NDArray[Any]) -> tuple[float, float]:
+    """Find the first and the last finite time; zeros without one."""
     finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
-    return float(finite.max() - finite.min()) if finite.size else 0.0
+    return (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
 
 
-def _tick_s(values: npt.NDArray[Any]) -> float | None:
-    """Find the unit in which the times span a sweep, in seconds."""
-    span = _span(values)
-    fits = [tick for tick in TICKS_S.values() if SHORTEST_SWEEP_S <= span * tick <= LONGEST_SWEEP_S]
-    return fits[0] if len(fits) == 1 else None
-
-
-def _shift(values: npt.NDArray[Any], tick_s: float, stamp_ns: int) -> tuple[int, str | None]:
-    """Find what to subtract from times to make them relative, in their own unit, and what they refer to."""
-    first = values[np.isfinite(values)].min() if values.dtype.kind == "f" else values.min()
-    if abs(float(first)) * tick_s <= LONGEST_SWEEP_S:
-        return 0, "relative"
-    ticks = round(stamp_ns / (tick_s * NS))
-    if abs(float(first) - ticks) * tick_s <= LONGEST_SWEEP_S:
-        return ticks, "absolute"
-    return 0, None
+def _shift(first: float, tick_s: float, stamp_ns: int) -> int | None:
+    """Find what to subtract from times to make them relative, in their own unit; None if they are on another clock."""
+    stamp = round(stamp_ns / (tick_s * NS))
+    near = [shift for shift in (0, stamp) if abs(first - shift) * tick_s <= LONGEST_SWEEP_S]
+    return near[0] if near else None
 
 
 def _with_times(

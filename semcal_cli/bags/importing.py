@@ -39,7 +39,9 @@ from semcal_cli.datasets.writing import Options, Written, write_drive
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.files.messages import listed
 from semcal_cli.files.writing import make_folder, write_bytes, write_text
+from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose
 
 FAR_CLOCKS_S = 1.0
@@ -149,6 +151,9 @@ class _Import:
 
     def _reference(self, tree: FrameTree, lidar: str, optical: str) -> Pose | None:
         """Find T_camera_lidar (4, 4), metres, in the fixed transforms."""
+        if tree.changed:
+            edges = listed(f"{parent} to {child}" for parent, child in sorted(tree.changed))
+            self.remarks.append(f"{TF_STATIC} states several transforms of {edges}: the last counts")
         T = tree.reached(optical).get(lidar)
         if T is None or not lidar:
             self.remarks.append(f"no reference from {lidar!r} to {optical!r}: {tree.missing(lidar, optical)}")
@@ -161,6 +166,7 @@ class _Import:
                 return None
             R = np.reshape(self.info.R, (3, 3))
             T[:3] = (R if R.any() else np.eye(3)) @ T[:3]
+            T = rigid(f"{self.topics.image.name}: R of its camera", T)
         self.remarks.append(f"the reference T_camera_lidar is {TF_STATIC}'s, from {lidar!r} to {optical!r}")
         return T
 
@@ -320,7 +326,11 @@ class _Import:
                 f"{told}, but the points have no times that it could correct; no motion is written"
             )
             return None, frames
-        covered = [frame for frame in frames if trajectory.covers(*_stamps_ns(frame))]
+        covered = [
+            frame
+            for frame, sweep in zip(frames, sweeps, strict=True)
+            if trajectory.covers(*_moments_ns(frame, sweep))
+        ]
         if 2 * len(covered) < len(frames):
             self.remarks.append(f"{told}, but has no poses around most frames; no motion is written")
             return None, frames
@@ -349,10 +359,12 @@ def _check_size(picture: Picture, camera: dict[str, Any], topic: str) -> None:
         )
 
 
-def _stamps_ns(frame: SourceFrame) -> tuple[int, int]:
+def _moments_ns(frame: SourceFrame, sweep: Sweep) -> list[int]:
+    """List the times at which poses are needed: of the picture, and of the first and the last point."""
     assert frame.points_stamp is not None
     assert frame.image_stamp is not None
-    return round(frame.points_stamp * NS), round(frame.image_stamp * NS)
+    moments_s = [frame.image_stamp, *(frame.points_stamp + time for time in sweep.times_s or (0.0,))]
+    return [round(moment * NS) for moment in moments_s]
 
 
 def _slug(topic: str) -> str:

@@ -82,8 +82,7 @@ class SqliteFile(Sqlite3Reader):
                 times[topic].append(time)
             found = {topic: Span(len(each), each[0], each[-1]) for topic, each in times.items()}
         else:
-            query = (
-                "SELECT topic_id, count(*), min(timestamp), max(timestamp) FROM messages GROUP BY topic_id"
-            )
+            numbers = "count(*), CAST(min(timestamp) AS INTEGER), CAST(max(timestamp) AS INTEGER)"
+            query = f"SELECT CAST(topic_id AS INTEGER), {numbers} FROM messages GROUP BY topic_id"
             found = {key: Span(*values) for key, *values in self.dbconn.execute(query)}
         return {each.id: found.get(each.id, Span(0, 0, 0)) for each in self.connections}
