@@ -60,6 +60,13 @@ RUNS: dict[str, tuple[str, list[str]]] = {
         "fleet.py --fleets 1",
         [rf"\| {n} \| {extra} \| {FIGURE} \| {FIGURE} \| {FIGURE} \|" for n in (3, 60) for extra in (0, 3)],
     ),
+    "import bag": (
+        "import_bag.py -o OUT/recordings --gigabytes 0.001 --rounds 1 --points 1000 --width 160",
+        [
+            rf"\| {kind} \| 0.00 \| {NUMBER} \| {NUMBER} \| {NUMBER} \| \d+ \| \d+ \|"
+            for kind in ("mcap", "ros1", "sqlite3")
+        ],
+    ),
     "initialization": (
         "initialization.py --pool POOL --seeds 1 --jobs 1 --only '35-degree lens' --frames 2 --width 160",
         [

@@ -16,7 +16,7 @@ from semcal_cli.bags.bag import Bag
 from semcal_cli.bags.messages import NS, Message, MessageError
 from semcal_cli.bags.pairs import AFTER_NS, Pair, Pairing
 from semcal_cli.bags.pictures import thumbnail
-from semcal_cli.bags.topics import Request, Topics
+from semcal_cli.bags.topics import MAX_FRAMES, Request, Topics
 from semcal_cli.drive.frame_selection import farthest_points
 
 CANDIDATES = 2
@@ -75,7 +75,7 @@ def wanted_times(bag: Bag, topics: Topics, request: Request) -> list[int]:
     if request.every_s is not None:
         step = max(round(request.every_s * NS), 1)
         return list(range(span.first_ns, span.last_ns + 1, step)[: request.max_frames])
-    count = CANDIDATES * request.max_frames
+    count = CANDIDATES * (request.max_frames or MAX_FRAMES)
     if count >= span.num_messages:  # Every sweep is wanted, however unevenly they came.
         return sorted(message.received_ns for message in bag.messages([topics.points]))
     return [int(time) for time in np.linspace(span.first_ns, span.last_ns, count + 1)[:-1]]

@@ -31,7 +31,7 @@ from semcal_cli.bags.messages import NS, TRANSFORMS, Message, MessageError
 from semcal_cli.bags.motion import TF_STATIC, Trajectory, find_motion, seconds_text
 from semcal_cli.bags.pairs import Pairing
 from semcal_cli.bags.pictures import Picture, read_picture
-from semcal_cli.bags.topics import Request, Topics, choose_topics
+from semcal_cli.bags.topics import MAX_FRAMES, Request, Topics, choose_topics
 from semcal_cli.bags.transforms import FrameTree
 from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.recording import Recording, SourceFrame
@@ -57,6 +57,8 @@ class ImportedDrive(NamedTuple):
 
     written: Written
     """The drive."""
+    num_sweeps: int
+    """Number of sweeps in the recording."""
     left_out: Counter[str]
     """What was looked at and left out, by what and why."""
 
@@ -111,7 +113,8 @@ class _Import:
             remarks=(*self.remarks, *self.bag.damage_remarks()),
             labels_by=None,
         )
-        return ImportedDrive(write_drive(recording, Options(), self.path), self.left_out)
+        written = write_drive(recording, Options(), self.path)
+        return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
 
     def _camera(self) -> dict[str, Any]:
         """Read the camera from the file that is given, or from the first message about it."""
@@ -251,7 +254,7 @@ class _Import:
                 self.left_out["pairs: their stamps run backwards"] += 1
             else:
                 forward.append(each)
-        count = self.request.max_frames
+        count = self.request.max_frames or MAX_FRAMES
         if self.request.every_s is not None or len(forward) <= count:
             return forward
         way = (

@@ -33,8 +33,8 @@ class Request:
     """Topic of the intrinsics; None for the one beside the pictures, or the only one."""
     intrinsics: Path | None = None
     """File of the intrinsics, instead of a topic."""
-    max_frames: int = MAX_FRAMES
-    """Most frames."""
+    max_frames: int | None = None
+    """Most frames; None for `MAX_FRAMES`, or for all that `every_s` asks for."""
     every_s: float | None = None
     """Time from one frame to the next, seconds; None spreads them so that scenes differ."""
     by_receipt: bool = False

@@ -30,12 +30,15 @@ MISSING = "needed the extra 'bag': pip install 'semcal[bag]'"
     metavar="FILE",
     help="Intrinsics from a file instead: a ROS camera_info, a Kalibr camchain or an OpenCV FileStorage.",
 )
-@number_option("--max-frames", default=70, help="Keep at most N frames, spread so that their scenes differ.")
+@number_option(
+    "--max-frames",
+    help="Keep at most N frames, spread so that their scenes differ: 70 if neither this nor --every is given.",
+)
 @click.option(
     "--every",
     type=FiniteRange(0.0, min_open=True),
     metavar="S",
-    help="Take a frame every S seconds, until there are --max-frames.",
+    help="Take a frame every S seconds instead, and no more than --max-frames.",
 )
 @click.option(
     "--stamps",
@@ -89,7 +92,7 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
     if quiet:
         return
     written = done.written
-    click.echo(f"wrote {written.path}: {written.num_frames:,} frames", err=True)
+    click.echo(f"wrote {written.path}: {written.num_frames:,} frames of {done.num_sweeps:,} sweeps", err=True)
     for reason, count in done.left_out.most_common():
         click.echo(f"left out {count:>7,} {reason}", err=True)
     for remark in written.remarks:
