@@ -238,8 +238,10 @@ def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None
     assert "found another batch at work there" in str(found.exception)
 
 
-def test_verify_many(drives: Path, tmp_path: Path) -> None:
+def test_verify_many(drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each against one transform, which is that of the first drive only."""
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    monkeypatch.setenv("GITHUB_STEP_SUMMARY", str(tmp_path / "summary.md"))
     good = tmp_path / "good.yaml"
     write_transform(read_transform(drives / "000"), good, "semcal")
     limits = ("--", "--max-rotation-deg", "20", "--max-translation-m", "5")
@@ -250,6 +252,10 @@ def test_verify_many(drives: Path, tmp_path: Path) -> None:
     document = json.loads((tmp_path / "out" / outcomes[0]["result"]).read_text())
     assert document["verdict"] == "pass"
     assert found.exit_code == 0
+    assert found.stderr.count("::notice title=semcal batch verify::pass") == 1
+    told = (tmp_path / "summary.md").read_text()
+    assert f"| {drives}/001 | pass | pass |" in told
+    assert told.count("###") == 1  # and none of each drive
 
 
 @pytest.mark.parametrize(

@@ -65,18 +65,25 @@ def test_calibrate_then_evaluate(
 
 
 def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
-    drive: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    drive: Path,
+    street_truth: Pose,
+    tmp_path: Path,
+    capfd: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Only points within five degrees of the optical axis are labelled, a hundredth of the picture."""
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
     for path in (drive / "points").iterdir():
         points = np.fromfile(path, np.float32).reshape(-1, 4)[:, :3]
         is_near = points @ street_truth[2, :3] > np.cos(np.radians(5.0)) * np.linalg.norm(points, axis=1)
         labels = drive / "point_labels" / f"{path.stem}.label"
         np.where(is_near, np.fromfile(labels, np.uint32), NOT_LABELLED).astype(np.uint32).tofile(labels)
-    code, _, _ = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml", "-q")
+    code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
     assert calibration.status == "not_trusted"
+    told = f"::error title=semcal initialize::fail; not_trusted interval not known; {calibration.reasons[0]}"
+    assert stderr.startswith(told.replace("%", "%25"))
     assert re.fullmatch(
         r"visible labelled points cover \d\.\d% of the picture, needed at least 3%", calibration.reasons[0]
     )

@@ -1,14 +1,16 @@
 """`verify` and `compare` through the real command: every exit code, and every mistake that is recognised."""
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import junitparser
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner, Result
-from conftest import make_pose
+from conftest import make_pose, run
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import semcal
@@ -87,9 +89,79 @@ def test_what_is_between_is_inconclusive(street: Path, street_truth: Pose, tmp_p
     )
     assert found.exit_code == INCONCLUSIVE, found.output
     assert "inconclusive" in found.stdout
-    assert "::warning title=semcal verify::inconclusive; camera centre" in found.stderr
+    assert "::warning title=semcal verify::inconclusive; camera centre x " in found.stderr
     (suite,) = junitparser.JUnitXml.fromfile(str(tmp_path / "a.xml"))
-    assert suite.skipped > 0
+    assert suite.errors > 0
+
+
+@pytest.mark.parametrize(
+    ("chosen", "code", "element"), [("fail", 3, "failures"), ("skip", 0, "skipped"), ("error", 4, "errors")]
+)
+def test_what_an_inconclusive_verdict_is_for_ci(
+    chosen: str, code: int, element: str, street: Path, tmp_path: Path
+) -> None:
+    xml = tmp_path / "a.xml"
+    found = verify(street, street, "--max-translation-m", 1e-4, "--junit", xml, "--inconclusive", chosen)
+    assert found.exit_code == code
+    (suite,) = junitparser.JUnitXml.fromfile(str(xml))
+    assert getattr(suite, element) > 0
+    assert suite.errors + suite.failures + suite.skipped == getattr(suite, element)
+    passing = next(case for case in suite if case.is_passed)
+    assert " degrees, allowed 0.3" in passing.system_out
+    assert passing.time > 0.0
+
+
+def test_an_error_is_told_to_ci(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A drive that is not there: an `<error>` in JUnit, an annotation; files that are something else stay."""
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    xml = tmp_path / "a.xml"
+    code, _, stderr = run(capfd, "verify", tmp_path / "no", tmp_path / "no.yaml", "--junit", xml)
+    assert code == 1
+    line = f"{tmp_path / 'no.yaml'}: no such file or folder"
+    assert stderr.splitlines() == [f"semcal: error: {line}", f"::error title=semcal verify::{line}"]
+    (suite,) = junitparser.JUnitXml.fromfile(str(xml))
+    assert (suite.tests, suite.errors) == (1, 1)
+    (case,) = suite
+    assert case.result[0].message == line
+    mine = tmp_path / "mine.txt"
+    mine.write_text("mine")
+    assert run(capfd, "verify", tmp_path / "no", tmp_path / "no.yaml", "--junit", mine)[0] == 1
+    assert mine.read_text() == "mine"
+
+
+def test_figures_for_github(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    """Annotations carry figures, and each reason once; the summary of the job has a table."""
+    given = write_transform(turned(street_truth, 1.0), street, tmp_path)
+    github = {"GITHUB_ACTIONS": "true", "GITHUB_STEP_SUMMARY": str(tmp_path / "summary.md")}
+    found = verify(street, given, **github)
+    assert found.exit_code == FAIL
+    (annotation,) = re.findall(r"^::error title=semcal verify::(.*)$", found.stderr, re.MULTILINE)
+    assert re.search(r"rotation y -?[01]\.\d{3} \+- 0\.\d{3} degrees, allowed 0\.3", annotation)
+    summary = (tmp_path / "summary.md").read_text()
+    assert "### semcal verify: fail" in summary
+    assert re.search(r"^\| rotation y \| .* allowed 0\.3 \| fail \|$", summary, re.MULTILINE)
+    compared = CliRunner().invoke(semcal, ["compare", str(street), str(given)], env=github)
+    assert compared.exit_code == FAIL
+    assert "::error title=semcal compare::fail; rotation 1.000 degrees, allowed 0.3" in compared.stderr
+    assert summary in (tmp_path / "summary.md").read_text()
+    assert "### semcal compare: fail" in (tmp_path / "summary.md").read_text()
+
+
+def test_the_action_names_options_that_exist() -> None:
+    folder = Path(__file__).parents[1] / ".github"
+    action = yaml.safe_load((folder / "actions/verify/action.yml").read_text())
+    script = action["runs"]["steps"][1]
+    known = {option for parameter in semcal.commands["verify"].params for option in parameter.opts}
+    assert set(re.findall(r"--[a-z-]+", script["run"])) <= known
+    assert "${{" not in script["run"]
+    assert {name.lower().replace("_", "-") for name in script["env"]} == set(action["inputs"]) - {"install"}
+    workflow = yaml.safe_load((folder / "workflows/verify-demo.yml").read_text())
+    (used,) = [
+        step for step in workflow["jobs"]["verify"]["steps"] if step.get("uses") == "./.github/actions/verify"
+    ]
+    assert set(used["with"]) <= set(action["inputs"])
 
 
 def test_data_that_cannot_decide(street: Path, street_truth: Pose, tmp_path: Path) -> None:

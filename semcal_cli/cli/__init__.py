@@ -16,6 +16,7 @@ import click
 
 from semcal_cli.cli.batch import batch
 from semcal_cli.cli.calibrate import calibrate
+from semcal_cli.cli.ci import annotate
 from semcal_cli.cli.compare import compare
 from semcal_cli.cli.convert import convert
 from semcal_cli.cli.demo import demo
@@ -89,6 +90,7 @@ def run(arguments: Sequence[str]) -> Ending:
         failure = error
         line = f"{error.filename or 'standard output'}: {(error.strerror or str(error)).lower()}"
     click.echo(f"semcal: error: {line}", err=True)
+    annotate(arguments[0] if arguments else "", "error", line)
     return Ending(EXIT_FAILURE, line, failure)
 
 

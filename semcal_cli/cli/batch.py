@@ -13,6 +13,7 @@ import click
 
 from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.calibrate import settings_of as settings_of_calibrate
+from semcal_cli.cli.ci import EXIT_CODES, Case, CiReport
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     MAX_THREADS,
@@ -27,7 +28,8 @@ from semcal_cli.cli.verify import settings_of as settings_of_verify
 from semcal_cli.cli.verify import verify
 
 if TYPE_CHECKING:
-    from semcal_cli.batch.tasks import Task
+    from semcal_cli.assessment.limits import Verdict
+    from semcal_cli.batch.tasks import Outcome, Task
 
 EXIT_STOPPED = 130
 Check: TypeAlias = Callable[[Mapping[str, Any], Sequence[click.Parameter]], object]
@@ -38,7 +40,18 @@ COMMANDS: dict[str, tuple[click.Command, Check]] = {
 }
 """The commands, each with the function that checks its options without a drive."""
 OURS = {
-    *("output", "log", "threads", "quiet", "page", "images", "as_json", "junit", "calibration"),
+    *(
+        "output",
+        "log",
+        "threads",
+        "quiet",
+        "page",
+        "images",
+        "as_json",
+        "junit",
+        "calibration",
+        "inconclusive",
+    ),
     *("to", "to_direction", "to_frame", "to_camera", "to_lidar"),
 }
 """Options of these commands that a batch sets itself, or that name one file although there are many drives."""
@@ -142,7 +155,21 @@ def batch(
             click.echo(f"semcal: stopped: {show.num_done:,} of {len(tasks):,} drives are done", err=True)
             sys.exit(EXIT_STOPPED)
         show.settle(outcomes)
+    _report(command, output, outcomes).tell_github()
     sys.exit(worst(outcome.exit_code for outcome in outcomes))
+
+
+def _report(command: str, output: Path, outcomes: Sequence[Outcome]) -> CiReport:
+    """Make a case of each drive; one that failed fails, too."""
+    from semcal_cli.assessment.limits import together
+
+    verdicts: dict[int, Verdict] = {code: verdict for verdict, code in EXIT_CODES.items()}
+    cases = [
+        Case(each.drive, verdicts.get(each.exit_code, "fail"), "; ".join([each.status, *each.reasons[:1]]))
+        for each in outcomes
+    ]
+    worst = together(case.verdict for case in cases)
+    return CiReport(f"batch {command}", str(output), worst, cases)
 
 
 def _make_tasks(

@@ -1,14 +1,22 @@
-"""Checks for CI systems: JUnit XML, and GitHub annotations."""
+"""What CI systems show: JUnit XML, and on GitHub annotations and a table in the summary of the job."""
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import click
+
+from semcal_cli.errors import InputError, SemcalError
+from semcal_cli.files.messages import os_reason
+from semcal_cli.files.reading import is_same_file, read_start
+from semcal_cli.files.writing import write_text
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check, Verdict
@@ -16,7 +24,19 @@ if TYPE_CHECKING:
 NO_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML 1.0 does not allow."""
 
+GITHUB_ACTIONS, GITHUB_STEP_SUMMARY = "GITHUB_ACTIONS", "GITHUB_STEP_SUMMARY"
+"""Variables of the environment of a job on GitHub: `true`, and the file of the job's summary."""
+XML_START = b"<?xml"
 EXIT_CODES: dict[Verdict, int] = {"pass": 0, "fail": 3, "inconclusive": 4}
+Inconclusive: TypeAlias = Literal["error", "fail", "skip"]
+"""What a verdict is for CI when the data cannot decide: an error (exit code 4), a failure (3), or skipped (0)."""
+INCONCLUSIVE_CODES: dict[Inconclusive, int] = {"error": 4, "fail": 3, "skip": 0}
+ELEMENTS: dict[Inconclusive, str] = {"error": "error", "fail": "failure", "skip": "skipped"}
+Level: TypeAlias = Literal["notice", "warning", "error"]
+LEVELS: dict[Verdict, Level] = {"pass": "notice", "fail": "error", "inconclusive": "warning"}
+UNITS = {"deg": "degrees", "cm": "cm"}
+MAX_CASES = 20
+"""Most cases that an annotation names; files name all."""
 
 
 def check_line(check: Check, width: int = 21) -> str:
@@ -28,54 +48,162 @@ def check_line(check: Check, width: int = 21) -> str:
     )
 
 
+def figures(check: Check) -> str:
+    """Tell a check's offset, its interval and its limit in words."""
+    half = (
+        "interval not known" if check.half_width is None else f"+- {check.half_width:.3f} {UNITS[check.unit]}"
+    )
+    return f"{check.offset + 0.0:.3f} {half}, allowed {check.allowed:g}"
+
+
 @dataclass(frozen=True)
 class Case:
     """A test case for CI, made from one check."""
 
     name: str
     verdict: Verdict
-    message: str
+    figures: str
+    """What was found, and what was allowed."""
 
     @classmethod
-    def of_check(cls, check: Check, reasons: Sequence[str] = ()) -> Case:
-        """Make a test case from a check, with the reasons for its verdict."""
-        return cls(check.name, check.verdict, "; ".join([" ".join(check_line(check).split()), *reasons]))
+    def of_check(cls, check: Check) -> Case:
+        """Make a test case from a check."""
+        return cls(check.name, check.verdict, figures(check))
 
 
-def junit_xml(command: str, cases: Sequence[Case]) -> str:
-    """Make JUnit XML with a test case for each check: a failed check fails, an inconclusive one is skipped."""
-    verdicts = [case.verdict for case in cases]
+@dataclass(frozen=True)
+class CiReport:
+    """The verdict of a command with its cases, for JUnit XML and for GitHub."""
+
+    command: str
+    """Name of the command."""
+    subject: str
+    """What was judged: the drive, or the folder of results."""
+    verdict: Verdict
+    cases: Sequence[Case]
+    reasons: Sequence[str] = ()
+    """Sentences that stand once, beside the cases."""
+    seconds: float = 0.0
+    """Time that the command took. Zero leaves it out: files whose bytes are to be the same have none."""
+    inconclusive: Inconclusive = "error"
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of the verdict."""
+        is_open = self.verdict == "inconclusive"
+        return INCONCLUSIVE_CODES[self.inconclusive] if is_open else EXIT_CODES[self.verdict]
+
+    def junit(self) -> str:
+        """Make JUnit XML with a test case for each check; the reasons stand in the suite's output."""
+        elements = {"fail": "failure", "inconclusive": ELEMENTS[self.inconclusive]}
+        cases = [(case.name, elements.get(case.verdict), case.figures) for case in self.cases]
+        return _suite(self.command, self.subject, cases, self.reasons, self.seconds)
+
+    def tell_github(self) -> None:
+        """In a GitHub job, print an annotation and add a table to its summary."""
+        same = [case for case in self.cases if case.verdict == self.verdict != "pass"]
+        named = [f"{case.name} {case.figures}".strip() for case in same[:MAX_CASES]]
+        more = [f"and {len(same) - MAX_CASES:,} more"] if len(same) > MAX_CASES else []
+        annotate(self.command, LEVELS[self.verdict], "; ".join([self.verdict, *named, *more, *self.reasons]))
+        rows = [f"| {_cell(case.name)} | {_cell(case.figures)} | {case.verdict} |" for case in self.cases]
+        table = ["", "| | found | verdict |", "|---|---|---|", *rows] if rows else []
+        reasons = ["", *(f"- {_cell(reason)}" for reason in self.reasons)]
+        title = f"### semcal {self.command}: {self.verdict}"
+        add_to_summary([title, "", f"`{_cell(self.subject)}`", *table, *reasons])
+
+
+def inconclusive_option(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the option that says what an inconclusive verdict is for CI."""
+    return click.option(
+        "--inconclusive",
+        type=click.Choice(get_args(Inconclusive)),
+        default="error",
+        show_default=True,
+        help="What it is when the data cannot decide: an error (exit code 4), a failure (3) or skipped (0).",
+    )(command)
+
+
+@contextmanager
+def errors_reported(command: str, subject: str, junit: Path | None, read: Sequence[Path]) -> Iterator[None]:
+    """Write a failure of the command itself as an error into the JUnit file, and let it pass on.
+
+    A file that the command reads, or that holds something else, is never replaced.
+    """
+    start = perf_counter()
+    try:
+        yield
+    except SemcalError as error:
+        if junit is not None and _may_replace(junit, read):
+            with suppress(InputError):
+                content = _suite(
+                    command, subject, [("result", "error", str(error))], (), perf_counter() - start
+                )
+                write_text(content, junit)
+        raise
+
+
+def _may_replace(junit: Path, read: Sequence[Path]) -> bool:
+    """Whether a file is none that is read, and is new or holds XML."""
+    if any(is_same_file(path, junit) for path in read):
+        return False
+    return not junit.is_file() or read_start(junit, len(XML_START)) == XML_START
+
+
+def annotate(command: str, level: Level, text: str) -> None:
+    """Print an annotation, if this is a GitHub job; GitHub reads stderr as well."""
+    if os.environ.get(GITHUB_ACTIONS) != "true":
+        return
+    for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
+        text = text.replace(character, code)
+    click.echo(f"::{level} title=semcal {command}::{text}", err=True)
+
+
+def add_to_summary(lines: Sequence[str]) -> None:
+    """Add lines of Markdown to the summary of a GitHub job, the file that `GITHUB_STEP_SUMMARY` names."""
+    path = os.environ.get(GITHUB_STEP_SUMMARY)
+    if not path:
+        return
+    try:
+        with Path(path).open("a", encoding="utf-8") as file:
+            file.write("\n".join(lines).rstrip() + "\n\n")
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {os_reason(error)}") from None
+
+
+def _suite(
+    command: str,
+    subject: str,
+    cases: Sequence[tuple[str, str | None, str]],
+    reasons: Sequence[str],
+    seconds: float,
+) -> str:
+    """Make JUnit XML of cases: their names, the element of what is no pass, and the figures."""
     from xml.etree import ElementTree
 
-    suite = ElementTree.Element(
-        "testsuite",
-        name=f"semcal {command}",
-        tests=str(len(verdicts)),
-        failures=str(verdicts.count("fail")),
-        skipped=str(verdicts.count("inconclusive")),
-        errors="0",
-    )
-    for case in cases:
-        name = NO_XML.sub("?", case.name)
-        element = ElementTree.SubElement(suite, "testcase", classname=f"semcal.{command}", name=name)
-        kind = {"fail": "failure", "inconclusive": "skipped"}.get(case.verdict)
+    kinds = [kind for _, kind, _ in cases]
+    counts = {"failures": "failure", "skipped": "skipped", "errors": "error"}
+    attributes = {"name": f"semcal {command}", "tests": str(len(cases))}
+    attributes |= {name: str(kinds.count(kind)) for name, kind in counts.items()}
+    suite = ElementTree.Element("testsuite", attributes | ({"time": f"{seconds:.3f}"} if seconds else {}))
+    for name, kind, text in cases:
+        attributes = {"classname": f"semcal.{command}", "name": _xml(name), "file": _xml(subject)}
+        if seconds:
+            attributes["time"] = f"{seconds / len(cases):.3f}"
+        element = ElementTree.SubElement(suite, "testcase", attributes)
         if kind is not None:
-            ElementTree.SubElement(element, kind, message=NO_XML.sub("?", case.message))
+            ElementTree.SubElement(element, kind, message=_xml(text))
+        else:
+            ElementTree.SubElement(element, "system-out").text = _xml(text)
+    if reasons:
+        ElementTree.SubElement(suite, "system-out").text = _xml("\n".join(reasons))
     ElementTree.indent(suite)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(suite, encoding="unicode") + "\n"
 
 
-def annotate(command: str, verdict: Verdict, names: Iterable[str], reasons: Iterable[str]) -> None:
-    """Print the verdict with its names as an annotation, if this is a GitHub job; GitHub reads stderr as well."""
-    if os.environ.get("GITHUB_ACTIONS") != "true":
-        return
-    kind = {"pass": "notice", "fail": "error", "inconclusive": "warning"}[verdict]
-    text = "; ".join([verdict, *names, *reasons])
-    for character, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
-        text = text.replace(character, code)
-    click.echo(f"::{kind} title=semcal {command}::{text}", err=True)
+def _xml(text: str) -> str:
+    return NO_XML.sub("?", text)
 
 
-def of_verdict(verdict: Verdict, cases: Iterable[Case]) -> list[str]:
-    """Names of the cases with the same verdict; none if the verdict is good."""
-    return [case.name for case in cases if case.verdict == verdict != "pass"]
+def _cell(text: str) -> str:
+    """Make a text fit into a cell of a table of Markdown."""
+    return " ".join(text.split()).replace("|", "\\|").replace("`", "'")

@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, limit_options
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.comparison import Axis
+    from semcal_cli.geometry.pose_error import PoseError
 
 EXIT_DIFFERENT = 3
 
@@ -43,7 +45,22 @@ def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float,
         for line in error_lines(error):
             click.echo(line)
         click.echo("same" if is_same else "different")
+    _report(f"{a}, {b}", error, max_rotation_deg, 100.0 * max_translation_m).tell_github()
     sys.exit(0 if is_same else EXIT_DIFFERENT)
+
+
+def _report(subject: str, error: PoseError, allowed_deg: float, allowed_cm: float) -> CiReport:
+    """Make a case of each of both differences."""
+    parts = (
+        ("rotation", error.rotation_deg, "degrees", allowed_deg),
+        ("camera centre", error.camera_center_cm, "cm", allowed_cm),
+    )
+    cases = [
+        Case(name, "pass" if found <= allowed else "fail", f"{found:.3f} {unit}, allowed {allowed:g}")
+        for name, found, unit, allowed in parts
+    ]
+    is_same = all(case.verdict == "pass" for case in cases)
+    return CiReport("compare", subject, "pass" if is_same else "fail", cases)
 
 
 def _line(axis: Axis) -> str:

@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, junit_xml, of_verdict
+from semcal_cli.cli.ci import (
+    Case,
+    CiReport,
+    Inconclusive,
+    check_line,
+    errors_reported,
+    inconclusive_option,
+)
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     OUTPUT_FILE,
@@ -56,6 +63,7 @@ PLOTS = (".png", ".svg")
     "--plot", type=OUTPUT_FILE, metavar="FILE", help="Also write the page's plot on its own: .png or .svg."
 )
 @click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
+@inconclusive_option
 @quiet_option
 def fleet(
     results: tuple[Path, ...],
@@ -66,6 +74,7 @@ def fleet(
     page: Path | None,
     plot: Path | None,
     junit: Path | None,
+    inconclusive: Inconclusive,
     quiet: bool,
 ) -> None:
     """Combine the drives of a rig."""
@@ -84,25 +93,33 @@ def fleet(
 
     read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []
-    check_outputs(read, [path for path in (output, page, plot, junit) if path is not None])
-    form = "yaml" if output is None else output_format(output)
-    _check_suffixes(page, plot)
-    T_reference = None if reference is None else read_transform(reference)
-
-    found = combine_drives(read_members(results), Limits(max_rotation_deg, max_translation_m), T_reference)
+    outputs = [path for path in (output, page, plot, junit) if path is not None]
+    subject = ", ".join(map(str, results))
+    with errors_reported("fleet", subject, junit, read):
+        check_outputs(read, outputs)
+        form = "yaml" if output is None else output_format(output)
+        _check_suffixes(page, plot)
+        T_reference = None if reference is None else read_transform(reference)
+        limits = Limits(max_rotation_deg, max_translation_m)
+        found = combine_drives(read_members(results), limits, T_reference)
+    report = CiReport(
+        "fleet", subject, found.verdict, _cases(found), found.reasons, inconclusive=inconclusive
+    )
     place = folder_of(output)
     reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
     text = _result_text(found, hash_files(read, place), reference_name, form, output)
     # All content is made before anything is written, and the result is written last.
-    for path, content in _other_files(found, [str(path) for path in results], page, plot, junit):
+    for path, content in _other_files(found, [str(path) for path in results], page, plot):
         write_bytes(content, path)
+    if junit is not None:
+        write_text(report.junit(), junit)
     if output is None:
         click.echo(text, nl=False)
     else:
         write_text(text, output)
     _summarise(found, make_console(quiet))
-    annotate("fleet", found.verdict, of_verdict(found.verdict, _cases(found))[:MAX_LINES], found.reasons)
-    sys.exit(EXIT_CODES[found.verdict])
+    report.tell_github()
+    sys.exit(report.exit_code)
 
 
 def _check_suffixes(page: Path | None, plot: Path | None) -> None:
@@ -142,7 +159,7 @@ def _result_text(
 
 
 def _other_files(
-    found: Fleet, given: Sequence[str], page: Path | None, plot: Path | None, junit: Path | None
+    found: Fleet, given: Sequence[str], page: Path | None, plot: Path | None
 ) -> list[tuple[Path, bytes]]:
     """Make the requested files beside the result."""
     from semcal_cli.fleet.page import page_html
@@ -153,8 +170,6 @@ def _other_files(
         contents.append((page, page_html(found, given).encode()))
     if plot is not None:
         contents.append((plot, plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")))
-    if junit is not None:
-        contents.append((junit, junit_xml("fleet", _cases(found)).encode()))
     return contents
 
 
@@ -166,7 +181,7 @@ def _cases(found: Fleet) -> list[Case]:
         verdict = drive.verdict if drive.is_far else "pass"
         cases.append(Case(f"drive {drive.member.drive}", verdict, f"{drive.offset.words} off"))
     # The file has the same verdict as the exit code, whatever decides it.
-    return [*cases, Case("all together", found.verdict, "; ".join(found.reasons))]
+    return [*cases, Case("all together", found.verdict, f"{len(found.drives):,} drives")]
 
 
 def _summarise(found: Fleet, console: Console) -> None:

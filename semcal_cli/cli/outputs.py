@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 import numpy as np
 
+from semcal_cli.cli.ci import Case, CiReport
 from semcal_cli.cli.tables import labelled, summary_lines
 from semcal_cli.cli.terminal import Terminal, progress_line
 from semcal_cli.drive.frame_selection import evenly_spaced
@@ -24,6 +25,7 @@ from semcal_cli.formats import write_transform
 from semcal_cli.result.calibration import calibration_text, write_calibration
 
 if TYPE_CHECKING:
+    from semcal_cli.assessment.limits import Verdict
     from semcal_cli.drive.document import Drive
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
@@ -101,6 +103,7 @@ class Outputs:
         else:
             write_calibration(calibration, self.output)
         terminal.print(*summary_lines(calibration, str(self.output or "standard output")))
+        _report(calibration, str(self.output or "standard output")).tell_github()
         return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
 
     def illustrate(self, drive: Drive, calibration: Calibration, terminal: Terminal) -> None:
@@ -121,6 +124,20 @@ class Outputs:
                 progress("drawing points on pictures")
                 for path in report.overlays(MAX_IMAGES).write_all(self.images):
                     terminal.print(labelled("picture", str(path)))
+
+
+def _report(calibration: Calibration, written_to: str) -> CiReport:
+    """Make a verdict of a calibration for CI, with the interval of its pose."""
+    verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
+    uncertainty, figures = calibration.uncertainty, "interval not known"
+    if uncertainty is not None:
+        center_cm = 100.0 * max(uncertainty.half_width_95_camera_center_m)
+        figures = (
+            f"+- {center_cm:.3f} cm, +- {max(uncertainty.half_width_95_rotation_deg):.4f} degrees (95 %)"
+        )
+    command = click.get_current_context().command.name or "calibrate"
+    case = Case(calibration.status, verdict, figures)
+    return CiReport(command, written_to, verdict, [case], calibration.reasons)
 
 
 def folder_of(output: Path | None) -> Path:

@@ -5,11 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.ci import EXIT_CODES, Case, annotate, check_line, junit_xml, of_verdict
+from semcal_cli.cli.ci import (
+    Case,
+    CiReport,
+    Inconclusive,
+    check_line,
+    errors_reported,
+    inconclusive_option,
+)
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     OUTPUT_FILE,
@@ -37,7 +45,7 @@ if TYPE_CHECKING:
 
     The pose is estimated again, starting at the transform. Limits are along and about each
     axis of the camera, and in all. Exit code 0: each passes. 3: an offset lies beyond its limit
-    with its whole 95 % interval. 4: the data cannot decide.
+    with its whole 95 % interval. 4: the data cannot decide; --inconclusive makes it another one.
     """
 )
 @drive_argument
@@ -45,6 +53,7 @@ if TYPE_CHECKING:
 @limit_options(may_be_zero=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
+@inconclusive_option
 @seed_option
 @threads_option
 @max_frames_option
@@ -56,6 +65,7 @@ def verify(
     threads: int | None,
     as_json: bool,
     junit: Path | None,
+    inconclusive: Inconclusive,
     max_points: int,
     quiet: bool,
     **options: Any,
@@ -69,18 +79,22 @@ def verify(
 
     if as_json and junit is not None and descriptor(junit) == 1:
         raise click.UsageError("--json, --junit: would both write to standard output: give --junit a file")
-    initial_pose, config, limits = settings_of(options)
+    start, subject = perf_counter(), f"{drive}, {options['calibration']}"
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit)
-    asked = RunOptions(threads, quiet, max_points)
-    with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
-        found = check(data, initial_pose, limits, config.seed, terminal.on_event)
-    cases = [Case.of_check(check, found.reasons) for check in found.checks]
+    with errors_reported("verify", subject, junit, [drive, options["calibration"]]):
+        initial_pose, config, limits = settings_of(options)
+        asked = RunOptions(threads, quiet, max_points)
+        with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
+            found = check(data, initial_pose, limits, config.seed, terminal.on_event)
+    cases = [Case.of_check(check) for check in found.checks]
+    seconds = perf_counter() - start
+    report = CiReport("verify", subject, found.verdict, cases, found.reasons, seconds, inconclusive)
     if junit is not None:
-        write_text(junit_xml("verify", cases), junit)
+        write_text(report.junit(), junit)
     _print(found, as_json)
-    annotate("verify", found.verdict, of_verdict(found.verdict, cases), found.reasons)
-    sys.exit(EXIT_CODES[found.verdict])
+    report.tell_github()
+    sys.exit(report.exit_code)
 
 
 def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationConfig, Limits]:

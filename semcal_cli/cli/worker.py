@@ -14,12 +14,15 @@ from semcal_cli.batch.failures import is_of_machine
 from semcal_cli.batch.records import read_inputs
 from semcal_cli.batch.tasks import LOG, PART, TIMES, Task
 from semcal_cli.cli import Ending, run
+from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
 from semcal_cli.files.messages import os_reason
 from semcal_cli.jobs.serving import serve
 
 
 def main() -> None:
-    """Run tasks until there are no more."""
+    """Run tasks until there are no more; the batch tells the CI system of all of them together."""
+    for name in (GITHUB_ACTIONS, GITHUB_STEP_SUMMARY):
+        os.environ.pop(name, None)
     serve(_do)
 
 
