@@ -18,6 +18,7 @@ from semcal_cli.cli.batch import batch
 from semcal_cli.cli.calibrate import calibrate
 from semcal_cli.cli.ci import annotate
 from semcal_cli.cli.compare import compare
+from semcal_cli.cli.completion import completion
 from semcal_cli.cli.convert import convert
 from semcal_cli.cli.demo import demo
 from semcal_cli.cli.evaluate import evaluate
@@ -31,15 +32,16 @@ from semcal_cli.cli.label import label
 from semcal_cli.cli.overlay import overlay
 from semcal_cli.cli.refine import refine
 from semcal_cli.cli.report import report
+from semcal_cli.cli.sections import Sections
 from semcal_cli.cli.synth import synth
 from semcal_cli.cli.verify import verify
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.files.picture_sizes import MAX_PIXELS
 
-EXIT_FAILURE = 1
+EXIT_FAILURE, EXIT_STOPPED = 1, 130
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=Sections, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="semcal")
 def semcal() -> None:
     """Find where a camera sits relative to a LiDAR, from semantic labels of ordinary driving data."""
@@ -47,7 +49,7 @@ def semcal() -> None:
 
 COMMANDS = (
     *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch, fleet),
-    *(overlay, report, inspect, import_, export, label, synth, experiment, demo),
+    *(overlay, report, inspect, import_, export, label, synth, experiment, demo, completion),
 )
 for command in COMMANDS:
     semcal.add_command(command)
@@ -103,9 +105,11 @@ def _invoke(arguments: Sequence[str]) -> Ending:
     except click.ClickException as error:
         error.show()
         return Ending(error.exit_code, " ".join(error.format_message().split()), error)
-    except click.Abort:
-        click.echo("Aborted!", err=True)
-        return Ending(EXIT_FAILURE, "aborted")
+    except click.Abort as stop:
+        # click makes this of Ctrl-C, which shells tell by 128 and the number of its signal.
+        is_interrupted = isinstance(stop.__cause__, KeyboardInterrupt)
+        click.echo("stopped", err=True)
+        return Ending(EXIT_STOPPED if is_interrupted else EXIT_FAILURE, "stopped")
 
 
 def _silence_closed_pipe() -> None:

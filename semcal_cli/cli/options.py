@@ -24,6 +24,17 @@ from semcal_cli.config import (
 from semcal_cli.files.streams import STANDARD_OUTPUT, descriptor
 
 
+class FiniteNumber(click.types.FloatParamType):
+    """A finite number: NaN and infinity are refused."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Parse the number, and check that it is finite."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{number} is not a finite number.", param, ctx)
+        return number
+
+
 class FiniteRange(click.FloatRange):
     """A range of finite numbers: NaN and infinity are refused."""
 

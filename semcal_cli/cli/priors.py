@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import Command, FiniteRange, with_options
+from semcal_cli.cli.options import Command, FiniteNumber, with_options
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
@@ -45,7 +45,7 @@ PRIOR_OPTIONS = (
     ),
     click.option(
         "--prior-translation-m",
-        type=FiniteRange(),
+        type=FiniteNumber(),
         nargs=4,
         metavar="X Y Z SIGMA",
         help="The camera's place in the LiDAR frame is known beforehand, with this standard deviation along each axis; "
@@ -53,7 +53,7 @@ PRIOR_OPTIONS = (
     ),
     click.option(
         "--prior-rotation-deg",
-        type=FiniteRange(),
+        type=FiniteNumber(),
         nargs=4,
         metavar="R P Y SIGMA",
         help="The camera's roll, pitch and yaw in the LiDAR frame (as in URDF: yaw turns to the left, pitch looks "

@@ -11,6 +11,7 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
     Command,
+    FiniteNumber,
     FiniteRange,
     max_baseline_option,
     with_options,
@@ -40,7 +41,7 @@ SEARCH_OPTIONS = (
     ),
     click.option(
         "--init-rpy-xyz",
-        type=FiniteRange(),
+        type=FiniteNumber(),
         nargs=6,
         metavar="R P Y X Y Z",
         help="Start at this mounting, measured by hand: roll, pitch and yaw (degrees, as in URDF: yaw turns to the "

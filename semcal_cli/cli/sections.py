@@ -1,0 +1,51 @@
+"""The commands of `semcal` in sections, each with a line that is never cut."""
+
+from __future__ import annotations
+
+import click
+
+SECTIONS: dict[str, dict[str, str]] = {
+    "Start": {
+        "demo": "Calibrate a synthetic street from nothing, and look at it.",
+        "import": "Make a drive of a recording, a data set or your own files.",
+        "label": "Label pictures or sweeps with a network.",
+        "inspect": "Show what a drive holds, and what looks wrong with it.",
+        "synth": "Write a synthetic drive whose transform is known.",
+        "completion": "Print what completes commands in bash, zsh or fish.",
+    },
+    "Calibrate": {
+        "calibrate": "Find the transform from nothing, and how sure it is.",
+        "initialize": "Only search all mounting directions.",
+        "refine": "Only refine a transform that is known roughly.",
+    },
+    "Check": {
+        "verify": "Check on a drive whether a transform still holds.",
+        "compare": "Tell how two transforms differ, beside what is allowed.",
+        "evaluate": "Print how far a transform is from a reference.",
+        "report": "Write a page about a transform, to send around.",
+        "overlay": "Draw the points on the pictures.",
+    },
+    "Export": {
+        "convert": "Write a transform in the format of another tool.",
+        "export": "Write a drive for a viewer.",
+    },
+    "Many drives": {
+        "batch": "Calibrate or verify many drives.",
+        "fleet": "Put the results of many drives of one rig together.",
+    },
+    "Research": {
+        "experiment": "Measure the figures of the README.",
+    },
+}
+"""Line of help of each command, by the headings of the sections."""
+
+
+class Sections(click.Group):
+    """A group that lists its commands in sections."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the sections."""
+        width = max(len(name) for section in SECTIONS.values() for name in section)
+        for heading, section in SECTIONS.items():
+            with formatter.section(heading):
+                formatter.write_dl([(f"{name:<{width}}", line) for name, line in section.items()])
