@@ -47,7 +47,7 @@ uint8 line
 class BagWriter:
     """Writes messages of the types of one generation of ROS."""
 
-    def __init__(self, folder: Path, kind: str, compression: str = "") -> None:
+    def __init__(self, folder: Path, kind: str, compression: str = "", **mcap_options: Any) -> None:
         self.kind, self.path = kind, folder / SUFFIXES[kind]
         self.is_ros1 = kind == "ros1"
         self.store = get_typestore(Stores.ROS1_NOETIC if self.is_ros1 else Stores.ROS2_HUMBLE)
@@ -69,7 +69,7 @@ class BagWriter:
         elif kind == "mcap library":
             file = self._stack.enter_context(self.path.open("wb"))
             used = CompressionType[compression] if compression else CompressionType.NONE
-            self._writer = McapWriter(file, chunk_size=100_000, compression=used)
+            self._writer = McapWriter(file, chunk_size=100_000, compression=used, **mcap_options)
             self._writer.start(profile="ros2", library="test")
             self._stack.callback(self._writer.finish)
         else:
@@ -272,7 +272,9 @@ class BagWriter:
         return self.make(f"geometry_msgs/msg/{name}", x=x, y=y, z=z)
 
     def _rotation(self, T: Pose) -> Any:
-        x, y, z, w = (float(each) for each in quaternion_xyzw(T))
+        turn = np.eye(4)
+        turn[:3, :3] = T[:3, :3]  # a position may be no number
+        x, y, z, w = (float(each) for each in quaternion_xyzw(turn))
         return self.make("geometry_msgs/msg/Quaternion", x=x, y=y, z=z, w=w)
 
     def _pose(self, T: Pose) -> Any:

@@ -16,9 +16,11 @@ import yaml
 from bags import KINDS, NS, START_NS, BagWriter, cut, jpeg, png, write_drive_as_bag
 from click.testing import CliRunner, Result
 from conftest import run
+from mcap.writer import IndexType
 from networks import color_network
 
 from semcal_cli.bags.bag import Bag
+from semcal_cli.bags.candidates import longest_ascending
 from semcal_cli.bags.clouds import read_sweep
 from semcal_cli.bags.importing import import_bag
 from semcal_cli.bags.messages import Message, MessageError
@@ -188,7 +190,7 @@ def test_livox_custom_messages(kind: str, package: str, tmp_path: Path) -> None:
             bag.write("/x", message, START_NS)
         for name, _ in layout:
             np.testing.assert_array_equal(sweep.records[name][0], records[name])
-        assert sweep.point_times == "relative"
+        assert sweep.times.reference == "relative"
         tmp_path = tmp_path / "next"
         tmp_path.mkdir()
 
@@ -216,8 +218,8 @@ def test_times_of_points_in_every_unit(unit: str, tmp_path: Path) -> None:
     with BagWriter(tmp_path, "sqlite3") as bag:
         sweep = sweep_of(bag, bag.cloud(records, START_NS))
         bag.write("/x", bag.cloud(records, START_NS), START_NS)
-    assert sweep.point_times == expected
-    assert (sweep.remark is not None) == is_told
+    assert sweep.times.reference == expected
+    assert (sweep.times.remark is not None) == is_told
     (tmp_path / "cloud.pcd").write_bytes(sweep.pcd())
     (cloud,) = read_clouds(one_cloud(tmp_path))
     if expected is not None:
@@ -475,6 +477,277 @@ def test_frames_are_spread_and_the_rest_is_counted(tmp_path: Path) -> None:
     np.testing.assert_allclose(stamps, [0, 1, 2, 3, 4, 5], atol=1e-6)
 
 
+def test_a_picture_goes_to_the_sweep_that_is_nearest(tmp_path: Path) -> None:
+    """A LiDAR twice as fast as the camera, whose pictures are 40 ms after one sweep and 10 ms before the next."""
+    with BagWriter(tmp_path, "sqlite3") as bag:
+        small = Small(tmp_path / "unused")
+        small.bag.write("/x", small.bag.camera_info(small.camera, START_NS), START_NS)
+        small.bag.__exit__(None, None, None)
+        for index in range(100):
+            stamp = START_NS + index * NS // 20
+            bag.write("/points", bag.cloud(small.records, stamp), stamp + NS // 100)
+            if index % 2 == 0:
+                bag.write("/cam/camera_info", bag.camera_info(small.camera, stamp), stamp)
+                bag.write("/cam/image_raw", bag.image(COLORS, "bgr8", stamp + NS // 25), stamp + NS // 20)
+    for settings in ({"max_frames": 50}, {"max_frames": 5}, {"every_s": 0.5}):
+        document = imported(bag.path, tmp_path / "drive", **settings)
+        gaps = [frame["image_stamp"] - frame["points_stamp"] for frame in document["frames"]]
+        np.testing.assert_allclose(gaps, -0.01, atol=1e-6)
+        assert len(gaps) >= 5
+
+
+def long_recording(
+    folder: Path, seconds: int, *, delay_s: float = 0.12, latency_s: float = 0.25, **more: Any
+) -> Path:
+    """A recording of a rig that stands, but for ten seconds in the middle, with late sweeps and late odometry."""
+    small = Small(folder)
+    with small.bag as bag:
+        for index in range(10 * seconds):
+            stamp = START_NS + index * NS // 10
+            travelled = float(np.clip(index / 10 - seconds / 2, 0.0, 10.0))
+            bag.write("/cam/camera_info", bag.camera_info(small.camera, stamp), stamp)
+            bag.write("/cam/image_raw", bag.image(np.roll(COLORS, index, 0), "bgr8", stamp), stamp + NS // 50)
+            bag.write("/points", bag.cloud(small.records, stamp), stamp + round(delay_s * NS))
+            T = pose_from_mounting([0, 0, 0], [travelled, 0, 0])
+            bag.write("/odom", bag.odometry(T, stamp, "lidar"), stamp + round(latency_s * NS))
+    return bag.path
+
+
+def test_as_many_frames_as_wanted_with_their_poses(tmp_path: Path) -> None:
+    """Where the rig stands, pictures decide; late poses are read for every frame."""
+    document = imported(long_recording(tmp_path, 120), tmp_path / "drive", max_frames=20)
+    assert 19 <= len(document["frames"]) <= 20
+    assert "motion" in document
+    assert load_points(read_drive(tmp_path / "drive")).num_frames == len(document["frames"])
+    stamps = np.array([frame["points_stamp"] - STAMP_S for frame in document["frames"]])
+    assert ((stamps > 59.0) & (stamps < 71.0)).sum() >= 3  # every third second is looked at
+
+
+def test_frames_that_stay_are_fixed_and_others_are_told(tmp_path: Path) -> None:
+    """ROS 1 publishes fixed frames on /tf, too; odometry of a frame that nothing ties to the LiDAR is named."""
+
+    def tf(bag: BagWriter, index: int, stamp: int) -> Any:
+        return bag.transforms({("base", "lidar"): T_MOUNT, ("base", "optical"): np.eye(4)}, stamp)
+
+    def odometry(bag: BagWriter, index: int, stamp: int) -> Any:
+        return bag.odometry(moved(stamp), stamp, "base")
+
+    document = imported(Small(tmp_path, "ros1").write(tf=tf, odom=odometry), tmp_path / "drive")
+    np.testing.assert_allclose(document["T_camera_lidar"], T_MOUNT, atol=1e-9)
+    assert document["motion"]["poses"] == "poses/drive.txt"
+    path = Small(tmp_path / "loose", "ros1").write(odom=odometry)
+    done = import_bag(Request([path]), tmp_path / "loose/drive")
+    assert any(
+        "/odom tell of frames that no fixed transform ties to 'lidar'" in each
+        for each in done.written.remarks
+    )
+
+
+def test_a_topic_of_transforms_is_the_one_that_is_named(tmp_path: Path) -> None:
+    def moving(bag: BagWriter, index: int, stamp: int) -> Any:
+        return bag.transforms({("world", "lidar"): moved(stamp)}, stamp)
+
+    def standing(bag: BagWriter, index: int, stamp: int) -> Any:
+        return bag.transforms({("map", "lidar"): T_MOUNT}, stamp)
+
+    path = Small(tmp_path, count=8).write(**{"a/tf": moving, "b/tf": standing})
+    document = imported(path, tmp_path / "drive", motion="/a/tf")
+    assert document["motion"]["poses"] == "poses/drive.txt"
+    assert "found the moving frames none" in refused(path, tmp_path / "b", motion="/b/tf")
+
+
+def test_one_frame_for_both_sensors_is_no_reference(tmp_path: Path) -> None:
+    small = Small(tmp_path)
+    path = small.write(
+        points=lambda bag, index, stamp: bag.cloud(small.records, stamp, "sensor"),
+        image=lambda bag, index, stamp: bag.image(COLORS, "bgr8", stamp, "sensor"),
+    )
+    assert "T_camera_lidar" not in imported(path, tmp_path / "drive")
+
+
+def test_a_camera_that_is_stated_twice_and_changes(tmp_path: Path) -> None:
+    """Between two messages that no frame lies near."""
+    small = Small(tmp_path, count=600)
+    K = np.array([12.0, 0, 8, 0, 9, 8, 0, 0, 1])
+
+    def info(bag: BagWriter, index: int, stamp: int) -> Any:
+        return (
+            bag.camera_info(small.camera, stamp, **({"K": K} if index else {})) if index in (0, 333) else None
+        )
+
+    assert "found another camera 33.300 s after the start" in refused(
+        small.write(info=info), tmp_path / "drive"
+    )
+
+
+def test_an_index_without_those_of_messages(tmp_path: Path) -> None:
+    with BagWriter(tmp_path, "mcap library", index_types=IndexType.ALL & ~IndexType.MESSAGE) as bag:
+        small = Small(tmp_path / "unused")
+        small.bag.write("/x", small.bag.camera_info(small.camera, START_NS), START_NS)
+        small.bag.__exit__(None, None, None)
+        small.bag = bag
+        path = small.write()
+    assert len(imported(path, tmp_path / "drive")["frames"]) == 6
+
+
+def test_points_without_a_range_have_no_times(tmp_path: Path) -> None:
+    records = np.ones(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("timestamp", "<f8")])
+    records["timestamp"] = SECONDS + STAMP_S
+    records["x"][4], records["timestamp"][4] = np.nan, 0.0
+    with BagWriter(tmp_path, "sqlite3") as bag:
+        sweep = sweep_of(bag, bag.cloud(records, START_NS))
+        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    assert sweep.times.reference == "absolute"
+    assert sweep.times.ends_s == pytest.approx((0.0, 0.09), abs=1e-6)
+
+
+def test_what_is_left_out_adds_up(tmp_path: Path) -> None:
+    """Of each sweep it is told what became of it; very short steps take every sweep."""
+    small = Small(tmp_path, count=60)
+    path = small.write(
+        image=lambda bag, index, stamp: bag.image(COLORS, "odd" if index % 4 == 1 else "bgr8", stamp)
+    )
+    for settings in ({"max_frames": 5}, {"every_s": 1e-9}, {"every_s": 1.0, "max_frames": 2}):
+        done = import_bag(Request([path], **settings), tmp_path / "drive")
+        assert done.written.num_frames + done.left_out.total() == done.num_sweeps == 60
+
+
+def test_an_import_replaces_nothing_that_it_reads(tmp_path: Path) -> None:
+    path = Small(tmp_path).write()
+    before = (path / "metadata.yaml").read_bytes()
+    assert "found a file that this import reads" in str(error_of(path, path / "metadata.yaml"))
+    assert (path / "metadata.yaml").read_bytes() == before
+    file = tmp_path / "camera.yaml"
+    file.write_text("mine")
+    assert "found a file that this import reads" in str(error_of(path, file, intrinsics=file))
+    assert file.read_text() == "mine"
+    (tmp_path / "folder.yaml").mkdir()
+    assert "is a folder" in str(error_of(path, tmp_path / "folder.yaml"))
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["bag", "camera.yaml", "folder.yaml"]
+    with pytest.raises(InputError, match="found twice among the parts"):
+        import_bag(Request([path, path]), tmp_path / "twice")
+
+
+def error_of(path: Path, out: Path, **settings: Any) -> InputError:
+    with pytest.raises(InputError) as error:
+        import_bag(Request([path], **settings), out)
+    return error.value
+
+
+def test_two_cameras_of_one_recording_share_a_folder(tmp_path: Path) -> None:
+    """Whatever their topics are called."""
+    names = ["/a/b", "/a_b", "/a.b", "/摄像头/左", "/摄像头/右", "/" + "x" * 300, "/" + "x" * 299 + "y"]
+    small = Small(tmp_path)
+
+    def images(bag: BagWriter, index: int, stamp: int) -> Any:
+        for shade, name in enumerate(names):
+            bag.write(name, bag.image(np.full((16, 16), shade, np.uint8), "mono8", stamp), stamp + NS // 50)
+
+    path = small.write(image=images)
+    for shade, name in enumerate(names):
+        import_bag(Request([path], image=name), tmp_path / f"drive/{shade}.yaml")
+    for shade in range(len(names)):
+        drive = read_drive(tmp_path / f"drive/{shade}.yaml")
+        assert read_image(drive.resolve(drive.frames[0].image or ""))[0, 0, 0] == shade
+
+
+def test_poses_of_other_frames_do_not_count(tmp_path: Path) -> None:
+    """Two parents of one frame, odometry of two bodies, and poses that are none."""
+
+    def two_parents(bag: BagWriter, index: int, stamp: int) -> Any:
+        far = pose_from_mounting([0, 0, 0], [500.0 + index, 0, 0])
+        return bag.transforms({("odom", "lidar"): moved(stamp), ("map", "lidar"): far}, stamp)
+
+    done = import_bag(Request([Small(tmp_path / "a", count=8).write(tf=two_parents)]), tmp_path / "a/drive")
+    assert any(
+        "/tf of lidar in odom, /tf of lidar in map: choose one" in each for each in done.written.remarks
+    )
+
+    def two_bodies(bag: BagWriter, index: int, stamp: int) -> Any:
+        bag.write(
+            "/odom", bag.odometry(pose_from_mounting([0, 0, 0], [900.0, 0, 0]), stamp + 1, "gps"), stamp
+        )
+        lost = moved(stamp)
+        lost[0, 3] = np.nan if index == 3 else lost[0, 3]
+        return bag.odometry(lost, stamp, "lidar")
+
+    path = Small(tmp_path / "b", count=9).write(odom=two_bodies)
+    document = imported(path, tmp_path / "b/drive", motion="/odom", motion_frame="lidar")
+    rows = np.loadtxt(tmp_path / "b/drive" / document["motion"]["poses"])
+    assert rows[:, 1].max() < 100.0
+    assert len(rows) == 8
+
+
+def test_fixed_frames_that_contradict_one_another_are_no_reference(tmp_path: Path) -> None:
+    def contradiction(bag: BagWriter, index: int, stamp: int) -> Any:
+        edges = {("base", "lidar"): T_MOUNT, ("base", "optical"): np.eye(4), ("optical", "lidar"): np.eye(4)}
+        return bag.transforms(edges) if index == 0 else None
+
+    done = import_bag(Request([Small(tmp_path).write(tf_static=contradiction)]), tmp_path / "drive")
+    assert any("fixed transforms contradict one another" in each for each in done.written.remarks)
+    assert read_drive(tmp_path / "drive").T_camera_lidar is None
+
+
+def test_a_stamp_that_is_far_off_and_a_clock_that_stands(tmp_path: Path) -> None:
+    small = Small(tmp_path / "a")
+
+    def off(stamp: int, index: int) -> int:
+        return stamp + (400_000_000 * NS if index == 0 else 0)
+
+    path = small.write(
+        points=lambda bag, index, stamp: bag.cloud(small.records, off(stamp, index)),
+        image=lambda bag, index, stamp: bag.image(COLORS, "bgr8", off(stamp, index)),
+    )
+    assert len(imported(path, tmp_path / "a/drive")["frames"]) == 5
+    with BagWriter(tmp_path, "mcap library") as bag:
+        for index in range(6):
+            stamp = START_NS + index * NS // 10
+            bag.write("/cam/camera_info", bag.camera_info(small.camera, stamp), START_NS)
+            bag.write("/cam/image_raw", bag.image(np.roll(COLORS, index, 0), "bgr8", stamp), START_NS)
+            bag.write("/points", bag.cloud(small.records, stamp), START_NS)
+    assert len(imported(bag.path, tmp_path / "b/drive")["frames"]) == 6
+
+
+def test_sweeps_of_another_frame_are_left_out(tmp_path: Path) -> None:
+    """Two LiDARs on one topic."""
+    small = Small(tmp_path)
+    path = small.write(
+        points=lambda bag, index, stamp: bag.cloud(small.records, stamp, "rear" if index % 2 else "front")
+    )
+    done = import_bag(Request([path]), tmp_path / "drive")
+    assert done.written.num_frames == 3
+    assert done.left_out["sweeps: found frame 'rear', needed 'front'"] == 3
+
+
+def test_a_database_that_was_not_closed_says_so(tmp_path: Path) -> None:
+    path = Small(tmp_path).write()
+    file = next(path.glob("*.db3"))
+    file.with_name(f"{file.name}-wal").write_bytes(bytes(5000))
+    done = import_bag(Request([path]), tmp_path / "drive")
+    assert any(
+        "bag.db3-wal, 5,000 bytes: the recording was not closed" in each for each in done.written.remarks
+    )
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--every", "1e300"), "not in the range"),
+        (("--max-gap-s", "1e300"), "not in the range"),
+        (("--camera-info", "/a", "--intrinsics", "b"), "exclude one another"),
+        (("--motion", "none", "--motion-frame", "c"), "is of a topic of --motion"),
+    ],
+)
+def test_options_that_cannot_be(options: tuple[str, ...], complaint: str, tmp_path: Path) -> None:
+    assert complaint in run_cli("import", "bag", tmp_path, "-o", tmp_path / "drive", *options, code=2).stderr
+
+
+def test_the_longest_ascending_part() -> None:
+    assert longest_ascending([]) == []
+    assert longest_ascending([9, 1, 2, 2, 3, 0, 4]) == [1, 3, 4, 6]
+    assert longest_ascending([5, 4, 3]) == [2]
+
+
 def test_frames_are_spread_along_the_way(tmp_path: Path) -> None:
     """Half of the time the rig stands; frames are at equal distances, not at equal times."""
 
@@ -521,7 +794,7 @@ IMAGE_LIES: dict[str, Any] = {
     "size": ({"width": 0}, "found a picture of 0 x 16 pixels"),
     "huge": ({"width": 1 << 31, "height": 1 << 31}, "needed at most 100,000,000"),
     "encoding": ({"encoding": "32FC1"}, "found encoding '32FC1', needed one of: mono8"),
-    "other size": ({"width": 8, "step": 24}, "found pictures of 8 x 16 pixels, needed 16 x 16"),
+    "other size": ({"width": 8, "step": 24}, "found a picture of 8 x 16 pixels, needed 16 x 16"),
 }
 
 
@@ -689,7 +962,7 @@ def test_an_interrupted_import_leaves_nothing_half_written(
             raise KeyboardInterrupt
         return read_picture(*arguments)
 
-    monkeypatch.setattr("semcal_cli.bags.importing.read_picture", stop)
+    monkeypatch.setattr("semcal_cli.bags.frames.read_picture", stop)
     with pytest.raises(KeyboardInterrupt):
         import_bag(Request([path]), tmp_path / "drive")
     assert not (tmp_path / "drive/drive.yaml").exists()

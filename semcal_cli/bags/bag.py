@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import heapq
+import os
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -29,6 +30,8 @@ MAGIC: dict[bytes, type[Any]] = {
 """Readers by the first bytes of a file."""
 SUFFIXES = (".bag", ".mcap", ".db3")
 METADATA = "metadata.yaml"
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+"""First bytes of a message of ROS 2 that is compressed by itself; others start with CDR's 0."""
 STEP_NS = NS // 2
 """How far behind damaged messages reading goes on; it doubles until there is something to read."""
 
@@ -66,8 +69,6 @@ class _Part:
     spans: dict[int, Span]
     """Number and times of the messages of each connection."""
     is_ros1: bool = False
-    is_compressed: bool = False
-    """Whether each message is compressed by zstd."""
 
 
 class Bag:
@@ -88,6 +89,7 @@ class Bag:
         self._damaged: dict[str, int] = {}
         try:
             self._parts = [part for path in paths for part in self._open(path)]
+            self._check_distinct()
             self.topics = self._topics()
             counted = [topic.span for topic in self.topics if topic.span.num_messages]
             if not counted:
@@ -110,6 +112,12 @@ class Bag:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stack.close()
+
+    @property
+    def files(self) -> list[Path]:
+        """The files of the recording."""
+        metadata = [path / METADATA for path in self.paths if is_folder(path)]
+        return [*(part.path for part in self._parts), *metadata]
 
     @property
     def is_indexed(self) -> bool:
@@ -148,7 +156,8 @@ class Bag:
                     if not isinstance(received, int) or not isinstance(raw, bytes | bytearray | memoryview):
                         raise ValueError("found a row that is no message")
                     start = max(start, received)
-                    data = DECOMPRESSORS["zstd"](raw, 0) if part.is_compressed else raw
+                    is_compressed = not part.is_ros1 and bytes(raw[:4]) == ZSTD_MAGIC
+                    data = DECOMPRESSORS["zstd"](raw, 0) if is_compressed else raw
                     yield Message(connection.topic, connection.msgtype, received, bytes(data), part.is_ros1)
                     step = STEP_NS
                 return
@@ -161,15 +170,13 @@ class Bag:
         if not is_folder(path):
             return [self._open_file(path)]
         if (path / METADATA).exists():
+            read_start(path / METADATA, 0)
             folder = Folder(path)
             self._stack.callback(_closed, folder)
             try:
                 folder.open()
-                is_compressed = folder.metadata.compression_mode == "message"
                 storages: list[Any] = folder.storages
-                return [
-                    _Part(each.path, each, each.spans(), is_compressed=is_compressed) for each in storages
-                ]
+                return [_Part(each.path, each, each.spans()) for each in storages]
             except Exception as error:  # Hostile bytes raise errors of any kind in the library.
                 self.remarks.append(f"{path / METADATA}: {_told(error)}; its files are read without it")
         files = sorted(file for file in path.iterdir() if file.suffix in SUFFIXES)
@@ -190,6 +197,16 @@ class Bag:
             return _Part(path, storage, storage.spans(), is_ros1=reader is Ros1File)
         except Exception as error:  # Hostile bytes raise errors of any kind in the library.
             raise InputError(f"{path}: found a recording that cannot be read: {_told(error)}") from None
+
+    def _check_distinct(self) -> None:
+        seen: set[str] = set()
+        for part in self._parts:
+            real = os.path.realpath(part.path)
+            if real in seen:
+                raise InputError(
+                    f"{part.path}: found twice among the parts of the recording, needed each once"
+                )
+            seen.add(real)
 
     def _topics(self) -> list[Topic]:
         found: dict[tuple[str, str], Span] = {}

@@ -36,7 +36,7 @@ class CameraInfo(NamedTuple):
         """Name the first field that differs, with both values; None if all are the same."""
         for name in self._fields:
             mine, theirs = getattr(self, name), getattr(other, name)
-            if mine != theirs:
+            if repr(mine) != repr(theirs):  # NaN is the same as NaN.
                 return f"{name} {_short(mine)}, before {_short(theirs)}"
         return None
 

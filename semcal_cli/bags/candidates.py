@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -17,15 +18,29 @@ from semcal_cli.bags.messages import NS, Message, MessageError
 from semcal_cli.bags.pairs import AFTER_NS, Pair, Pairing
 from semcal_cli.bags.pictures import thumbnail
 from semcal_cli.bags.topics import MAX_FRAMES, Request, Topics
-from semcal_cli.drive.frame_selection import farthest_points
+from semcal_cli.drive.frame_selection import evenly_spaced, farthest_points
 
 CANDIDATES = 2
 """Pairs that are looked at for each frame that is kept, when scenes are to differ."""
 LEAST_TRAVELLED_M = 5.0
 """Way of the rig from which on frames are spread along it; below, by how much their pictures differ."""
+MAX_SPREAD = 500
+"""Most frames that are chosen by how much they differ; more, which would take long, are spaced evenly."""
 MAX_WAITING = 2
 """Pairs that may wait to be put on disk: reading goes on meanwhile."""
 Looks = npt.NDArray[np.float32]
+
+
+class PosesAround(Protocol):
+    """What has to be read around a sweep, so that there are poses before and after its points."""
+
+    @property
+    def before_ns(self) -> int:
+        """Time before the stamp of the sweep."""
+
+    @property
+    def after_ns(self) -> int:
+        """Time after its receipt."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +88,16 @@ def wanted_times(bag: Bag, topics: Topics, request: Request) -> list[int]:
     """Choose the times, as messages were received, near which pairs are looked for; nanoseconds, ascending."""
     span = topics.points.span
     if request.every_s is not None:
-        step = max(round(request.every_s * NS), 1)
-        return list(range(span.first_ns, span.last_ns + 1, step)[: request.max_frames])
-    count = CANDIDATES * (request.max_frames or MAX_FRAMES)
-    if count >= span.num_messages:  # Every sweep is wanted, however unevenly they came.
+        wanted = range(span.first_ns, span.last_ns + 1, max(round(request.every_s * NS), 1))
+        count = len(wanted)
+    else:
+        count = CANDIDATES * (request.max_frames or MAX_FRAMES)
+        wanted = range(span.first_ns, span.last_ns, max((span.last_ns - span.first_ns) // count, 1))
+    if (
+        count >= span.num_messages or span.first_ns == span.last_ns
+    ):  # Every sweep is wanted, however unevenly they came.
         return sorted(message.received_ns for message in bag.messages([topics.points]))
-    return [int(time) for time in np.linspace(span.first_ns, span.last_ns, count + 1)[:-1]]
+    return list(wanted[: min(count, request.max_frames or count) if request.every_s is not None else count])
 
 
 def read_pairs(
@@ -86,7 +105,7 @@ def read_pairs(
     wanted_ns: Sequence[int],
     pairing: Pairing,
     watched: Callable[[int, int], Iterator[Message]],
-    enough_ns: int,
+    poses: PosesAround | None,
     on_place: Callable[[int, int], None],
 ) -> Iterator[Pair]:
     """Read the pairs near wanted times: no more of the recording than that takes, if it has an index.
@@ -96,7 +115,7 @@ def read_pairs(
         wanted_ns: The times.
         pairing: What finds the pairs.
         watched: Function that yields the sweeps and pictures from a start to before a stop.
-        enough_ns: What to read after each sweep that is taken.
+        poses: What has to be read around a sweep for the poses of its points; None for nothing.
         on_place: Called with the number of times that were read, and of all.
     """
     if not bag.is_indexed:
@@ -114,8 +133,11 @@ def read_pairs(
     for index, wanted in enumerate(wanted_ns):
         on_place(index, len(wanted_ns))
         if pairing.is_wanted(wanted):
-            start = max(read_ns, wanted - pairing.before_ns)
-            yield from pairing.pairs(noted(watched(start, wanted + AFTER_NS)), wanted, enough_ns)
+            before_ns = pairing.before_ns
+            if poses is not None:
+                before_ns = max(before_ns, pairing.delay_ns + poses.before_ns)
+            messages = noted(watched(max(read_ns, wanted - before_ns), wanted + AFTER_NS))
+            yield from pairing.pairs(messages, wanted, lambda: 0 if poses is None else poses.after_ns)
 
 
 def spooled(pairs: Iterable[Pair], spool: Spool, on_error: Callable[[MessageError], None]) -> list[Candidate]:
@@ -149,17 +171,41 @@ def way_m(positions: Sequence[npt.NDArray[np.float64] | None]) -> npt.NDArray[np
     return way if way[-1] >= LEAST_TRAVELLED_M else None
 
 
-def along(way: npt.NDArray[np.float64], count: int) -> list[int]:
-    """Choose at most `count` places at about equal distances along the way, in ascending order."""
-    wanted = np.linspace(0.0, way[-1], count)
-    return sorted({int(np.abs(way - each).argmin()) for each in wanted})
+def longest_ascending(values: Sequence[int]) -> list[int]:
+    """Find the longest strictly ascending part of a sequence, by its indices: what is left without outliers."""
+    ends: list[int] = []  # Index of the smallest last value of an ascending part of each length.
+    before: list[int | None] = []
+    for index, value in enumerate(values):
+        length = bisect_left(ends, value, key=lambda end: values[end])
+        before.append(ends[length - 1] if length else None)
+        ends[length:] = [index, *ends[length + 1 :]]
+    found: list[int] = []
+    place = ends[-1] if ends else None
+    while place is not None:
+        found.append(place)
+        place = before[place]
+    return found[::-1]
 
 
-def most_different(looks: Sequence[Looks], count: int) -> list[int]:
-    """Choose `count` thumbnails that differ most from one another, in ascending order."""
-    return farthest_points(np.stack(looks), count, _mean_difference)
+def most_different(
+    looks: Sequence[Looks], count: int, way: npt.NDArray[np.float64] | None = None
+) -> list[int]:
+    """Choose `count` pairs that are far apart along the way or whose pictures differ, in ascending order.
 
+    Args:
+        looks: Thumbnails of the pictures.
+        count: How many to choose.
+        way: (N,) way to each, metres; None if it is not known. Where it is, pictures count as much as a metre at most.
+    """
+    if count > MAX_SPREAD:
+        return evenly_spaced(range(len(looks)), count)
+    rows = np.stack(looks) if way is None else np.column_stack([way, np.stack(looks)])
 
-def _mean_difference(looks: Looks, look: Looks) -> Looks:
-    found: Looks = np.abs(looks - look).mean(axis=1)
-    return found
+    def distances(rows: npt.NDArray[np.float64], row: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        apart = np.abs(rows - row)
+        found: npt.NDArray[np.float64] = (
+            apart.mean(axis=1) if way is None else apart[:, 0] + apart[:, 1:].mean(axis=1)
+        )
+        return found
+
+    return farthest_points(rows, count, distances)

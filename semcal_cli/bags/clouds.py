@@ -32,17 +32,24 @@ SHORTEST_SWEEP_S, LONGEST_SWEEP_S = 0.004, 1.5
 """Time that the points of a sweep can span. Units are a thousand apart, so that at most one of them fits."""
 
 
+class PointTimes(NamedTuple):
+    """What the times of a sweep's points refer to."""
+
+    reference: str | None = None
+    """`relative` or `absolute`, as a drive's motion states it; None without times on the clock of the header."""
+    ends_s: tuple[float, float] = (0.0, 0.0)
+    """Times of the first and the last point with a range, seconds after the stamp."""
+    remark: str | None = None
+    """What the user should know of them."""
+
+
 class Sweep(NamedTuple):
     """A sweep of a recording."""
 
     records: npt.NDArray[np.void]
     """(height, width) records of all fields, little endian and without gaps."""
-    point_times: str | None
-    """`relative` or `absolute`, as a drive's motion states it; None without times on the clock of the header."""
-    times_s: tuple[float, float] | None
-    """Times of the first and the last point, seconds after the stamp; None without `point_times`."""
-    remark: str | None
-    """What the user should know of its times."""
+    times: PointTimes
+    """Times of its points."""
 
     def pcd(self) -> bytes:
         """Make the content of a binary PCD 0.7."""
@@ -79,15 +86,20 @@ def read_sweep(message: Message, stamp_ns: int) -> Sweep:
     missing = [axis for axis in "xyz" if axis not in names]
     if missing:
         raise MessageError(f"found the fields {listed(names)}, needed x, y and z")
-    if not _any_range(records):
+    if several := [axis for axis in "xyz" if _scalar(records.dtype, axis)[1] > 1]:
+        raise MessageError(f"found several numbers in field {several[0]!r}, needed one")
+    has_range = _has_range(records)
+    if not has_range.any():
         raise MessageError(f"found no point of {records.size:,} with a range")
-    return Sweep(*_readable_times(records, stamp_ns))
+    return Sweep(*_readable_times(records, has_range, stamp_ns))
 
 
-def _any_range(records: npt.NDArray[np.void]) -> bool:
-    axes = np.stack([records[axis].ravel().astype(np.float32) for axis in "xyz"])
+def _has_range(records: npt.NDArray[np.void]) -> npt.NDArray[np.bool_]:
+    """Whether each point (height, width) is finite and not at the sensor."""
+    axes = np.stack([records[axis].astype(np.float32) for axis in "xyz"])
     with np.errstate(invalid="ignore"):
-        return bool((np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)).any())
+        found: npt.NDArray[np.bool_] = np.isfinite(axes).all(axis=0) & (axes != 0.0).any(axis=0)
+    return found
 
 
 def _point_cloud2(message: Message) -> npt.NDArray[np.void]:
@@ -183,47 +195,45 @@ def _livox(message: Message) -> npt.NDArray[np.void]:
 
 
 def _readable_times(
-    records: npt.NDArray[np.void], stamp_ns: int
-) -> tuple[npt.NDArray[np.void], str | None, tuple[float, float] | None, str | None]:
-    """Tell what the times of points refer to, and make those readable that are not: the fields of a `Sweep`.
+    records: npt.NDArray[np.void], has_range: npt.NDArray[np.bool_], stamp_ns: int
+) -> tuple[npt.NDArray[np.void], PointTimes]:
+    """Tell what the times of points refer to, and make those readable that are not.
 
     Whole numbers are read as nanoseconds and others as seconds. Times in another unit, or under a name that no reader
-    knows, become seconds relative to the stamp, as float64, under the name `t`.
+    knows, become seconds relative to the stamp, as float64, under the name `t`. Points without a range often have no
+    time either, and do not count.
     """
     lowered = {name.lower(): name for name in reversed(records.dtype.names or ())}
     name = next((lowered[each] for each in TIMES if each in lowered), None)
     if name is None or _scalar(records.dtype, name)[1] > 1:
-        return records, None, None, None
+        return records, PointTimes()
+    alike = [each for each in records.dtype.names or () if each.lower() in (name.lower(), "t")]
+    if len(alike) > 1:
+        raise MessageError(
+            f"found the fields {listed(alike)}, of which nobody can tell which holds the times"
+        )
     values = records[name]
-    first, last = _ends(values)
+    first, last = _ends(values[has_range])
     spans = [
         unit for unit, tick in TICKS_S.items() if SHORTEST_SWEEP_S <= (last - first) * tick <= LONGEST_SWEEP_S
     ]
     told = f"the times of points, {name!r},"
     if not spans:
-        return (
-            records,
-            None,
-            None,
-            f"{told} span {last - first:g} of no usual unit: written as they are, no motion",
-        )
+        remark = f"{told} span a sweep in no usual unit: written as they are, no motion"
+        return records, PointTimes(remark=remark)
     tick_s = TICKS_S[spans[0]]
     shift = _shift(first, tick_s, stamp_ns)
     if shift is None:
-        return (
-            records,
-            None,
-            None,
-            f"{told} are on another clock than the header: written as they are, no motion",
-        )
+        remark = f"{told} are on another clock than the header: written as they are, no motion"
+        return records, PointTimes(remark=remark)
     # Whole numbers are subtracted as such: as float64, nanoseconds since 1970 would lose their last 8 bits.
     exact = values.astype(np.int64) if values.dtype.kind in "iu" else values
     seconds = (exact - shift).astype(np.float64) * tick_s
-    ends_s = _ends(seconds)
+    ends_s = _ends(seconds[has_range])
     if name.lower() in READ_AS_TIME and tick_s == (1.0 if values.dtype.kind == "f" else 1e-9):
-        return records, "absolute" if shift else "relative", ends_s, None
+        return records, PointTimes("absolute" if shift else "relative", ends_s)
     remark = f"{told} {spans[0]}, are written as seconds after the sweep's stamp, 't'"
-    return _with_times(records, name, seconds), "relative", ends_s, remark
+    return _with_times(records, name, seconds), PointTimes("relative", ends_s, remark)
 
 
 def _ends(values: npt.NDArray[Any]) -> tuple[float, float]:

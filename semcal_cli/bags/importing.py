@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import re
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -19,37 +16,35 @@ from semcal_cli.bags.cameras import CameraInfo, camera_block, read_camera_info
 from semcal_cli.bags.candidates import (
     Candidate,
     Spool,
-    along,
+    longest_ascending,
     most_different,
     read_pairs,
     spooled,
     wanted_times,
     way_m,
 )
-from semcal_cli.bags.clouds import Sweep, read_sweep
-from semcal_cli.bags.messages import NS, TRANSFORMS, Message, MessageError
-from semcal_cli.bags.motion import TF_STATIC, Trajectory, find_motion, seconds_text
+from semcal_cli.bags.frames import write_frames, write_motion
+from semcal_cli.bags.messages import NS, Message, MessageError
+from semcal_cli.bags.motion import TF_STATIC, Trajectory, find_motion, read_frames
 from semcal_cli.bags.pairs import Pairing
-from semcal_cli.bags.pictures import Picture, read_picture
 from semcal_cli.bags.topics import MAX_FRAMES, Request, Topics, choose_topics
 from semcal_cli.bags.transforms import FrameTree
 from semcal_cli.datasets.intrinsics import read_intrinsics
-from semcal_cli.datasets.recording import Recording, SourceFrame
+from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Options, Written, write_drive
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.files.messages import listed
-from semcal_cli.files.writing import make_folder, write_bytes, write_text
+from semcal_cli.files.messages import listed, os_reason
+from semcal_cli.files.reading import is_folder, is_same_file
+from semcal_cli.files.writing import make_folder
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose
 
 FAR_CLOCKS_S = 1.0
 """Difference between two clocks that no driver's delay explains."""
-POSES_AFTER_NS = 3 * NS // 10
-"""What is read after a sweep for poses after its points."""
-AT_A_TIME = 2
-"""Frames that are written at a time."""
+MAX_LATCHED = 100
+"""Messages of a camera that is stated now and then; those of one that comes with each picture are more."""
 
 
 class ImportedDrive(NamedTuple):
@@ -87,34 +82,63 @@ class _Import:
         self.path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
         self.topics: Topics = choose_topics(bag, request)
         self.info: CameraInfo | None = None
+        self.frame_ids: tuple[str, ...] = ("", "")
         self.remarks: list[str] = []
         self.left_out: Counter[str] = Counter()
 
     def run(self) -> ImportedDrive:
+        self._check_output()
         camera = self._camera()
-        tree = self._tree()
-        lidar, optical = (self._frame_id(topic) for topic in (self.topics.points, self.topics.image))
+        tree, moving = read_frames(self.bag)
+        lidar, optical = self.frame_ids = tuple(map(self._frame_id, (self.topics.points, self.topics.image)))
         reference = self._reference(tree, lidar, optical)
-        source, why = find_motion(self.bag, tree, lidar, self.request.motion, self.request.motion_frame)
+        request = self.request
+        source, why = find_motion(self.bag, tree, moving, lidar, request.motion, request.motion_frame)
         self.remarks += [why] if why else []
         trajectory = None if source is None else Trajectory(source)
         make_folder(self.path.parent)
-        with tempfile.TemporaryFile(dir=self.path.parent) as file:
-            spool = Spool(file)
-            candidates = self._candidates(spool, trajectory)
-            chosen = self._chosen(candidates, trajectory)
-            frames, sweeps = self._write(chosen, spool, camera)
-        motion, frames = self._motion(trajectory, frames, sweeps)
+        try:
+            with tempfile.TemporaryFile(dir=self.path.parent) as file:
+                spool = Spool(file)
+                candidates = self._candidates(spool, trajectory)
+                chosen = self._chosen(candidates, trajectory)
+                found = write_frames(chosen, spool, camera, self.topics, self.path.parent, self.on_event)
+        except OSError as error:
+            raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
+        self.left_out += found.left_out
+        if not found.frames:
+            reason = next(iter(found.left_out))
+            raise InputError(f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}")
+        self.remarks += list(dict.fromkeys(each.remark for each in found.times if each.remark))
+        motion, frames = None, found.frames
+        if trajectory is not None:
+            motion, frames, told = write_motion(trajectory, found, self.path)
+            self.remarks.append(told)
+            if left := len(found.frames) - len(frames):
+                self.left_out["pairs: no poses around them, or no times of points"] += left
         recording = Recording(
             camera=camera,
             frames=frames,
             T_camera_lidar=reference,
             motion=motion,
             remarks=(*self.remarks, *self.bag.damage_remarks()),
+            read=tuple(self._read),
             labels_by=None,
         )
         written = write_drive(recording, Options(), self.path)
         return ImportedDrive(written, self.topics.points.span.num_messages, self.left_out)
+
+    def _check_output(self) -> None:
+        """Check before the work begins that the drive.yaml replaces nothing that is read."""
+        if is_folder(self.path):
+            raise InputError(f"{self.path}: is a folder, needed a file to write to")
+        if any(is_same_file(self.path, file) for file in self._read):
+            raise InputError(f"{self.path}: found a file that this import reads, needed another name")
+
+    @property
+    def _read(self) -> list[Path]:
+        intrinsics = [] if self.request.intrinsics is None else [self.request.intrinsics]
+        return [*self.bag.files, *intrinsics]
 
     def _camera(self) -> dict[str, Any]:
         """Read the camera from the file that is given, or from the first message about it."""
@@ -131,24 +155,26 @@ class _Import:
             self.info = read_camera_info(first)
         except MessageError as error:
             raise InputError(f"{topic.name}: {error}") from None
+        if not self.topics.is_beside:
+            self.remarks.append(
+                f"{topic.name} does not lie beside {self.topics.image.name}; its camera is taken"
+            )
+        if topic.span.num_messages <= MAX_LATCHED:
+            for message in self.bag.messages([topic]):
+                self._check_same(message)
         if self.topics.is_rectified:
             self.remarks.append(
                 f"{self.topics.image.name} holds rectified pictures: P of {topic.name} counts, not K and D"
             )
         return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
 
-    def _tree(self) -> FrameTree:
-        tree = FrameTree()
-        static = [topic for topic in self.bag.of_types(TRANSFORMS) if topic.name == TF_STATIC]
-        for message in self.bag.messages(static):
-            with suppress(MessageError):
-                tree.add(message)
-        return tree
-
     def _frame_id(self, topic: Any) -> str:
         first = next(self.bag.messages([topic]), None)
+        return "" if first is None else self._frame_of(first)
+
+    def _frame_of(self, message: Message) -> str:
         try:
-            return "" if first is None else first.frame_id
+            return message.frame_id
         except MessageError:
             return ""
 
@@ -157,7 +183,18 @@ class _Import:
         if tree.changed:
             edges = listed(f"{parent} to {child}" for parent, child in sorted(tree.changed))
             self.remarks.append(f"{TF_STATIC} states several transforms of {edges}: the last counts")
-        T = tree.reached(optical).get(lidar)
+        if lidar == optical:
+            self.remarks.append(
+                f"no reference: sweeps and pictures both say that they are in frame {lidar!r}"
+            )
+            return None
+        reached = tree.reached(optical)
+        if lidar in reached and tree.contradictory:
+            self.remarks.append(
+                f"no reference: fixed transforms contradict one another at {listed(tree.contradictory)}"
+            )
+            return None
+        T = reached.get(lidar)
         if T is None or not lidar:
             self.remarks.append(f"no reference from {lidar!r} to {optical!r}: {tree.missing(lidar, optical)}")
             return None
@@ -170,15 +207,21 @@ class _Import:
             R = np.reshape(self.info.R, (3, 3))
             T[:3] = (R if R.any() else np.eye(3)) @ T[:3]
             T = rigid(f"{self.topics.image.name}: R of its camera", T)
-        self.remarks.append(f"the reference T_camera_lidar is {TF_STATIC}'s, from {lidar!r} to {optical!r}")
+        self.remarks.append(f"the reference T_camera_lidar is the recording's, from {lidar!r} to {optical!r}")
         return T
 
     def _candidates(self, spool: Spool, trajectory: Trajectory | None) -> list[Candidate]:
         """Read pairs near evenly spaced times, and check on the way that the camera stays the same."""
         request = self.request
         wanted = wanted_times(self.bag, self.topics, request)
-        names = {"by_receipt": request.by_receipt, "picture_topic": self.topics.image.name}
-        pairing = Pairing(wanted, round(request.max_gap_s * NS), **names)  # type: ignore[arg-type]
+        rate_hz = self.topics.points.rate_hz
+        pairing = Pairing(
+            wanted,
+            round(request.max_gap_s * NS),
+            by_receipt=request.by_receipt,
+            picture_topic=self.topics.image.name,
+            period_ns=round(NS / rate_hz) if rate_hz else 0,
+        )
         began = perf_counter()
 
         def on_place(done: int, count: int) -> None:
@@ -186,17 +229,17 @@ class _Import:
             self.on_event(Progress(f"reading {self.bag.paths[0].name}: {done} of {count} places{left}"))
 
         def on_error(error: MessageError) -> None:
-            self.left_out[f"pictures: {error}"] += 1
+            self.left_out[f"pairs: picture: {error}"] += 1
 
         def watched(start: int, stop: int) -> Iterator[Message]:
             return self._watched(start, stop, trajectory)
 
-        enough_ns = 0 if trajectory is None else POSES_AFTER_NS
-        pairs = read_pairs(self.bag, wanted, pairing, watched, enough_ns, on_place)
+        pairs = read_pairs(self.bag, wanted, pairing, watched, trajectory, on_place)
         found = spooled(pairs, spool, on_error)
         self.left_out += pairing.left_out
         self._check_clocks(pairing, len(found))
-        not_read = self.topics.points.span.num_messages - len(found) - self.left_out.total()
+        looked_at = len(found) + sum(n for why, n in self.left_out.items() if not why.startswith("pictures"))
+        not_read = self.topics.points.span.num_messages - looked_at
         if not_read > 0:
             self.left_out["sweeps: lie between the times that were looked at"] += not_read
         return found
@@ -208,11 +251,15 @@ class _Import:
             topics.append(self.topics.camera_info)
         if trajectory is not None:
             topics.append(trajectory.source.topic)
+        frames = {self.topics.points.name: self.frame_ids[0], self.topics.image.name: self.frame_ids[1]}
         for message in self.bag.messages(topics, start, stop):
             if self.topics.camera_info is not None and message.topic == self.topics.camera_info.name:
                 self._check_same(message)
             elif trajectory is not None and message.topic == trajectory.source.topic.name:
                 trajectory.take(message, self.request.by_receipt)
+            elif (frame := self._frame_of(message)) != frames[message.topic]:
+                what = "sweeps" if message.topic == self.topics.points.name else "pictures"
+                self.left_out[f"{what}: found frame {frame!r}, needed {frames[message.topic]!r}"] += 1
             else:
                 yield message
 
@@ -248,128 +295,21 @@ class _Import:
 
     def _chosen(self, candidates: Sequence[Candidate], trajectory: Trajectory | None) -> list[Candidate]:
         """Choose the pairs whose scenes differ most, in order of time."""
-        forward: list[Candidate] = []
-        for each in candidates:
-            if forward and each.pair.sweep_ns <= forward[-1].pair.sweep_ns:
-                self.left_out["pairs: their stamps run backwards"] += 1
-            else:
-                forward.append(each)
+        kept = longest_ascending([each.pair.sweep_ns for each in candidates])
+        forward = [candidates[index] for index in kept]
+        if left := len(candidates) - len(forward):
+            self.left_out["pairs: their stamps run backwards"] += left
         count = self.request.max_frames or MAX_FRAMES
         if self.request.every_s is not None or len(forward) <= count:
             return forward
-        way = (
-            None
-            if trajectory is None
-            else way_m([trajectory.position(each.pair.sweep_ns) for each in forward])
+        way = None
+        if trajectory is not None:
+            way = way_m([trajectory.position(each.pair.sweep_ns) for each in forward])
+        kept = most_different([each.look for each in forward], count, way)
+        why = (
+            "their pictures are like those of others"
+            if way is None
+            else "others are spread better along the way"
         )
-        if way is not None:
-            kept = along(way, count)
-            self.left_out["pairs: others are spread better along the way"] += len(forward) - len(kept)
-        else:
-            kept = most_different([each.look for each in forward], count)
-            self.left_out["pairs: their pictures are like those of others"] += len(forward) - len(kept)
+        self.left_out[f"pairs: {why}"] += len(forward) - len(kept)
         return [forward[index] for index in kept]
-
-    def _write(
-        self, chosen: Sequence[Candidate], spool: Spool, camera: dict[str, Any]
-    ) -> tuple[list[SourceFrame], list[Sweep]]:
-        """Write the files of the frames, two at a time; pairs that cannot be used are counted."""
-        frames, sweeps = [], []
-
-        def write(candidate: Candidate) -> tuple[SourceFrame, Sweep] | MessageError:
-            try:
-                return self._write_frame(candidate, spool, camera)
-            except MessageError as error:
-                return error
-
-        with ThreadPoolExecutor(AT_A_TIME) as workers:
-            for index, written in enumerate(workers.map(write, chosen)):
-                self.on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
-                if isinstance(written, MessageError):
-                    self.left_out[f"pairs: {written}"] += 1
-                else:
-                    frames.append(written[0])
-                    sweeps.append(written[1])
-        if not frames:
-            reason = next(reversed(self.left_out))
-            raise InputError(f"{self.bag.paths[0]}: found no usable pair of a sweep and a picture: {reason}")
-        self.remarks += list(dict.fromkeys(sweep.remark for sweep in sweeps if sweep.remark))
-        return frames, sweeps
-
-    def _write_frame(
-        self, candidate: Candidate, spool: Spool, camera: dict[str, Any]
-    ) -> tuple[SourceFrame, Sweep]:
-        pair = candidate.pair
-        sweep_message, picture_message = spool.get(candidate)
-        sweep = read_sweep(sweep_message, pair.sweep_ns)
-        picture = read_picture(picture_message)
-        _check_size(picture, camera, self.topics.image.name)
-        frame = SourceFrame(
-            name=seconds_text(pair.sweep_ns),
-            points=self._file("points", self.topics.points.name, pair.sweep_ns, ".pcd", sweep.pcd()),
-            image=self._file(
-                "images", self.topics.image.name, pair.picture_ns, picture.suffix, picture.content
-            ),
-            points_stamp=pair.sweep_ns / NS,
-            image_stamp=pair.picture_ns / NS,
-        )
-        return frame, sweep._replace(records=sweep.records[:0])
-
-    def _motion(
-        self, trajectory: Trajectory | None, frames: list[SourceFrame], sweeps: Sequence[Sweep]
-    ) -> tuple[dict[str, Any] | None, list[SourceFrame]]:
-        """Write the poses, if the points have times that they can correct, and leave out frames beyond them."""
-        if trajectory is None:
-            return None, frames
-        source = trajectory.source
-        told = f"{source.topic.name} tells of the motion of {source.frame!r}"
-        kinds = {sweep.point_times for sweep in sweeps}
-        if len(kinds) > 1 or None in kinds:
-            self.remarks.append(
-                f"{told}, but the points have no times that it could correct; no motion is written"
-            )
-            return None, frames
-        covered = [
-            frame
-            for frame, sweep in zip(frames, sweeps, strict=True)
-            if trajectory.covers(*_moments_ns(frame, sweep))
-        ]
-        if 2 * len(covered) < len(frames):
-            self.remarks.append(f"{told}, but has no poses around most frames; no motion is written")
-            return None, frames
-        if len(covered) < len(frames):
-            self.left_out["pairs: no poses around them"] += len(frames) - len(covered)
-        path = self.path.parent / "poses" / f"{_slug(source.topic.name)}.txt"
-        make_folder(path.parent)
-        write_text(trajectory.tum(), path)
-        self.remarks.append(f"{told}: the drive's motion")
-        poses = path.relative_to(self.path.parent).as_posix()
-        return {"poses": poses, "point_times": kinds.pop()}, covered
-
-    def _file(self, kind: str, topic: str, stamp_ns: int, suffix: str, content: bytes) -> Path:
-        path = self.path.parent / kind / _slug(topic) / f"{seconds_text(stamp_ns)}{suffix}"
-        make_folder(path.parent)
-        write_bytes(content, path)
-        return path
-
-
-def _check_size(picture: Picture, camera: dict[str, Any], topic: str) -> None:
-    size = camera["width"], camera["height"]
-    if picture.size != size:
-        found = "{} x {}".format(*picture.size)
-        raise InputError(
-            f"{topic}: found pictures of {found} pixels, needed {size[0]} x {size[1]}, as its camera states"
-        )
-
-
-def _moments_ns(frame: SourceFrame, sweep: Sweep) -> list[int]:
-    """List the times at which poses are needed: of the picture, and of the first and the last point."""
-    assert frame.points_stamp is not None
-    assert frame.image_stamp is not None
-    moments_s = [frame.image_stamp, *(frame.points_stamp + time for time in sweep.times_s or (0.0,))]
-    return [round(moment * NS) for moment in moments_s]
-
-
-def _slug(topic: str) -> str:
-    """Make a name of a folder or a file of the name of a topic."""
-    return re.sub(r"[^A-Za-z0-9_.-]+", "_", topic.strip("/")).strip(".") or "topic"

@@ -37,8 +37,8 @@ class McapFile(mcap.McapReader):
             super()._open()
         except Exception as caught:  # Errors of any kind, see `Ros1File.open`.
             error = caught
-        if error is None and self.chunks:
-            return
+        if error is None and any(chunk.channel_count for chunk in self.chunks):
+            return  # The library counts messages by their indexes, which are optional.
         if not self.data_start:
             assert error is not None
             raise error

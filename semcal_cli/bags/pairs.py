@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from semcal_cli.bags.messages import NS, Message, MessageError
 
-MAX_WAITING_BYTES = 1 << 27
-"""Most bytes of pictures that wait for the sweep that they may belong to."""
+MAX_KEPT_BYTES = {True: 1 << 27, False: 1 << 26}
+"""Most bytes of pictures (True) and of sweeps that are kept for what may be nearest to them."""
 PATIENCE_NS = NS
 """How far apart the messages of one moment may be received: drivers are slow by different times."""
 BEFORE_NS, AFTER_NS = NS // 2, 2 * NS
 """What is read before and after a wanted time: pictures before the first sweep, and sweeps until one has a picture."""
 MARGIN_NS = NS // 20
 """What is read before the pictures that were as late as any so far."""
+CLOSE = 0.4
+"""Gap, as a share of the time from sweep to sweep, below which no other sweep can be nearer to a picture."""
 LEARNED = 5
 """Number of pairs from which on it is known how late pictures are."""
 
@@ -32,37 +33,60 @@ class Pair(NamedTuple):
     """Stamp of the picture."""
 
 
-@dataclass
-class _Waiting:
-    sweep: Message
+class _Stamped(NamedTuple):
     stamp_ns: int
-    picture: Message | None = None
-    picture_ns: int = 0
-    gap_ns: int = 1 << 62
+    message: Message
 
-    def offer(self, picture: Message, stamp_ns: int) -> None:
-        gap_ns = abs(stamp_ns - self.stamp_ns)
-        if gap_ns < self.gap_ns:
-            self.picture, self.picture_ns, self.gap_ns = picture, stamp_ns, gap_ns
+
+class _Recent:
+    """The last messages of a topic, as long as something may be nearest to them."""
+
+    def __init__(self, max_bytes: int) -> None:
+        self._max_bytes, self._num_bytes = max_bytes, 0
+        self._kept: deque[_Stamped] = deque()
+
+    def add(self, new: _Stamped) -> None:
+        """Keep a message, and drop those that are too old or too many."""
+        self._kept.append(new)
+        self._num_bytes += len(new.message.raw)
+        while len(self._kept) > 1 and (
+            self._num_bytes > self._max_bytes
+            or new.message.received_ns - self._kept[0].message.received_ns > PATIENCE_NS
+        ):
+            self._num_bytes -= len(self._kept.popleft().message.raw)
+
+    def nearest(self, stamp_ns: int) -> _Stamped | None:
+        """Find the message whose stamp is nearest."""
+        return min(self._kept, key=lambda kept: abs(kept.stamp_ns - stamp_ns), default=None)
+
+    def reaches(self, stamp_ns: int) -> bool:
+        """Whether the last message is at or after a stamp, so that no later one is nearer to what lies before."""
+        return bool(self._kept) and self._kept[-1].stamp_ns >= stamp_ns
 
 
 class Pairing:
-    """Finds a pair soon after each wanted time.
+    """Finds a pair soon after each wanted time: a sweep and a picture, each the nearest to the other.
 
-    The first sweep that was received at or after a wanted time is taken; if it has no picture within the largest gap,
-    the next one, until `PATIENCE_NS` after the wanted time.
+    The first sweep that was received at or after a wanted time is taken, or another one that is nearer to its picture;
+    if that has no picture within the largest gap, the next one, until `PATIENCE_NS` later.
     """
 
     def __init__(
-        self, wanted_ns: Sequence[int], max_gap_ns: int, *, by_receipt: bool, picture_topic: str
+        self,
+        wanted_ns: Sequence[int],
+        max_gap_ns: int,
+        *,
+        by_receipt: bool,
+        picture_topic: str,
+        period_ns: int = 0,
     ) -> None:
         self._wanted = deque(wanted_ns)
         self._max_gap_ns = max_gap_ns
         self._by_receipt = by_receipt
         self._picture_topic = picture_topic
-        self._pictures: deque[tuple[int, Message]] = deque()
-        self._picture_bytes = 0
-        self._waiting: deque[_Waiting] = deque()
+        self._period_ns = period_ns
+        self._sweeps, self._pictures = _Recent(MAX_KEPT_BYTES[False]), _Recent(MAX_KEPT_BYTES[True])
+        self._waiting: deque[_Stamped] = deque()
         self._used: set[int] = set()
         self._retry_until_ns = 0
         self._last_ns = 0
@@ -77,19 +101,27 @@ class Pairing:
         """What has to be read before a wanted time, so that the pictures of its sweep are there."""
         return BEFORE_NS if len(self._leads_ns) < LEARNED else max(*self._leads_ns, 0) + MARGIN_NS
 
+    @property
+    def delay_ns(self) -> int:
+        """Longest time between the stamp and the receipt of a sweep so far."""
+        return max((round(delay * NS) for delay in self.delays_s[False]), default=0)
+
     def is_wanted(self, time_ns: int) -> bool:
         """Whether no sweep was taken for a wanted time yet."""
         return bool(self._wanted) and self._wanted[0] <= time_ns
 
     def pairs(
-        self, messages: Iterable[Message], goal_ns: int | None = None, enough_ns: int = 0
+        self,
+        messages: Iterable[Message],
+        goal_ns: int | None = None,
+        enough_ns: Callable[[], int] = lambda: 0,
     ) -> Iterator[Pair]:
         """Yield the pairs of a stretch of the recording, in order.
 
         Args:
             messages: The sweeps and pictures of the stretch, which follows those before.
             goal_ns: The wanted time for which the stretch is read, until there is a pair; None reads all.
-            enough_ns: What to read after its sweep.
+            enough_ns: Function that tells what to read after its sweep.
         """
         for message in messages:
             is_picture = message.topic == self._picture_topic
@@ -99,12 +131,13 @@ class Pairing:
                 self.left_out[f"{'pictures' if is_picture else 'sweeps'}: {error}"] += 1
                 continue
             self.delays_s[is_picture].append((message.received_ns - stamp_ns) / NS)
-            if is_picture:
-                self._take_picture(message, stamp_ns)
-            else:
-                self._take_sweep(message, stamp_ns)
+            new = _Stamped(stamp_ns, message)
+            (self._pictures if is_picture else self._sweeps).add(new)
+            if not is_picture and self._takes(message.received_ns):
+                self._waiting.append(new)
+                self._last_ns = message.received_ns
             yield from self._settled(message)
-            if goal_ns is not None and self._is_done(goal_ns, message.received_ns - enough_ns):
+            if goal_ns is not None and self._is_done(goal_ns, message.received_ns - enough_ns()):
                 break
         yield from self._settled(None)
         self._retry_until_ns = 0
@@ -121,59 +154,48 @@ class Pairing:
             raise MessageError("found a stamp of zero, needed a time; or give --stamps receive")
         return message.header_ns
 
-    def _take_picture(self, message: Message, stamp_ns: int) -> None:
-        for waiting in self._waiting:
-            waiting.offer(message, stamp_ns)
-        self._pictures.append((stamp_ns, message))
-        self._picture_bytes += len(message.raw)
-        while len(self._pictures) > 1 and (
-            self._picture_bytes > MAX_WAITING_BYTES
-            or message.received_ns - self._pictures[0][1].received_ns > PATIENCE_NS
-        ):
-            self._picture_bytes -= len(self._pictures.popleft()[1].raw)
-
-    def _take_sweep(self, message: Message, stamp_ns: int) -> None:
-        if not self._is_wanted(message.received_ns):
-            return
-        waiting = _Waiting(message, stamp_ns)
-        for picture_ns, picture in self._pictures:
-            waiting.offer(picture, picture_ns)
-        self._waiting.append(waiting)
-        self._last_ns = message.received_ns
-
-    def _is_wanted(self, received_ns: int) -> bool:
-        is_wanted = received_ns <= self._retry_until_ns
-        while self._wanted and self._wanted[0] <= received_ns:
+    def _takes(self, received_ns: int) -> bool:
+        """Whether a sweep that was received now is the first after a wanted time."""
+        is_taken = received_ns <= self._retry_until_ns
+        if self._wanted and self._wanted[0] <= received_ns:
             self._wanted.popleft()
-            is_wanted = True
+            is_taken = True
+        while self._wanted and self._wanted[0] < received_ns:  # Those of the same time are of sweeps to come.
+            self._wanted.popleft()
         self._retry_until_ns = 0
-        return is_wanted
+        return is_taken
 
-    def _settled(self, message: Message | None) -> Iterator[Pair]:
-        """Yield the pairs to which no nearer picture can come."""
+    def _settled(self, now: Message | None) -> Iterator[Pair]:
+        """Yield the pairs to whose parts nothing nearer can come."""
         while self._waiting:
             first = self._waiting[0]
-            if message is not None and not self._is_settled(first, message):
+            # Messages of one moment come within this time; what has not come by then does not count.
+            is_late = now is None or now.received_ns - first.message.received_ns > PATIENCE_NS
+            picture = self._pictures.nearest(first.stamp_ns)
+            gap_ns = self._max_gap_ns if picture is None else abs(picture.stamp_ns - first.stamp_ns)
+            if not is_late and not self._pictures.reaches(first.stamp_ns + min(gap_ns, self._max_gap_ns)):
                 return
-            self._waiting.popleft()
-            if first.gap_ns > self._max_gap_ns or first.picture is None:
+            if picture is None or gap_ns > self._max_gap_ns:
                 self.left_out[f"sweeps: no picture within {self._max_gap_ns / NS:g} s"] += 1
-                self._retry_until_ns = first.sweep.received_ns + PATIENCE_NS
-            elif first.picture_ns in self._used:
-                self.left_out["sweeps: the nearest picture is nearer to another one"] += 1
-            else:
-                self._used.add(first.picture_ns)
-                self._leads_ns.append(first.sweep.received_ns - first.picture.received_ns)
-                yield Pair(first.sweep, first.picture, first.stamp_ns, first.picture_ns)
+                self._retry_until_ns = first.message.received_ns + PATIENCE_NS
+                self._waiting.popleft()
+                continue
+            if gap_ns > CLOSE * self._period_ns:
+                if not is_late and not self._sweeps.reaches(picture.stamp_ns + gap_ns):
+                    return
+                nearest = self._sweeps.nearest(picture.stamp_ns)
+                if nearest is not None and abs(nearest.stamp_ns - picture.stamp_ns) < gap_ns:
+                    self._waiting[0] = nearest
+                    continue
+            self._waiting.popleft()
+            if picture.stamp_ns in self._used:
+                self.left_out["sweeps: their nearest picture is nearer to another sweep"] += 1
+                continue
+            self._used.add(picture.stamp_ns)
+            self._leads_ns.append(first.message.received_ns - picture.message.received_ns)
+            yield Pair(first.message, picture.message, first.stamp_ns, picture.stamp_ns)
 
     def _is_done(self, goal_ns: int, now_ns: int) -> bool:
         if self._waiting or self._retry_until_ns or self.is_wanted(goal_ns):
             return False
         return now_ns >= self._last_ns
-
-    def _is_settled(self, waiting: _Waiting, message: Message) -> bool:
-        """Whether pictures are past the sweep by more than the best gap, or can hardly come any more."""
-        if message.received_ns - waiting.sweep.received_ns > PATIENCE_NS:
-            return True
-        newest = self._pictures[-1][0] if self._pictures else None
-        return newest is not None and newest >= waiting.stamp_ns + min(waiting.gap_ns, self._max_gap_ns)

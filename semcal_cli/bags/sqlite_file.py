@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Collection, Generator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import apsw
@@ -32,6 +33,10 @@ class SqliteFile(Sqlite3Reader):
             super().open()
         except Exception as error:  # Errors of any kind, see `Ros1File.open`.
             self._list_rows(error)
+        log = Path(f"{self.path}-wal")
+        if log.is_file() and (size := log.stat().st_size):
+            more = f"what stands in {log.name}, {size:,} bytes: the recording was not closed"
+            self.damage = more if self.damage is None else f"{self.damage}; {more}"
 
     def _list_rows(self, error: Exception) -> None:
         self.dbconn = apsw.Connection(

@@ -57,6 +57,8 @@ class Topics:
     """The pictures."""
     camera_info: Topic | None
     """The intrinsics; None if a file holds them."""
+    is_beside: bool = True
+    """Whether the intrinsics are those that lie beside the pictures, or that the user names."""
 
     @property
     def is_rectified(self) -> bool:
@@ -72,8 +74,11 @@ def choose_topics(bag: Bag, request: Request) -> Topics:
     """
     points = _choose(bag, CLOUDS, request.points, "--points", "sweeps (PointCloud2, Livox CustomMsg)")
     image = _choose(bag, PICTURES, request.image, "--image", "pictures (Image, CompressedImage)")
-    info = None if request.intrinsics is not None else _choose_info(bag, request, image)
-    return Topics(points, image, info)
+    if request.intrinsics is not None:
+        return Topics(points, image, None)
+    beside = _info_beside(bag, image) if request.camera_info is None else None
+    info = beside or _choose_info(bag, request)
+    return Topics(points, image, info, is_beside=beside is not None or request.camera_info is not None)
 
 
 def _choose(bag: Bag, types: Sequence[str], wanted: str | None, option: str, what: str) -> Topic:
@@ -91,18 +96,18 @@ def _choose(bag: Bag, types: Sequence[str], wanted: str | None, option: str, wha
     return known[0]
 
 
-def _choose_info(bag: Bag, request: Request, image: Topic) -> Topic:
-    known = bag.of_types([CAMERA_INFO])
-    if request.camera_info is None:
-        # image_transport: camera_info lies beside image_raw, whose compressed pictures are a level deeper.
-        folders = [str(Path(image.name).parent), str(Path(image.name).parent.parent)]
-        beside = [f"{folder.rstrip('/')}/camera_info" for folder in folders]
-        for name in beside:
-            if found := [topic for topic in known if topic.name == name]:
-                return found[0]
-        if not known:
-            needed = "needed one, or --intrinsics FILE"
-            raise InputError(f"{bag.paths[0]}: found no topic of intrinsics (CameraInfo), {needed}")
+def _info_beside(bag: Bag, image: Topic) -> Topic | None:
+    """Find the camera_info beside image_raw, whose compressed pictures are a level deeper (image_transport)."""
+    folder = Path(image.name).parent
+    names = [f"{str(each).rstrip('/')}/camera_info" for each in (folder, folder.parent)]
+    known = {topic.name: topic for topic in bag.of_types([CAMERA_INFO])}
+    return next((known[name] for name in names if name in known), None)
+
+
+def _choose_info(bag: Bag, request: Request) -> Topic:
+    if request.camera_info is None and not bag.of_types([CAMERA_INFO]):
+        needed = "needed one, or --intrinsics FILE"
+        raise InputError(f"{bag.paths[0]}: found no topic of intrinsics (CameraInfo), {needed}")
     return _choose(bag, [CAMERA_INFO], request.camera_info, "--camera-info", "intrinsics (CameraInfo)")
 
 

@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.bags.messages import Message, plain_frame
+from semcal_cli.bags.messages import plain_frame
+from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
 from semcal_cli.formats.values import MAX_WORLD_M, rigid
 from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
 
 Edge = tuple[str, str]
 """Parent and child."""
+CONTRADICTION = 1e-4
+"""Difference between two chains that rounding does not explain, metres or entries of a rotation."""
 SAME = 1e-9
 """Largest difference between two transforms that are the same."""
 
@@ -27,14 +30,12 @@ class FrameTree:
         """T_parent_child (4, 4) by parent and child, metres."""
         self.changed: set[Edge] = set()
         """Edges that were stated again with another transform; the last one counts."""
+        self.contradictory: set[str] = set()
+        """Frames that several chains lead to, which contradict one another; known once `reached` has been there."""
 
-    def add(self, message: Message) -> None:
-        """Take in the transforms of a TFMessage.
-
-        Raises:
-            MessageError: the bytes are none.
-        """
-        for edge, T in stated_transforms(message.content.transforms):
+    def add(self, stated: Iterable[tuple[Edge, Pose]]) -> None:
+        """Take in T_parent_child (4, 4) by parent and child."""
+        for edge, T in stated:
             before = self.edges.get(edge)
             if before is not None and np.abs(before - T).max() > SAME:
                 self.changed.add(edge)
@@ -50,17 +51,20 @@ class FrameTree:
         while waiting:
             here = waiting.popleft()
             for there, T in neighbours.get(here, []):
+                chained = found[here] @ T
                 if there not in found:
-                    found[there] = found[here] @ T
+                    found[there] = chained
                     waiting.append(there)
+                elif np.abs(found[there] - chained).max() > CONTRADICTION:
+                    self.contradictory |= {here, there}
         return found
 
     def missing(self, source: str, target: str) -> str:
         """Say why there is no chain between two frames."""
         if not self.edges:
-            return "there is no /tf_static"
+            return "there are no fixed transforms"
         from_source, from_target = (listed(sorted(self.reached(frame))) for frame in (source, target))
-        return f"/tf_static has no chain between them: {from_source} hang together, and {from_target}"
+        return f"no chain of fixed transforms: {from_source} hang together, and {from_target}"
 
 
 def stated_transforms(transforms: Iterable[Any]) -> list[tuple[Edge, Pose]]:
@@ -80,5 +84,5 @@ def pose_of(rotation: Any, position: Any) -> Pose | None:
     place = [position.x, position.y, position.z]
     try:
         return rigid("transform", pose_from_quaternion(quaternion, place), MAX_WORLD_M)
-    except ValueError:
+    except (ValueError, InputError):
         return None

@@ -14,6 +14,8 @@ from semcal_cli.errors import InputError
 if TYPE_CHECKING:
     from semcal_cli.bags.topics import Request
 
+MAX_REASONS = 10
+"""Most reasons for what was left out that are printed."""
 MISSING = "needed the extra 'bag': pip install 'semcal[bag]'"
 
 
@@ -36,7 +38,7 @@ MISSING = "needed the extra 'bag': pip install 'semcal[bag]'"
 )
 @click.option(
     "--every",
-    type=FiniteRange(0.0, min_open=True),
+    type=FiniteRange(0.0, 1e6, min_open=True),
     metavar="S",
     help="Take a frame every S seconds instead, and no more than --max-frames.",
 )
@@ -49,7 +51,7 @@ MISSING = "needed the extra 'bag': pip install 'semcal[bag]'"
 )
 @click.option(
     "--max-gap-s",
-    type=FiniteRange(0.0, min_open=True),
+    type=FiniteRange(0.0, 1e3, min_open=True),
     default=0.05,
     show_default=True,
     metavar="S",
@@ -79,7 +81,9 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
         return
     if output is None:
         raise click.UsageError("Missing option '-o' / '--output', or '--list' to look at the topics.")
+    _check(settings)
     from semcal_cli.bags.importing import import_bag
+    from semcal_cli.drive.document import DRIVE_FILE
     from semcal_cli.events import Event, Progress
 
     with progress_line(make_console(quiet)) as show:
@@ -93,11 +97,27 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
         return
     written = done.written
     click.echo(f"wrote {written.path}: {written.num_frames:,} frames of {done.num_sweeps:,} sweeps", err=True)
-    for reason, count in done.left_out.most_common():
+    rows = done.left_out.most_common()
+    for reason, count in rows[:MAX_REASONS]:
         click.echo(f"left out {count:>7,} {reason}", err=True)
+    if others := sum(count for _, count in rows[MAX_REASONS:]):
+        click.echo(f"left out {others:>7,} for {len(rows) - MAX_REASONS:,} other reasons", err=True)
     for remark in written.remarks:
         click.echo(f"note: {remark}", err=True)
-    click.echo(f"next: semcal label {written.path.parent} --image-model FILE.onnx -o LABELLED", err=True)
+    drive = written.path.parent if written.path.name == DRIVE_FILE else written.path
+    click.echo(f"next: semcal label {drive} --image-model FILE.onnx -o LABELLED", err=True)
+
+
+def _check(settings: dict[str, Any]) -> None:
+    """Check that options do not exclude one another.
+
+    Raises:
+        click.UsageError: they do.
+    """
+    if settings["intrinsics"] is not None and settings["camera_info"] is not None:
+        raise click.UsageError("--intrinsics, --camera-info: exclude one another")
+    if settings["motion"] == "none" and settings["motion_frame"] is not None:
+        raise click.UsageError("--motion-frame: is of a topic of --motion, not of none")
 
 
 def _request(paths: tuple[Path, ...], settings: dict[str, Any]) -> Request:
@@ -140,6 +160,7 @@ def _list(paths: tuple[Path, ...]) -> None:
                 each.ljust(width) if column in (0, 1, 6) else each.rjust(width)
                 for column, (each, width) in enumerate(zip(row, widths, strict=True))
             ]
-            click.echo("  ".join(cells).rstrip())
+            line = "  ".join(cells).rstrip()
+            click.echo("".join(each if each.isprintable() else "?" for each in line))
         for remark in recording.remarks:
             click.echo(f"note: {remark}", err=True)

@@ -6,6 +6,7 @@ and its labels hang on the last one. Lenses that are no pinhole are drawn as one
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_points, read_frame_image, read_observations
 from semcal_cli.errors import InputError
+from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import read_transform
@@ -64,24 +66,27 @@ def write_rerun(drive: Drive, poses: Mapping[str, Pose], path: Path) -> None:
     Raises:
         InputError: the suffix is another one, a file of the drive is missing or wrong, or nothing can be written.
     """
+    if os.environ.get("RERUN", "").lower() in ("off", "0", "false"):
+        raise InputError("RERUN: found the viewer's library switched off in the environment, needed it on")
     if path.suffix != ".rrd":
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .rrd")
     has_labels = all(frame.point_labels and frame.image_labels for frame in drive.frames)
     observations = read_observations(drive) if has_labels else load_points(drive)
-    stream = rr.RecordingStream("semcal", recording_id=drive.path.absolute().parent.name or "drive")
+    stream = rr.RecordingStream("semcal", recording_id=str(drive.path.absolute()))
     memory = stream.memory_recording()
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
     for name, T in poses.items():
         _log_camera(stream, name, T, drive.camera)
     colors = _ClassColors(stream, observations)
+    entity = _entity(list(poses)[-1]) if poses else "camera"  # without a pose, pictures lie in no space
     for index, frame in enumerate(drive.frames):
+        stream.reset_time()
         stream.set_time(FRAME, sequence=index)
         if frame.points_stamp is not None:
             stream.set_time(TIME, timestamp=frame.points_stamp)
         colors.log_points(index)
-        if poses:
-            _log_picture(stream, drive, frame, _entity(list(poses)[-1]))
-            colors.log_labels(index, _entity(list(poses)[-1]))
+        _log_picture(stream, drive, frame, entity)
+        colors.log_labels(index, entity)
     stream.flush()
     write_bytes(memory.drain_as_bytes(), path)
 
@@ -109,10 +114,12 @@ def _log_camera(stream: rr.RecordingStream, name: str, T_camera_lidar: Pose, cam
 def _log_picture(stream: rr.RecordingStream, drive: Drive, frame: Frame, entity: str) -> None:
     """Log the picture of a frame, in the bytes of its file where the viewer reads them."""
     if frame.image is None:
+        stream.log(f"{entity}/picture", rr.Clear(recursive=False))  # else the one before would stay
         return
     file = drive.resolve(frame.image)
     media_type = MEDIA_TYPES.get(file.suffix.lower())
     if media_type is not None:
+        read_size(file)
         content = read_bytes(file, limit=MAX_TABLE_BYTES)
         stream.log(f"{entity}/picture", rr.EncodedImage(contents=content, media_type=media_type))
         return

@@ -1,0 +1,163 @@
+"""The files of a drive's frames: sweeps, pictures, and the poses of the LiDAR.
+
+They are named by the topic and the stamp that they come from, and written as a whole or not at all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+from semcal_cli.bags.candidates import Candidate, Spool
+from semcal_cli.bags.clouds import PointTimes, read_sweep
+from semcal_cli.bags.messages import NS, MessageError
+from semcal_cli.bags.motion import Trajectory, seconds_text
+from semcal_cli.bags.pictures import Picture, read_picture
+from semcal_cli.bags.topics import Topics
+from semcal_cli.datasets.recording import SourceFrame
+from semcal_cli.events import Listener, Progress
+from semcal_cli.files.writing import make_folder, write_bytes, write_text
+
+MAX_NAME = 100
+"""Longest name of a folder that is the name of a topic alone."""
+AT_A_TIME = 2
+"""Frames that are written at a time."""
+
+
+class WrittenFrames(NamedTuple):
+    """Frames whose files are there."""
+
+    frames: list[SourceFrame]
+    """The frames, in order of time."""
+    times: list[PointTimes]
+    """Times of the points of each."""
+    left_out: Counter[str]
+    """Number of pairs that cannot be used, by the reason."""
+
+
+def write_frames(
+    chosen: Sequence[Candidate],
+    spool: Spool,
+    camera: dict[str, Any],
+    topics: Topics,
+    folder: Path,
+    on_event: Listener,
+) -> WrittenFrames:
+    """Write the files of frames, two at a time.
+
+    Args:
+        chosen: The pairs.
+        spool: Their messages.
+        camera: The `camera:` block of the drive.
+        topics: The topics that they come from.
+        folder: Folder of the drive.
+        on_event: Called with each event.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    written = WrittenFrames([], [], Counter())
+
+    def write(candidate: Candidate) -> tuple[SourceFrame, PointTimes] | MessageError:
+        try:
+            return _write_frame(candidate, spool, camera, topics, folder)
+        except MessageError as error:
+            return error
+
+    with ThreadPoolExecutor(AT_A_TIME) as workers:
+        for index, each in enumerate(workers.map(write, chosen)):
+            on_event(Progress(f"writing {index + 1} of {len(chosen)} frames"))
+            if isinstance(each, MessageError):
+                written.left_out[f"pairs: {each}"] += 1
+            else:
+                written.frames.append(each[0])
+                written.times.append(each[1])
+    return written
+
+
+def write_motion(
+    trajectory: Trajectory, written: WrittenFrames, drive: Path
+) -> tuple[dict[str, Any] | None, list[SourceFrame], str]:
+    """Write the poses of the LiDAR, if the points of most frames have times that they can correct.
+
+    Returns:
+        The `motion:` block of the drive, the frames that the poses cover, and a sentence about it; without a block,
+        all frames.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    source, frames = trajectory.source, written.frames
+    told = f"{source.topic.name} tells of the motion of {source.frame!r}"
+    timed = Counter(each.reference for each in written.times if each.reference)
+    ((reference, num_timed),) = timed.most_common(1) or [("relative", 0)]
+    if 2 * num_timed < len(frames):
+        return (
+            None,
+            frames,
+            f"{told}, but most points have no times that it could correct; no motion is written",
+        )
+    covered = [
+        frame
+        for frame, each in zip(frames, written.times, strict=True)
+        if each.reference == reference and trajectory.covers(*_moments_ns(frame, each))
+    ]
+    if 2 * len(covered) < len(frames):
+        return None, frames, f"{told}, but there are no poses around most frames; no motion is written"
+    # Which poses there are depends on the frames, so that they are of this drive alone.
+    path = drive.parent / "poses" / f"{drive.stem}.txt"
+    make_folder(path.parent)
+    write_text(trajectory.tum(), path)
+    block = {"poses": path.relative_to(drive.parent).as_posix(), "point_times": reference}
+    return block, covered, f"{told}: the drive's motion"
+
+
+def _write_frame(
+    candidate: Candidate, spool: Spool, camera: dict[str, Any], topics: Topics, folder: Path
+) -> tuple[SourceFrame, PointTimes]:
+    pair = candidate.pair
+    sweep_message, picture_message = spool.get(candidate)
+    sweep = read_sweep(sweep_message, pair.sweep_ns)
+    picture = read_picture(picture_message)
+    _check_size(picture, camera)
+    points = folder / "points" / _slug(topics.points.name) / f"{seconds_text(pair.sweep_ns)}.pcd"
+    image = folder / "images" / _slug(topics.image.name) / f"{seconds_text(pair.picture_ns)}{picture.suffix}"
+    for path, content in ((points, sweep.pcd()), (image, picture.content)):
+        make_folder(path.parent)
+        write_bytes(content, path)
+    stamps = pair.sweep_ns / NS, pair.picture_ns / NS
+    frame = SourceFrame(points.stem, points, image=image, points_stamp=stamps[0], image_stamp=stamps[1])
+    return frame, sweep.times
+
+
+def _check_size(picture: Picture, camera: dict[str, Any]) -> None:
+    size = camera["width"], camera["height"]
+    if picture.size != size:
+        found = "{} x {}".format(*picture.size)
+        raise MessageError(
+            f"found a picture of {found} pixels, needed {size[0]} x {size[1]}, as its camera states"
+        )
+
+
+def _moments_ns(frame: SourceFrame, times: PointTimes) -> list[int]:
+    """List the times at which poses are needed: of the picture, and of the first and the last point."""
+    assert frame.points_stamp is not None
+    assert frame.image_stamp is not None
+    moments_s = [frame.image_stamp, *(frame.points_stamp + time for time in times.ends_s)]
+    return [round(moment * NS) for moment in moments_s]
+
+
+def _slug(topic: str) -> str:
+    """Make a name of a folder of the name of a topic, another one for each: /camera/image_raw is camera.image_raw."""
+    parts = (
+        quote(part, safe="").replace(".", "%2E").replace("~", "%7E") for part in topic.split("/") if part
+    )
+    name = ".".join(parts) or "%2F"
+    if len(name) <= MAX_NAME:
+        return name
+    return f"{name[:MAX_NAME]}-{hashlib.sha256(topic.encode()).hexdigest()[:16]}"
