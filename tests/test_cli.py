@@ -4,17 +4,22 @@ import json
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Iterator
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 import yaml
 from conftest import run
 from hostile_drives import HOSTILE, Edit, break_drive
 
-from semcal_cli.cli import EXIT_FAILURE
+from semcal_cli.cli import EXIT_FAILURE, semcal
+from semcal_cli.cli.sections import SECTIONS
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
@@ -182,6 +187,71 @@ def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "picture.png", "cloud.las"])
+def commands(
+    group: click.Group, path: tuple[str, ...] = ()
+) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    """Every command with its name, those of groups among them."""
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, (*path, name))
+        else:
+            yield (*path, name), command
+
+
+def test_every_command_stands_in_one_section_with_a_whole_line(capfd: pytest.CaptureFixture[str]) -> None:
+    listed = [name for section in SECTIONS.values() for name in section]
+    assert sorted(listed) == sorted(semcal.commands)
+    code, out, _ = run(capfd, "--help")
+    assert code == 0
+    assert max(map(len, out.splitlines())) <= 80
+    for name, line in ((name, line) for section in SECTIONS.values() for name, line in section.items()):
+        assert re.search(rf"^  {name} +{re.escape(line)}$", out, re.MULTILINE)
+
+
+@pytest.mark.parametrize(("path", "command"), list(commands(semcal)), ids=lambda value: str(value)[:40])
+def test_help_names_only_options_that_the_command_has(path: tuple[str, ...], command: click.Command) -> None:
+    """Those of other commands stand in backquotes behind the command's name."""
+    known = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
+    texts = [command.help or "", *(getattr(each, "help", None) or "" for each in command.params)]
+    for text in texts:
+        others = re.sub(r"`(?:semcal )?[a-z]+ [^`]*`", "", text)
+        if path == ("batch",):
+            others = re.sub(r"-- --\S+.*", "", others)
+        assert set(re.findall(r"(?<![\w-])--[a-z][\w-]*", others)) <= known
+    with click.Context(command) as context:
+        assert "None]" not in command.get_help(context)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion(shell: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    code, out, _ = run(capfd, "completion", shell)
+    assert code == 0
+    assert f"_SEMCAL_COMPLETE={shell}_complete" in out
+    monkeypatch.setenv("_SEMCAL_COMPLETE", f"{shell}_complete")
+    monkeypatch.setenv("COMP_WORDS", "semcal cal")
+    monkeypatch.setenv("COMP_CWORD", "cal" if shell == "fish" else "1")
+    assert "calibrate" in run(capfd)[1]
+
+
+def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
+    command = [
+        sys.executable,
+        "-c",
+        "from semcal_cli.cli import main; main()",
+        "synth",
+        tmp_path,
+        "--frames",
+        "500",
+    ]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        while not any(tmp_path.rglob("*.bin")):
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate()
+    assert process.returncode == 130
+    assert stderr.splitlines()[-1] == "stopped"
+
+
 def test_pipes_and_devices_are_refused_at_once(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
 ) -> None:

@@ -295,4 +295,4 @@ def test_compare_reads_every_format(tmp_path: Path) -> None:
     (tmp_path / "b.json").write_text(FILES["direct-visual-lidar"][1])
     found = CliRunner().invoke(semcal, ["compare", str(tmp_path / "a.txt"), str(tmp_path / "b.json")])
     assert found.exit_code == 0, found.output
-    assert found.stdout.splitlines()[-1] == "same"
+    assert found.stdout.splitlines()[-1] == "within limits"

@@ -221,7 +221,12 @@ def test_compare(street: Path, street_truth: Pose, tmp_path: Path) -> None:
     both = CliRunner().invoke(semcal, ["compare", str(result), str(result)])
     assert both.stdout.count("within both") == 6
     far = write_transform(moved(street_truth, 0.06), street, tmp_path)
-    assert CliRunner().invoke(semcal, ["compare", str(result), str(far)]).exit_code == FAIL
+    assert "-0.0000" not in both.stdout
+    assert both.stdout.splitlines()[-1] == "within limits"
+    beyond = CliRunner().invoke(semcal, ["compare", str(result), str(far)])
+    assert beyond.exit_code == FAIL
+    assert beyond.stdout.splitlines()[-1] == "beyond limits"
+    assert "allowed 5" in beyond.stdout.splitlines()[-2]
     allowed = ["compare", str(result), str(far), "--max-translation-m", "0.1"]
     assert CliRunner().invoke(semcal, allowed).exit_code == PASS
 

@@ -20,7 +20,8 @@ EXIT_DIFFERENT = 3
 
 
 @click.command(
-    help=f"Compare the transforms of A and B: {KNOWN_TRANSFORMS}. Exit code 3: they differ by more than allowed."
+    help=f"Compare the transforms of A and B: {KNOWN_TRANSFORMS}. What differs along each axis of the camera stands "
+    "beside the 95 % interval of each. Exit code 3: they differ by more than allowed."
 )
 @click.argument("a", type=PATH)
 @click.argument("b", type=PATH)
@@ -42,9 +43,11 @@ def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float,
     else:
         for axis in found.axes:
             click.echo(_line(axis))
-        for line in error_lines(error):
-            click.echo(line)
-        click.echo("same" if is_same else "different")
+        for line, allowed in zip(
+            error_lines(error), (max_rotation_deg, 100.0 * max_translation_m), strict=True
+        ):
+            click.echo(f"{line}   allowed {allowed:g}")
+        click.echo("within limits" if is_same else "beyond limits")
     _report(f"{a}, {b}", error, max_rotation_deg, 100.0 * max_translation_m).tell_github()
     sys.exit(0 if is_same else EXIT_DIFFERENT)
 
@@ -69,4 +72,5 @@ def _line(axis: Axis) -> str:
     ]
     verdict = {None: "", True: "   within both", False: "   more than both explain"}[axis.is_explained]
     a, b = (f"{half:<12}" for half in halves)
-    return f"{axis.name:<16}{axis.difference:10.4f} {axis.unit:<4} A {a} B {b}{verdict}".rstrip()
+    difference = round(axis.difference, 4) + 0.0  # no -0.0000
+    return f"{axis.name:<16}{difference:10.4f} {axis.unit:<4} A {a} B {b}{verdict}".rstrip()

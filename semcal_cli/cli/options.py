@@ -226,8 +226,8 @@ cue_option = click.option(
     metavar="CUE[,CUE]",
     help="Cues to compare, alone or together: labels of points and pictures; segments (parts of the sweeps by their "
     "shape, against labels of pictures alone); intensity (the LiDAR's against the picture's grey values, without any "
-    "labels, from a start that is known to a few degrees); or features (vectors of points and pixels, alone and with "
-    "--estimator mine).  [default: labels]",
+    "labels, from a start that is known to a few degrees); or features (vectors of points and pixels, alone, by "
+    "`semcal calibrate --estimator mine`).  [default: labels]",
 )
 
 
