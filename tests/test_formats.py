@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
-from conftest import DRIVE, documents
+from conftest import DRIVE, documents, make_pose
 from format_files import (
     C2L,
     FILES,
@@ -296,3 +296,14 @@ def test_compare_reads_every_format(tmp_path: Path) -> None:
     found = CliRunner().invoke(semcal, ["compare", str(tmp_path / "a.txt"), str(tmp_path / "b.json")])
     assert found.exit_code == 0, found.output
     assert found.stdout.splitlines()[-1] == "within limits"
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".json"])
+def test_a_bare_matrix_under_its_name_is_a_transform(suffix: str, tmp_path: Path) -> None:
+    T = make_pose((0.3, -0.2, 0.9), (0.1, 0.2, 0.3))
+    path = tmp_path / f"t{suffix}"
+    path.write_text(json.dumps({"T_camera_lidar": T.tolist()}))
+    np.testing.assert_allclose(read_transform(path), T, atol=1e-12)
+    path.write_text(json.dumps({"T_camera_lidar": T[:3].tolist()}))
+    with pytest.raises(InputError, match="T_camera_lidar: found a list of 3, needed at least 4"):
+        read_transform(path)

@@ -33,7 +33,7 @@ FLEET = "semcal_fleet"
 
 
 class _Transform(StrictModel):
-    semcal_transform: Version
+    semcal_transform: Version = 1
     T_camera_lidar: Transform
 
 
@@ -122,10 +122,15 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
     document["T_camera_lidar"] = T_camera_lidar.tolist()
 
 
+def _is_bare(source: Source) -> bool:
+    """Whether a file holds nothing but the matrix under its name, which says which way round it is."""
+    return source.mapping.keys() == {"T_camera_lidar"}
+
+
 FORMAT = Format(
     "semcal",
     "p_camera = T p_lidar: T_camera_lidar of a calibration, a drive, a fleet or a bare transform",
-    lambda source: bool({CALIBRATION, DRIVE, FLEET, TRANSFORM} & source.mapping.keys()),
+    lambda source: bool({CALIBRATION, DRIVE, FLEET, TRANSFORM} & source.mapping.keys()) or _is_bare(source),
     _read,
     document_writer(_put),
     _put,
