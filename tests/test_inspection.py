@@ -40,6 +40,36 @@ def test_a_good_drive_has_nothing_suspicious(street: Path) -> None:
         assert sum(frame.image_classes.values()) + frame.num_pixels_ignored == 640 * 360
 
 
+def test_what_is_suspicious_comes_first_and_equal_faults_are_one_line(street: Path, tmp_path: Path) -> None:
+    """Frames of which two have stamps far apart, and one a label image that is none; no row for each frame."""
+    drive = changed(street, tmp_path)
+    document = read_document(tmp_path / DRIVE_FILE)
+    for frame in document["frames"][:2]:
+        frame |= {"points_stamp": 1.0, "image_stamp": 1.5}
+    document["frames"][3]["image_labels"] = str(street / "drive.yaml")
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    lines = CliRunner().invoke(semcal, ["inspect", str(drive)]).stdout.splitlines()
+    names = [frame["points"] for frame in document["frames"]]
+    assert lines[0] == f"suspicious  {names[0]}, {names[1]}: sweep and picture are 0.500 s apart"
+    assert lines[1].startswith(f"suspicious  {names[3]}: {street / 'drive.yaml'}: ")
+    assert not any(line.startswith("points") for line in lines)
+    assert "is not checked here" in "\n".join(lines)
+    rows = CliRunner().invoke(semcal, ["inspect", str(drive), "--frames"]).stdout.splitlines()
+    assert rows[: len(lines) - 1] == lines[:-1]
+    assert len(rows) == len(lines) - 1 + 1 + len(names)
+
+
+def test_too_few_frames_are_said_to_be_few(street: Path, tmp_path: Path) -> None:
+    assert inspect(read_drive(street)).advice == ()
+    frames = read_document(street / DRIVE_FILE)["frames"]
+    report = inspect(read_drive(changed(street, tmp_path, frames=frames[:2])))
+    assert report.advice == ("2 frames are few: 4 or more decide the mounting, 20 the accuracy",)
+    camera = read_document(street / DRIVE_FILE)["camera"]
+    narrow = camera | {"K": [[1000.0, 0.0, 319.5], [0.0, 1000.0, 179.5], [0.0, 0.0, 1.0]]}
+    report = inspect(read_drive(changed(street, tmp_path, frames=frames, camera=narrow)))
+    assert report.advice == ("4 frames through a lens of 35 degrees across are few: 20 or more help",)
+
+
 def test_a_mirrored_cloud_is_recognised(street: Path, tmp_path: Path) -> None:
     frames = read_document(street / DRIVE_FILE)["frames"]
     for index, frame in enumerate(frames):

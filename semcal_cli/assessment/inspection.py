@@ -44,6 +44,9 @@ WITHOUT = {"points": "--cue segments does without", "pixels": "`semcal label` ma
 """What helps a drive that lacks labels of one side."""
 NUM_PROBED = 4
 """Number of frames whose images are measured and whose clouds are registered, as they are and mirrored."""
+FEW_FRAMES, USUAL_FRAMES, NARROW_DEG = 4, 20, 50.0
+"""Frames from which on mountings are told apart, frames for the accuracy of the README's tables, and the field of view
+across below which a lens needs more of them."""
 MIN_MIRROR_MARGIN = 2.0
 """Standard errors by which mirrored clouds must explain the labels better for a finding."""
 
@@ -92,6 +95,8 @@ class DriveReport:
     """Class names that points and pixels share. A calibration needs none."""
     suspicions: tuple[str, ...]
     """Findings about the whole drive."""
+    advice: tuple[str, ...] = ()
+    """Sentences about what is probably too little for a calibration, and what would help."""
 
 
 def inspect(drive: Drive) -> DriveReport:
@@ -130,7 +135,20 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
         ),
+        advice=_advice(len(readable), _field_of_view(drive)),
     )
+
+
+def _advice(num_frames: int, field_of_view_deg: tuple[float, float]) -> tuple[str, ...]:
+    """Say if frames or lens are probably too little: see the README's table of the initial calibration."""
+    if num_frames < FEW_FRAMES:
+        return (
+            f"{num_frames} frames are few: {FEW_FRAMES} or more decide the mounting, {USUAL_FRAMES} the accuracy",
+        )
+    if field_of_view_deg[0] < NARROW_DEG and num_frames < USUAL_FRAMES:
+        seen = f"{field_of_view_deg[0]:.0f} degrees across"
+        return (f"{num_frames} frames through a lens of {seen} are few: {USUAL_FRAMES} or more help",)
+    return ()
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,22 +12,39 @@ import click
 from semcal_cli.cli.options import PATH, max_points_option
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
+
+    from rich.table import Table
 
     from semcal_cli.assessment.inspection import DriveReport
 
 NUM_NAMED = 4
 """Number of classes that the table names, the commonest first."""
+NUM_NAMED_FRAMES = 3
+"""Number of frames that a finding about several of them names."""
+LABEL_WIDTH = 12
 WIDE = 240
 """Width in columns of the output on a pipe."""
+COLUMNS = (
+    "sweep",
+    "points",
+    "no return",
+    "ignored",
+    "pixels ignored",
+    "classes of points",
+    "classes of pixels",
+    "gap, s",
+)
+"""Columns of the table of frames."""
 
 
 @click.command()
 @click.argument("drive", type=PATH)
+@click.option("--frames", "with_frames", is_flag=True, help="Also print a row for each frame.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @max_points_option
-def inspect(drive: Path, as_json: bool, max_points: int) -> None:
-    """Show what DRIVE holds, frame by frame, and what looks wrong with it.
+def inspect(drive: Path, with_frames: bool, as_json: bool, max_points: int) -> None:
+    """Show what DRIVE holds, and what looks wrong with it.
 
     Among others it looks for mirrored clouds, a K of another picture size, labels that are shifted against their points
     or pictures, and frames with the same files.
@@ -34,31 +52,78 @@ def inspect(drive: Path, as_json: bool, max_points: int) -> None:
     from dataclasses import asdict
 
     from semcal_cli.assessment.inspection import inspect as look_through
+    from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import read_drive
 
-    report = look_through(read_drive(drive, max_points))
+    with progress_line(make_console(quiet=as_json)) as progress:
+        progress(f"looking through {drive}")
+        report = look_through(read_drive(drive, max_points))
     if as_json:
         click.echo(json.dumps(asdict(report), indent=2))
         return
-    _print(report)
+    _print(report, with_frames=with_frames)
 
 
-def _print(report: DriveReport) -> None:
+def _print(report: DriveReport, *, with_frames: bool) -> None:
+    """Print what is suspicious, what the drive holds, and the frames if they are wanted."""
     from rich.console import Console
+
+    # Lines are cut to the width of the terminal; a pipe gets them whole.
+    console = Console(highlight=False, soft_wrap=True)
+    if not console.is_terminal:
+        console.width = WIDE
+    suspicions = [*_grouped(report), *report.suspicions]
+    lines = [("suspicious", line) for line in suspicions or ["nothing"]]
+    lines += [("too little", line) for line in report.advice]
+    for name, line in (*lines, *_content(report)):
+        console.print(f"{name:<{LABEL_WIDTH}}{line}", markup=False)
+    if with_frames:
+        console.print(_table(report))
+    else:
+        console.print(f"{'frames':<{LABEL_WIDTH}}see --frames", markup=False)
+
+
+def _grouped(report: DriveReport) -> list[str]:
+    """List the findings about frames, equal ones as one with the first of their frames."""
+    found: dict[str, list[str]] = {}
+    for frame in report.frames:
+        for suspicion in frame.suspicions:
+            found.setdefault(suspicion, []).append(frame.points)
+    lines = []
+    for suspicion, names in found.items():
+        more = f" and {len(names) - NUM_NAMED_FRAMES:,} more" if len(names) > NUM_NAMED_FRAMES else ""
+        lines.append(f"{', '.join(names[:NUM_NAMED_FRAMES])}{more}: {suspicion}")
+    return lines
+
+
+def _content(report: DriveReport) -> list[tuple[str, str]]:
+    """Describe the content of the drive in labelled lines."""
+    low, high = report.elevations_deg
+    across, down = report.field_of_view_deg
+    num_points = sum(frame.num_points for frame in report.frames)
+    return [
+        ("drive", f"{len(report.frames):,} frames, {num_points:,} points"),
+        (
+            "LiDAR",
+            f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth",
+        ),
+        (
+            "camera",
+            f"{across:.1f} x {down:.1f} degrees; whether K and the lens are right is not checked here",
+        ),
+        ("of points", _commonest(_together(frame.point_classes for frame in report.frames))),
+        ("of pixels", _commonest(_together(frame.image_classes for frame in report.frames))),
+        ("both sides", ", ".join(report.shared_classes) or "no class name in common, which does not matter"),
+    ]
+
+
+def _table(report: DriveReport) -> Table:
+    """Make a table with a row for each frame."""
     from rich.table import Table
     from rich.text import Text
 
     table = Table(box=None, pad_edge=False)
-    for name in (
-        "sweep",
-        "points",
-        "no return",
-        "ignored",
-        "pixels ignored",
-        "classes of points",
-        "classes of pixels",
-        "gap, s",
-    ):
+    for name in COLUMNS:
         table.add_column(name, justify="left" if "classes" in name or name == "sweep" else "right")
     for frame in report.frames:
         cells = (
@@ -72,23 +137,16 @@ def _print(report: DriveReport) -> None:
             "" if frame.gap_s is None else f"{frame.gap_s:.3f}",
         )
         table.add_row(*map(Text, cells))  # names are not markup
-    # Lines are cut to the width of the terminal; a pipe gets them whole.
-    console = Console(highlight=False, soft_wrap=True)
-    if not console.is_terminal:
-        console.width = WIDE
-    console.print(table)
-    low, high = report.elevations_deg
-    across, down = report.field_of_view_deg
-    lines = {
-        "LiDAR": f"{report.pattern}; elevations {low:.1f} to {high:.1f} degrees, {report.azimuths_deg:.0f} of azimuth",
-        "camera": f"{across:.1f} x {down:.1f} degrees",
-        "both sides": ", ".join(report.shared_classes) or "no class name in common, which does not matter",
-    }
-    for name, line in lines.items():
-        console.print(f"{name:<12}{line}", markup=False)
-    suspicions = [*report.suspicions, *(f"{f.points}: {s}" for f in report.frames for s in f.suspicions)]
-    for line in suspicions or ["nothing"]:
-        console.print(f"{'suspicious':<12}{line}", markup=False)
+    return table
+
+
+def _together(counts: Iterable[Mapping[str, int] | None]) -> Mapping[str, int] | None:
+    """Add up the counts of all frames that have labels; None without any."""
+    found = [each for each in counts if each is not None]
+    total: Counter[str] = Counter()
+    for each in found:
+        total.update(each)
+    return total if found else None
 
 
 def _commonest(counts: Mapping[str, int] | None) -> str:
