@@ -84,6 +84,10 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert calibration.status == "not_trusted"
     told = f"::error title=semcal initialize::fail; not_trusted interval not known; {calibration.reasons[0]}"
     assert stderr.startswith(told.replace("%", "%25"))
+    code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
+    *_, doubts, _, verdict = [line for line in stderr.splitlines() if not line.startswith("::")]
+    assert doubts == f"doubts           {calibration.reasons[-1]}"
+    assert verdict == "verdict          not trusted"
     assert re.fullmatch(
         r"visible labelled points cover \d\.\d% of the picture, needed at least 3%", calibration.reasons[0]
     )

@@ -72,7 +72,7 @@ def test_each_part_is_a_drive_of_its_own(results: tuple[Result, Path, int], knoc
         assert [stage["name"] for stage in stages] == ["initial", "refined", "polished", "assessed"]
         first += count
     assert f"[part 2: {8 - knocked.knock} frames, 000005.bin to 000007.bin]" in found.output
-    assert found.output.count("status           trusted") == 2
+    assert found.output.count("verdict          trusted: +- ") == 2
 
 
 def test_a_drive_of_one_pose_has_no_parts(street: Path, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.tables import labelled, summary_lines
+from semcal_cli.cli.tables import labelled, summary_lines, verdict_line
 from semcal_cli.cli.terminal import Terminal, progress_line
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
@@ -103,6 +103,7 @@ class Outputs:
         else:
             write_calibration(calibration, self.output)
         terminal.print(*summary_lines(calibration, str(self.output or "standard output")))
+        terminal.print_verdict(verdict_line(calibration), calibration.status)
         _report(calibration, str(self.output or "standard output")).tell_github()
         return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semcal_cli.drive.camera import core_camera
 from semcal_cli.geometry.poses import Pose, camera_center
 
 if TYPE_CHECKING:
@@ -16,10 +17,12 @@ if TYPE_CHECKING:
     from semcal_cli.result.uncertainty import Uncertainty
 
 LABEL_WIDTH = 17
+SEEN_AT_M = 10.0
+"""Distance at which an error of the pose is told in pixels."""
 
 
 def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
-    """Describe a calibration as lines of text."""
+    """Describe a calibration as lines of text, up to its verdict."""
     T, quality = calibration.pose, calibration.quality
     rows = {
         "T_camera_lidar": matrix_lines(T),
@@ -31,8 +34,8 @@ def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
         ],
         **_uncertainty_rows(calibration.uncertainty),
         **_repeatability_rows(calibration.repeatability),
-        "status": [calibration.status, *calibration.reasons],
         "note": list(calibration.notes),
+        "doubts": list(calibration.reasons),
         "written to": [written_to],
     }
     return [
@@ -40,6 +43,20 @@ def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
         for name, lines in rows.items()
         for label, line in zip([name, *[""] * len(lines)], lines, strict=False)
     ]
+
+
+def verdict_line(calibration: Calibration) -> str:
+    """State the verdict with the widest 95 % intervals of the pose, and what they are in pixels 10 m away."""
+    verdict = calibration.status.replace("_", " ")
+    uncertainty = calibration.uncertainty
+    if uncertainty is None:
+        return labelled("verdict", verdict)
+    center_m = max(uncertainty.half_width_95_camera_center_m)
+    rotation_deg = max(uncertainty.half_width_95_rotation_deg)
+    pixels = core_camera(calibration.input.camera).pixels_per_radian
+    off_px = pixels * float(np.hypot(np.radians(rotation_deg), center_m / SEEN_AT_M))
+    figures = f"+- {1000.0 * center_m:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
+    return labelled("verdict", f"{verdict}: {figures}, {off_px:.2g} px at {SEEN_AT_M:g} m")
 
 
 def labelled(label: str, line: str) -> str:

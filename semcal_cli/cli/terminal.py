@@ -13,6 +13,9 @@ from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from semcal_cli.events import Event, Progress, StageDone
 
+COLORS = {"trusted": "bold green", "not_trusted": "bold red", "not_assessed": "bold yellow"}
+"""Colour of each verdict."""
+
 
 class Terminal:
     """Shows the events of a calibration on stderr; a context manager that owns the progress line."""
@@ -50,6 +53,10 @@ class Terminal:
         """Print lines as they are."""
         for line in lines:
             self.console.print(line, markup=False)
+
+    def print_verdict(self, line: str, status: str) -> None:
+        """Print the line with the verdict, in its colour on a terminal."""
+        self.console.print(line, style=COLORS[status], markup=False)
 
     def log_document(self, num_threads: int | None) -> dict[str, object]:
         """Document of times, host and threads."""
