@@ -607,9 +607,15 @@ def test_what_is_left_out_adds_up(tmp_path: Path) -> None:
     path = small.write(
         image=lambda bag, index, stamp: bag.image(COLORS, "odd" if index % 4 == 1 else "bgr8", stamp)
     )
-    for settings in ({"max_frames": 5}, {"every_s": 1e-9}, {"every_s": 1.0, "max_frames": 2}):
+    for settings in (
+        {"max_frames": 5},
+        {"every_s": 1e-9},
+        {"every_s": 1e-9, "max_frames": 3},
+        {"every_s": 1.0, "max_frames": 2},
+    ):
         done = import_bag(Request([path], **settings), tmp_path / "drive")
         assert done.written.num_frames + done.left_out.total() == done.num_sweeps == 60
+        assert done.written.num_frames <= settings.get("max_frames", 60)
 
 
 def test_an_import_replaces_nothing_that_it_reads(tmp_path: Path) -> None:

@@ -89,15 +89,14 @@ def wanted_times(bag: Bag, topics: Topics, request: Request) -> list[int]:
     span = topics.points.span
     if request.every_s is not None:
         wanted = range(span.first_ns, span.last_ns + 1, max(round(request.every_s * NS), 1))
-        count = len(wanted)
+        count = request.max_frames or len(wanted)
     else:
         count = CANDIDATES * (request.max_frames or MAX_FRAMES)
         wanted = range(span.first_ns, span.last_ns, max((span.last_ns - span.first_ns) // count, 1))
-    if (
-        count >= span.num_messages or span.first_ns == span.last_ns
-    ):  # Every sweep is wanted, however unevenly they came.
+    if len(wanted) >= span.num_messages or span.first_ns == span.last_ns:
+        # Every sweep is wanted, however unevenly they came.
         return sorted(message.received_ns for message in bag.messages([topics.points]))
-    return list(wanted[: min(count, request.max_frames or count) if request.every_s is not None else count])
+    return list(wanted[:count])
 
 
 def read_pairs(

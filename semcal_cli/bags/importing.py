@@ -190,9 +190,8 @@ class _Import:
             return None
         reached = tree.reached(optical)
         if lidar in reached and tree.contradictory:
-            self.remarks.append(
-                f"no reference: fixed transforms contradict one another at {listed(tree.contradictory)}"
-            )
+            places = listed(sorted(tree.contradictory))
+            self.remarks.append(f"no reference: fixed transforms contradict one another at {places}")
             return None
         T = reached.get(lidar)
         if T is None or not lidar:
@@ -299,17 +298,20 @@ class _Import:
         forward = [candidates[index] for index in kept]
         if left := len(candidates) - len(forward):
             self.left_out["pairs: their stamps run backwards"] += left
+        if self.request.every_s is not None:
+            count = self.request.max_frames or len(forward)
+            if len(forward) > count:
+                self.left_out["pairs: more than --max-frames"] += len(forward) - count
+            return forward[:count]
         count = self.request.max_frames or MAX_FRAMES
-        if self.request.every_s is not None or len(forward) <= count:
+        if len(forward) <= count:
             return forward
         way = None
         if trajectory is not None:
             way = way_m([trajectory.position(each.pair.sweep_ns) for each in forward])
         kept = most_different([each.look for each in forward], count, way)
-        why = (
-            "their pictures are like those of others"
-            if way is None
-            else "others are spread better along the way"
-        )
+        why = "others are spread better along the way"
+        if way is None:
+            why = "their pictures are like those of others"
         self.left_out[f"pairs: {why}"] += len(forward) - len(kept)
         return [forward[index] for index in kept]

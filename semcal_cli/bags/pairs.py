@@ -90,7 +90,9 @@ class Pairing:
         self._used: set[int] = set()
         self._retry_until_ns = 0
         self._last_ns = 0
-        self._leads_ns: list[int] = []
+        self._num_leads, self._lead_ns = 0, 0
+        self.delay_ns = 0
+        """Longest time between the stamp and the receipt of a sweep so far, of those within `PATIENCE_NS`."""
         self.left_out: Counter[str] = Counter()
         """Number of sweeps and pictures that were looked at and left out, by the reason."""
         self.delays_s: dict[bool, list[float]] = {False: [], True: []}
@@ -99,12 +101,7 @@ class Pairing:
     @property
     def before_ns(self) -> int:
         """What has to be read before a wanted time, so that the pictures of its sweep are there."""
-        return BEFORE_NS if len(self._leads_ns) < LEARNED else max(*self._leads_ns, 0) + MARGIN_NS
-
-    @property
-    def delay_ns(self) -> int:
-        """Longest time between the stamp and the receipt of a sweep so far."""
-        return max((round(delay * NS) for delay in self.delays_s[False]), default=0)
+        return BEFORE_NS if self._num_leads < LEARNED else self._lead_ns + MARGIN_NS
 
     def is_wanted(self, time_ns: int) -> bool:
         """Whether no sweep was taken for a wanted time yet."""
@@ -130,7 +127,10 @@ class Pairing:
             except MessageError as error:
                 self.left_out[f"{'pictures' if is_picture else 'sweeps'}: {error}"] += 1
                 continue
-            self.delays_s[is_picture].append((message.received_ns - stamp_ns) / NS)
+            delay_ns = message.received_ns - stamp_ns
+            self.delays_s[is_picture].append(delay_ns / NS)
+            if not is_picture and delay_ns <= PATIENCE_NS:
+                self.delay_ns = max(self.delay_ns, delay_ns)
             new = _Stamped(stamp_ns, message)
             (self._pictures if is_picture else self._sweeps).add(new)
             if not is_picture and self._takes(message.received_ns):
@@ -192,7 +192,8 @@ class Pairing:
                 self.left_out["sweeps: their nearest picture is nearer to another sweep"] += 1
                 continue
             self._used.add(picture.stamp_ns)
-            self._leads_ns.append(first.message.received_ns - picture.message.received_ns)
+            self._num_leads += 1
+            self._lead_ns = max(self._lead_ns, first.message.received_ns - picture.message.received_ns)
             yield Pair(first.message, picture.message, first.stamp_ns, picture.stamp_ns)
 
     def _is_done(self, goal_ns: int, now_ns: int) -> bool:
