@@ -8,13 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from click.testing import CliRunner
 from format_files import T_ANY
 from hypothesis import given
 from hypothesis import strategies as st
 
+from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_any
-from semcal_cli.formats import put_transform, read_transform
+from semcal_cli.formats import put_transform, read_transform, write_transform
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import FormatOptions, Source
 
@@ -251,3 +254,21 @@ def test_a_second_byte_order_mark_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"chain.yaml: found two byte order marks, needed one or none$"):
         put_transform(T_ANY, file)
     assert file.read_bytes() == before
+
+
+def test_convert_says_how_far_what_it_sets_is_from_what_was_there(street: Path, tmp_path: Path) -> None:
+    T = read_transform(street)
+    turned = T.copy()
+    turned[:3, 3] += 0.03 * T[:3, 0]  # the camera moves by 3 cm along the LiDAR's x axis
+    for name, pose in (("before", T), ("after", turned)):
+        write_transform(pose, tmp_path / f"{name}.yaml", "semcal")
+    before, after = (str(tmp_path / f"{name}.yaml") for name in ("before", "after"))
+    found = CliRunner().invoke(semcal, ["convert", after, "--into", before])
+    assert (found.exit_code, found.stdout) == (0, "")
+    assert found.stderr == f"set the transform in {before}: moved 0.000 degrees, 3.00 cm\n"
+    drive = tmp_path / "drive.yaml"
+    document = yaml.safe_load((street / "drive.yaml").read_text())
+    del document["T_camera_lidar"]
+    drive.write_text(yaml.safe_dump(document))
+    found = CliRunner().invoke(semcal, ["convert", after, "--into", str(drive)])
+    assert found.stderr == f"set the transform in {drive}, which had none that could be read\n"

@@ -12,6 +12,7 @@ from semcal_cli.cli.options import PATH, Command, file_or_stdout
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
+    from semcal_cli.geometry.poses import Pose
 
 DIRECTIONS = ("lidar-to-camera", "camera-to-lidar")
 FRAMES = ("optical", "body")
@@ -75,6 +76,27 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
         ctx.exit()
 
 
+def _transform_in(path: Path, options: FormatOptions) -> Pose | None:
+    """Read the transform that a file has before it is set; None if it has none that can be read."""
+    from semcal_cli.errors import InputError
+    from semcal_cli.formats import read_transform
+
+    try:
+        return read_transform(path, None, options)
+    except InputError:
+        return None
+
+
+def _change(path: Path, before: Pose | None, T_camera_lidar: Pose) -> str:
+    """Say what was set, and how far that moves the camera."""
+    from semcal_cli.geometry.pose_error import compare_poses
+
+    if before is None:
+        return f"set the transform in {path}, which had none that could be read"
+    error = compare_poses(T_camera_lidar, before)
+    return f"set the transform in {path}: moved {error.rotation_deg:.3f} degrees, {error.camera_center_cm:.2f} cm"
+
+
 @click.command()
 @click.argument("source", metavar="IN", type=PATH)
 @click.option("--to", type=FormatName(), metavar="FORMAT", help="Format to write; see --formats.")
@@ -129,7 +151,9 @@ def convert(
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
     T_camera_lidar = read_transform(source, from_, replace(read, on_repair=on_repair))
     if into is not None:
+        before = _transform_in(into, written)
         put_transform(T_camera_lidar, into, written)
+        click.echo(_change(into, before, T_camera_lidar), err=True)
         return
     assert to is not None
     read_files = [drive_file(source), source.with_name("sensor.json")]
