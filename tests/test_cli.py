@@ -234,21 +234,17 @@ def test_completion(shell: str, capfd: pytest.CaptureFixture[str], monkeypatch: 
 
 
 def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
-    command = [
-        sys.executable,
-        "-c",
-        "from semcal_cli.cli import main; main()",
-        "synth",
-        tmp_path,
-        "--frames",
-        "500",
-    ]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
-        while not any(tmp_path.rglob("*.bin")):
+    # With -I, Python takes the installed package; a parent that ignores the signal would hand that on.
+    program = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    command = [sys.executable, "-I", "-c", f"{program}from semcal_cli.cli import main; main()"]
+    with subprocess.Popen(
+        [*command, "synth", tmp_path, "--frames", "500"], stderr=subprocess.PIPE, text=True
+    ) as process:
+        while process.poll() is None and not any(tmp_path.rglob("*.bin")):
             time.sleep(0.05)
         process.send_signal(signal.SIGINT)
         _, stderr = process.communicate()
-    assert process.returncode == 130
+    assert process.returncode == 130, stderr
     assert stderr.splitlines()[-1] == "stopped"
 
 

@@ -292,7 +292,7 @@ def main() -> None:
         synthesize(
             SynthConfig(seed=DRIVE_SEED + number, num_frames=asked.frames, width=width, height=height), truth
         )
-        command = [sys.executable, "-c", "from semcal_cli.cli import main; main()", "label", str(truth)]
+        command = [sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()", "label", str(truth)]
         subprocess.run([*command, "--image-model", str(model), "-o", str(labelled), "-q"], check=True)
         text, found = row(number, labelled, truth, right_pixels(labelled, truth, class_ids))
         print(text, flush=True)
