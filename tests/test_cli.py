@@ -186,7 +186,6 @@ def test_help_loads_nothing_heavy(tmp_path: Path) -> None:
     assert done.stdout.splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "picture.png", "cloud.las"])
 def commands(
     group: click.Group, path: tuple[str, ...] = ()
 ) -> Iterator[tuple[tuple[str, ...], click.Command]]:
@@ -248,6 +247,7 @@ def test_ctrl_c_ends_with_130(tmp_path: Path) -> None:
     assert stderr.splitlines()[-1] == "stopped"
 
 
+@pytest.mark.parametrize("name", ["drive.yaml", "poses.txt", "picture.png", "cloud.las"])
 def test_pipes_and_devices_are_refused_at_once(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str
 ) -> None:
