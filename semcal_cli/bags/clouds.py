@@ -13,12 +13,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.bags.messages import CLOUD, HEADER_BYTES, NS, Message, MessageError
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.files.messages import listed
 
 POINT_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """NumPy's name of each datatype of a sensor_msgs/PointField."""
 PCD_KINDS = {"i": "I", "u": "U", "f": "F"}
-MAX_POINTS, MAX_POINT_BYTES, MAX_FIELDS = 10_000_000, 1024, 128
+MAX_POINT_BYTES, MAX_FIELDS = 1024, 128
 LIVOX_POINT = [
     ("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"), ("line", "u1"),
 ]  # fmt: skip

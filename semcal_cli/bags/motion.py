@@ -83,10 +83,10 @@ class Trajectory:
     def covers(self, *stamps_ns: int) -> bool:
         """Whether poses stand closely before and after each of the stamps."""
         stamps = sorted(self._poses)
-        places = [(stamp, bisect_left(stamps, stamp)) for stamp in stamps_ns]
+        places = [bisect_left(stamps, stamp) for stamp in stamps_ns]
         return all(
             0 < place < len(stamps) and stamps[place] - stamps[place - 1] <= LONGEST_GAP_NS
-            for _, place in places
+            for place in places
         )
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
@@ -106,9 +106,6 @@ class Trajectory:
             numbers = [*T[:3, 3], *quaternion_xyzw(T)]
             lines.append(" ".join([seconds_text(stamp), *(f"{each:.12g}" for each in numbers)]))
         return "\n".join(lines) + "\n"
-
-    def __len__(self) -> int:
-        return len(self._poses)
 
 
 def read_frames(bag: Bag) -> tuple[FrameTree, list[MovingFrame]]:
