@@ -149,10 +149,8 @@ impl FrameAgreement {
         let (mut num_inside, mut num_hidden) = (0, 0);
         let cover = Blocks::new(camera, COVER_BLOCKS);
         let mut covered = vec![false; cover.count];
-        for ((point, &class), hidden) in projected.iter().zip(frame.point_classes.iter()).zip(hidden) {
-            let Some(Projected { pixel, .. }) = point else {
-                continue;
-            };
+        for (Projected { index, pixel, .. }, hidden) in projected.iter().zip(hidden) {
+            let class = frame.point_classes[*index];
             if class == NO_CLASS {
                 continue;
             }

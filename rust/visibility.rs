@@ -8,6 +8,8 @@ use crate::spherical::to_f64;
 /// A point inside the image.
 #[derive(Clone, Copy, Debug)]
 pub struct Projected {
+    /// Index of the point.
+    pub index: usize,
     /// `(u, v)`.
     pub pixel: Point2<f64>,
     /// Distance from the camera's centre, metres.
@@ -25,50 +27,58 @@ const NEARER: f64 = 0.8;
 /// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
 
-/// Projects points (metres, LiDAR frame); `None` for those outside the image.
+/// Projects points (metres, LiDAR frame), and keeps those inside the image, in their order.
 pub fn project_points(
     camera: &Camera,
     points: &[[f32; 3]],
     t_camera_lidar: &Isometry3<f64>,
-) -> Vec<Option<Projected>> {
+) -> Vec<Projected> {
     let rotation = t_camera_lidar.rotation.to_rotation_matrix();
-    let project = |point: &[f32; 3]| {
+    let project = |(index, point): (usize, &[f32; 3])| {
         let p_lidar = to_f64(point);
         let p_camera = rotation * p_lidar + t_camera_lidar.translation.vector;
         let pixel = camera.project(&p_camera).filter(|pixel| camera.contains(pixel))?;
         let range = p_camera.norm();
         Some(Projected {
+            index,
             pixel,
             range,
             direction_lidar: p_lidar.normalize(),
             direction_camera: p_camera / range,
         })
     };
-    points.iter().map(project).collect()
+    points.iter().enumerate().filter_map(project).collect()
 }
 
-/// Tells which points are hidden from the camera.
+/// Tells which of the projected points are hidden from the camera.
 ///
 /// A return hides a farther one if both project onto about the same place of the image while the LiDAR, from beside the
 /// camera, sees past the nearer one. So a point is hidden when some nearer return projects within about one spacing of the
 /// projected points, and the LiDAR separates the two by more than the camera does: without a baseline nothing is hidden.
 /// Some visible points beside an edge are lost to this; what counts is that hidden ones do not pull at it.
-pub fn hidden(camera: &Camera, projected: &[Option<Projected>]) -> Vec<bool> {
-    let num_inside = projected.iter().flatten().count().max(1);
+pub fn hidden(camera: &Camera, projected: &[Projected]) -> Vec<bool> {
     let area = (camera.width * camera.height) as f64;
-    let spacing = (area / num_inside as f64).sqrt().max(1.0);
+    let spacing = (area / projected.len().max(1) as f64).sqrt().max(1.0);
     let buffer = NearestReturns::new(camera, projected, spacing);
     let hides = |near: &Projected, far: &Projected| {
-        if near.range >= NEARER * far.range {
-            return false;
-        }
         // Chords instead of angles: for what is close together they are the same, and exact.
         let seen_from_lidar = (near.direction_lidar - far.direction_lidar).norm();
         let seen_from_camera = (near.direction_camera - far.direction_camera).norm();
         seen_from_lidar > seen_from_camera + ROUND_OFF
     };
-    let is_hidden = |l: &Projected| buffer.around(&l.pixel).any(|near| hides(near, l));
-    projected.iter().map(|l| l.as_ref().is_some_and(is_hidden)).collect()
+    let is_hidden =
+        |l: &Projected| buffer.nearer_around(&l.pixel, NEARER * l.range).any(|near| hides(near, l));
+    projected.iter().map(is_hidden).collect()
+}
+
+/// Tells of each point (metres, LiDAR frame) whether it is inside the image and hidden from the camera.
+pub fn hidden_points(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<bool> {
+    let projected = project_points(camera, points, t_camera_lidar);
+    let mut flags = vec![false; points.len()];
+    for (point, hidden) in projected.iter().zip(hidden(camera, &projected)) {
+        flags[point.index] = hidden;
+    }
+    flags
 }
 
 /// A coarse z-buffer: the nearest of the points that project into each square block.
@@ -76,19 +86,20 @@ struct NearestReturns<'a> {
     block: f64,
     columns: usize,
     rows: usize,
-    nearest: Vec<Option<&'a Projected>>,
+    /// Ranges, infinite in blocks without a point, and the points: most are only compared by their range.
+    nearest: Vec<(f64, Option<&'a Projected>)>,
 }
 
 impl<'a> NearestReturns<'a> {
-    fn new(camera: &Camera, projected: &'a [Option<Projected>], block: f64) -> Self {
+    fn new(camera: &Camera, projected: &'a [Projected], block: f64) -> Self {
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let (columns, rows) = (blocks(camera.width), blocks(camera.height));
-        let mut buffer = Self { block, columns, rows, nearest: vec![None; columns * rows] };
-        for point in projected.iter().flatten() {
+        let mut buffer = Self { block, columns, rows, nearest: vec![(f64::INFINITY, None); columns * rows] };
+        for point in projected {
             let (column, row) = buffer.at(&point.pixel);
             let nearest = &mut buffer.nearest[row * columns + column];
-            if nearest.is_none_or(|n| point.range < n.range) {
-                *nearest = Some(point);
+            if point.range < nearest.0 {
+                *nearest = (point.range, Some(point));
             }
         }
         buffer
@@ -99,13 +110,14 @@ impl<'a> NearestReturns<'a> {
         (index(pixel.x, self.columns), index(pixel.y, self.rows))
     }
 
-    /// The nearest returns of the 3 x 3 blocks around a pixel.
-    fn around(&self, pixel: &Point2<f64>) -> impl Iterator<Item = &'a Projected> {
+    /// The nearest returns of the 3 x 3 blocks around a pixel that are nearer than a range.
+    fn nearer_around(&self, pixel: &Point2<f64>, range: f64) -> impl Iterator<Item = &'a Projected> {
         let (column, row) = self.at(pixel);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
         let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
         rows.flat_map(move |row| &self.nearest[row * self.columns..][columns.clone()])
-            .filter_map(|nearest| *nearest)
+            .filter(move |(nearest, _)| *nearest < range)
+            .filter_map(|(_, point)| *point)
     }
 }
 
@@ -131,10 +143,9 @@ mod tests {
         let projected = project_points(&camera, &points, &t_camera_lidar);
         let mut num_hidden = 0;
         for (point, hidden) in projected.iter().zip(hidden(&camera, &projected)) {
-            if let Some(Projected { pixel, range, .. }) = point {
-                let behind_the_post = *range > 5.0 && (pixel.x - 319.5).abs() < 17.0;
-                assert!(behind_the_post || !hidden, "{pixel} at {range} m");
-            }
+            let Projected { pixel, range, .. } = point;
+            let behind_the_post = *range > 5.0 && (pixel.x - 319.5).abs() < 17.0;
+            assert!(behind_the_post || !hidden, "{pixel} at {range} m");
             num_hidden += usize::from(hidden);
         }
         assert!(num_hidden >= 50, "a column of the wall has 60 points, found {num_hidden} hidden");

@@ -16,9 +16,9 @@ from semcal_cli.formats import write_transform
 from semcal_cli.report.colors import class_colors
 from semcal_cli.report.overlay import (
     Overlays,
-    _depth_colors,
     before_after,
     by_agreement,
+    depth_colors,
     draw_legend,
     goes_together,
     points_in_image,
@@ -161,7 +161,7 @@ def test_labels_agree_best_at_the_truth(street_observations: Observations, stree
 
 
 def test_near_is_red_and_far_is_blue() -> None:
-    near, far = _depth_colors(np.array([2.0, 100.0])).astype(int)
+    near, far = depth_colors(np.array([2.0, 100.0])).astype(int)
     assert near[2] > near[0] + 50  # blue, green, red
     assert far[0] > far[2]
 

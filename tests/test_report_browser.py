@@ -16,9 +16,19 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.report import read_report_input, write_report
+from semcal_cli.report.overlay import depth_levels, level_colors, points_in_image
+
+SCREEN = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+PIXELS = """
+    const view = document.querySelector("#first .after");
+    const image = view.getContext("2d").getImageData(0, 0, view.width, view.height);
+    return {width: view.width, height: view.height, data: [...image.data]};
+"""
 
 
 @pytest.fixture(scope="module")
@@ -55,17 +65,86 @@ def test_it_loads_without_a_complaint(page: webdriver.Chrome) -> None:
     assert page.title.endswith("c.yaml")
     assert [entry for entry in page.get_log("browser") if entry["level"] == "SEVERE"] == []
     images = page.find_elements(By.TAG_NAME, "img")
-    assert len(images) == 9  # Four frames before and after, and the registration.
+    assert len(images) == 6  # Four frames, the worst place of one again, and the registration.
     assert all(int(image.get_property("naturalWidth")) > 100 for image in images)
 
 
-def test_the_slider_moves_the_line(page: webdriver.Chrome) -> None:
-    slider = page.find_element(By.CSS_SELECTOR, ".slider input")
-    before = page.find_element(By.CSS_SELECTOR, ".slider .before")
+def drawn(page: webdriver.Chrome, selector: str) -> int:
+    """Number of points that a canvas shows, once it is drawn."""
+    canvas = page.find_element(By.CSS_SELECTOR, selector)
+    page.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
+    WebDriverWait(page, 10).until(lambda _: canvas.get_attribute("data-drawn"))
+    return int(canvas.get_attribute("data-drawn"))
+
+
+def test_the_first_screen_tells_what_matters(page: webdriver.Chrome) -> None:
+    """Verdict, intervals, the best picture with its points, the transform, and its button."""
+    page.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", SCREEN)
+    for selector in ("h1", ".lead", "#first .look .picture", "#notation-1", "#first button.copy", "#worst"):
+        element = page.find_element(By.CSS_SELECTOR, selector)
+        assert element.is_displayed()
+        assert element.rect["y"] + element.rect["height"] <= SCREEN["height"], selector
+    assert len(page.find_elements(By.CSS_SELECTOR, "#first button.copy")) == 1
+    assert not page.find_element(By.ID, "other-1").is_displayed()
+    assert re.fullmatch(
+        r"± \d+\.\d mm, ± \d\.\d{3} degrees \(95 %\), [\d.]+ px at 10 m",
+        page.find_element(By.CLASS_NAME, "lead").text,
+    )
+    assert drawn(page, "#first .after") > 1000
+    page.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+
+
+def test_the_choice_of_colours_draws_all_pictures_anew(page: webdriver.Chrome) -> None:
+    """Points hidden from the camera are shown with the agreement alone."""
+    by_class = drawn(page, "#first .after")
+    for choice in ("depth", "agreement"):
+        page.find_element(By.CSS_SELECTOR, f"input[value={choice}]").click()
+        shown = [
+            e.text for e in page.find_elements(By.CSS_SELECTOR, ".legend[data-colors]") if e.is_displayed()
+        ]
+        assert len(shown) == 1
+    assert shown == ["agree\ndisagree\nhidden from the camera"]
+    assert drawn(page, "#first .after") > by_class
+
+
+def test_points_are_drawn_where_the_transform_puts_them(
+    page: webdriver.Chrome, made: Path, street: Path
+) -> None:
+    """The pixel on which the nearest point lands has the colour of its depth, and of no other picture's."""
+    page.find_element(By.CSS_SELECTOR, "input[value=depth]").click()
+    drawn(page, "#first .after")
+    colors = page.execute_script(PIXELS)
+    drive = read_drive(street)
+    observations = load_observations(drive)
+    name = page.find_element(By.CSS_SELECTOR, "#first figcaption span").text
+    number = [frame.points for frame in drive.frames].index(name)
+    T = read_transform(made / "c.yaml")
+    seen = points_in_image(observations.clouds[number].points, T, drive.camera)
+    image = np.array(colors["data"], np.uint8).reshape(colors["height"], colors["width"], 4)
+    scale = colors["width"] / drive.camera.width
+    nearest = np.flatnonzero(~seen.is_hidden)[-300:]
+    u, v = np.floor((seen.positions[nearest] + 0.5).T * scale).astype(int)
+    found = image[np.minimum(v, len(image) - 1), u, :3].astype(int)
+    expected = level_colors(depth_levels(seen.ranges_m[nearest]))[:, ::-1].astype(int)
+    assert (np.abs(found - expected).max(axis=1) <= 8).mean() > 0.95
+
+
+def test_the_slider_moves_the_line(
+    browser: webdriver.Chrome, made: Path, street: Path, tmp_path: Path
+) -> None:
+    """Beside a transform that is 2 degrees off."""
+    T_off = apply_twist(read_transform(made / "c.yaml"), np.array([0.0, 0.0, 0.0, 0.0, 0.035, 0.0]))
+    (tmp_path / "off.yaml").write_text("T_camera_lidar: " + str(T_off.tolist()))
+    report = read_report_input(read_drive(street), made / "c.yaml", tmp_path / "off.yaml")
+    write_report(report, tmp_path / "r.html")
+    browser.get((tmp_path / "r.html").as_uri())
+    assert "pixels in the median" in browser.find_element(By.CSS_SELECTOR, ".look p").text
+    slider = browser.find_element(By.CSS_SELECTOR, ".picture input")
+    before = browser.find_element(By.CSS_SELECTOR, ".picture .before")
     assert "50%" in before.value_of_css_property("clip-path")
-    page.execute_script("arguments[0].scrollIntoView({block: 'center'})", slider)
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", slider)
     width = slider.size["width"]
-    ActionChains(page).move_to_element(slider).click_and_hold().move_by_offset(
+    ActionChains(browser).move_to_element(slider).click_and_hold().move_by_offset(
         width // 4, 0
     ).release().perform()
     moved = float(re.search(r"([\d.]+)%", before.value_of_css_property("clip-path"))[1])  # type: ignore[index]
@@ -141,4 +220,4 @@ def test_a_page_without_pictures_and_before_has_no_complaint(
     browser.get((tmp_path / "r.html").as_uri())
     assert [entry for entry in browser.get_log("browser") if entry["level"] == "SEVERE"] == []
     assert hostile in browser.find_element(By.CLASS_NAME, "files").text
-    assert not browser.find_elements(By.CSS_SELECTOR, ".slider")
+    assert not browser.find_elements(By.CSS_SELECTOR, ".picture input")

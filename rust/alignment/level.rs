@@ -14,7 +14,7 @@ use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{Sampled, ShareMap};
 use crate::spherical::to_f64;
 use crate::thinning::{stride, thinned};
-use crate::visibility::{hidden, project_points};
+use crate::visibility::hidden_points;
 
 /// Weight, in points, of pairs that a batch has not seen: their pointwise mutual information has to be finite.
 const LEAST_WEIGHT: f64 = 0.1;
@@ -59,7 +59,7 @@ impl Level {
         let of_frame = |(index, frame): (usize, &Frame)| {
             let hidden = match counted {
                 Counted::All => Vec::new(),
-                Counted::Visible => hidden(camera, &project_points(camera, &frame.points, pose)),
+                Counted::Visible => hidden_points(camera, &frame.points, pose),
             };
             let seen = |i: &usize| frame.point_classes[*i] != NO_CLASS && !hidden.get(*i).is_some_and(|h| *h);
             let mut samples = Vec::new();

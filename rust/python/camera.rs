@@ -11,7 +11,7 @@ use super::poses::isometry;
 use super::threads::detached;
 use crate::camera::Camera;
 use crate::error::Result;
-use crate::visibility::{self, Projected};
+use crate::visibility;
 
 #[pyclass(name = "Camera", frozen)]
 pub(super) struct PyCamera(pub(super) Camera);
@@ -77,16 +77,18 @@ pub(super) fn project_points(
     t_camera_lidar: PyReadonlyArray2<f64>,
 ) -> PyResult<PyProjected> {
     let (points, pose) = (rows("points", &points)?, isometry(&t_camera_lidar)?);
-    let (projected, is_hidden) = detached(py, || {
+    let (mut pixels, mut ranges, mut is_hidden) =
+        (vec![[f64::NAN; 2]; points.len()], vec![f64::NAN; points.len()], vec![false; points.len()]);
+    detached(py, || {
         let projected = visibility::project_points(&camera.0, &points, &pose);
-        let is_hidden = visibility::hidden(&camera.0, &projected);
-        (projected, is_hidden)
+        for (point, hidden) in projected.iter().zip(visibility::hidden(&camera.0, &projected)) {
+            pixels[point.index] = point.pixel.into();
+            ranges[point.index] = point.range;
+            is_hidden[point.index] = hidden;
+        }
     });
-    let pixel = |point: &Option<Projected>| point.map_or([f64::NAN; 2], |point| point.pixel.into());
-    let ranges: Vec<f64> =
-        projected.iter().map(|point| point.map_or(f64::NAN, |point| point.range)).collect();
     Ok(PyProjected {
-        pixels: to_array2(py, &projected.iter().map(pixel).collect::<Vec<_>>())?.unbind(),
+        pixels: to_array2(py, &pixels)?.unbind(),
         ranges: ranges.into_pyarray(py).unbind(),
         is_hidden: is_hidden.into_pyarray(py).unbind(),
     })

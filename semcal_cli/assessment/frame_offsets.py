@@ -7,6 +7,7 @@ blocks of pixels do not feel borders that lie farther away than their size.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,8 +61,12 @@ def frame_offsets(
     if parts:
         starts = [np.array(part.T_camera_lidar) for part in parts for _ in range(part.num_frames)]
     offsets, half_widths = np.full((2, len(starts), 6), np.nan)
-    for frame, T_start in enumerate(starts):
-        fitted = fit_part(observations, range(frame, frame + 1), T_start)
+    with ThreadPoolExecutor() as pool:
+        frames = range(len(starts))
+        found = list(
+            pool.map(lambda frame: fit_part(observations, range(frame, frame + 1), starts[frame]), frames)
+        )
+    for frame, fitted in enumerate(found):
         if fitted is not None:
             offsets[frame] = _offsets([fitted.T_camera_lidar], T_camera_lidar)[0]
             half_widths[frame] = fitted.uncertainty.half_widths

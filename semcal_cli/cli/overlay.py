@@ -10,7 +10,6 @@ import click
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
-    choice_option,
     cue_option,
     max_points_option,
     number_option,
@@ -40,13 +39,12 @@ WITHOUT_LABELS = ("depth", "segment")
     help="Folder of the pictures, 000000.png and so on.",
 )
 @click.option("--against", type=PATH, metavar="FILE", help="Transform to show beside it.")
-@choice_option(
+@click.option(
     "--by",
-    COLORINGS,
-    default="class",
+    type=click.Choice(COLORINGS),
     help="Meaning of the colours: the class of the point; its distance from the camera; whether its class and the "
     "pixel's go together; or the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
-    "object. Distance and parts need no labels.",
+    "object. Distance and parts need no labels.  [default: class; with --against, agreement]",
 )
 @cue_option
 @number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
@@ -57,7 +55,7 @@ def overlay(
     calibration: Path,
     output: Path,
     against: Path | None,
-    by: Coloring,
+    by: Coloring | None,
     cues: tuple[Cue, ...],
     max_frames: int,
     max_points: int,
@@ -73,6 +71,7 @@ def overlay(
     from semcal_cli.formats import read_transform
     from semcal_cli.report.overlay import Overlays
 
+    by = by or ("class" if against is None else "agreement")
     given = [path for path in (against, calibration) if path is not None]
     poses = {str(path): read_transform(path) for path in given}
     paths = map(drive_file, given)

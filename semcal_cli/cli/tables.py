@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from semcal_cli.drive.camera import core_camera
 from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.result.stated import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.geometry.pose_error import PoseError
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from semcal_cli.result.uncertainty import Uncertainty
 
 LABEL_WIDTH = 17
-SEEN_AT_M = 10.0
-"""Distance at which an error of the pose is told in pixels."""
 
 
 def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
@@ -51,12 +49,7 @@ def verdict_line(calibration: Calibration) -> str:
     uncertainty = calibration.uncertainty
     if uncertainty is None:
         return labelled("verdict", verdict)
-    center_m = max(uncertainty.half_width_95_camera_center_m)
-    rotation_deg = max(uncertainty.half_width_95_rotation_deg)
-    pixels = core_camera(calibration.input.camera).pixels_per_radian
-    off_px = pixels * float(np.hypot(np.radians(rotation_deg), center_m / SEEN_AT_M))
-    figures = f"+- {1000.0 * center_m:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
-    return labelled("verdict", f"{verdict}: {figures}, {off_px:.2g} px at {SEEN_AT_M:g} m")
+    return labelled("verdict", f"{verdict}: {stated_error(uncertainty, calibration.input.camera)}")
 
 
 def labelled(label: str, line: str) -> str:

@@ -54,7 +54,9 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         version=versions()["semcal"],
         fleet=fleet,
         given=given,
-        verdict=Verdict(fleet.verdict, TITLES[fleet.verdict], SENTENCES[fleet.verdict], fleet.reasons),
+        verdict=Verdict(
+            fleet.verdict, TITLES[fleet.verdict], SENTENCES[fleet.verdict], reasons=fleet.reasons
+        ),
         notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
         known_cm=(100.0 * known[:3]).tolist(),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.priors import EXACT
+from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
@@ -18,10 +19,12 @@ SPAN_M, SPAN_DEG = 0.1, 0.5
 """Least distance that a curve reaches to either side of the pose."""
 SPAN_SIGMAS = 4.0
 """Standard errors that a curve reaches at least to either side of the pose."""
-NUM_SAMPLES = 17
+NUM_SAMPLES = 13
 """Number of samples over the whole curve."""
-NUM_NEAR, NEAR_SIGMAS = 9, 2.0
+NUM_NEAR, NEAR_SIGMAS = 5, 2.0
 """Number of samples near the pose, and the standard errors that they span to either side of it."""
+NUM_ALONG, SLACK_DEG = 41, 0.5
+"""Number of pixels along each side of a picture whose rays bound the view, and what may lie between them."""
 NAMES = (
     "camera centre x, to the right",
     "camera centre y, down",
@@ -69,23 +72,52 @@ def information_curves(
     sigmas: list[float | None] = [None] * 6
     if uncertainty is not None:
         sigmas = [*uncertainty.sigma_camera_center_m, *uncertainty.sigma_rotation_deg]
+    offsets = [_offsets(axis, sigma) for axis, sigma in enumerate(sigmas)]
+    poses = [_moved(T_camera_lidar, axis, offset) for axis in range(6) for offset in offsets[axis].tolist()]
+    reach_m, reach_deg = max(of[-1] for of in offsets[:3]), max(of[-1] for of in offsets[3:])
+    core = _in_reach(observations, T_camera_lidar, float(reach_m), float(reach_deg)).core
+    nats = iter([_core.agreement(core, T).mutual_information for T in poses])
     curves = []
     for axis, (name, sigma) in enumerate(zip(NAMES, sigmas, strict=True)):
-        span = max(SPAN_M if axis < 3 else SPAN_DEG, SPAN_SIGMAS * (sigma or 0.0))
-        # An axis that is as good as exactly known has no scale of its own.
-        near = NEAR_SIGMAS * (sigma if sigma is not None and sigma > EXACT else 0.02 * span)
-        wide = np.linspace(-span, span, NUM_SAMPLES)
-        offsets = np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)])
-        offsets.sort()
-        nats = [
-            _core.agreement(observations.core, _moved(T_camera_lidar, axis, offset)).mutual_information
-            for offset in offsets.tolist()
-        ]
         scale, unit = (100.0, "cm") if axis < 3 else (1.0, "deg")
-        curves.append(
-            Curve(name, unit, scale * offsets, np.array(nats), None if sigma is None else scale * sigma)
-        )
+        of_axis = np.array([next(nats) for _ in offsets[axis]])
+        of_unit = None if sigma is None else scale * sigma
+        curves.append(Curve(name, unit, scale * offsets[axis], of_axis, of_unit))
     return curves
+
+
+def _offsets(axis: int, sigma: float | None) -> npt.NDArray[np.float64]:
+    """Offsets (n,) of the samples along an axis, in metres or degrees: evenly spaced, and denser near the pose."""
+    span = max(SPAN_M if axis < 3 else SPAN_DEG, SPAN_SIGMAS * (sigma or 0.0))
+    # An axis that is as good as exactly known has no scale of its own.
+    near = NEAR_SIGMAS * (sigma if sigma is not None and sigma > EXACT else 0.02 * span)
+    wide = np.linspace(-span, span, NUM_SAMPLES)
+    return np.sort(np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)]))
+
+
+def _in_reach(
+    observations: Observations, T_camera_lidar: Pose, reach_m: float, reach_deg: float
+) -> Observations:
+    """Keep the points that a camera may see which is moved by no more than this: the others only take time."""
+    camera = observations.camera
+    u, v = np.meshgrid(
+        np.linspace(-0.5, camera.width - 0.5, NUM_ALONG), np.linspace(-0.5, camera.height - 0.5, NUM_ALONG)
+    )
+    rays = core_camera(camera).unproject(np.stack([u.ravel(), v.ravel()], axis=1))
+    if not np.isfinite(rays).all():
+        return observations
+    half_view = np.arccos(rays[:, 2].min()) + np.radians(reach_deg + SLACK_DEG)
+    R, t = T_camera_lidar[:3, :3], T_camera_lidar[:3, 3]
+    clouds = []
+    for cloud in observations.clouds:
+        if cloud.shares is not None or cloud.partitions is not None:
+            return observations
+        points = cloud.points @ R.T + t
+        distances = np.maximum(np.linalg.norm(points, axis=1), 1e-9)
+        angles = np.arccos(np.clip(points[:, 2] / distances, -1.0, 1.0))
+        kept = angles <= half_view + np.arcsin(np.minimum(reach_m / distances, 1.0))
+        clouds.append(replace(cloud, points=cloud.points[kept], classes=cloud.classes[kept]))
+    return observations.with_clouds(clouds)
 
 
 def _moved(T_camera_lidar: Pose, axis: int, offset: float) -> Pose:

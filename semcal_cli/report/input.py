@@ -111,10 +111,10 @@ def make_report_input(
 
 
 def _first_stage(record: Calibration) -> tuple[str, Pose] | None:
-    name, stage = next(iter(record.stages.items()), (None, None))
-    if name is None or stage is None or stage.T_camera_lidar == record.T_camera_lidar:
+    stage = next(iter(record.stages.values()), None)
+    if stage is None or stage.T_camera_lidar == record.T_camera_lidar:
         return None
-    return f"what the first stage, {name}, arrived at", np.array(stage.T_camera_lidar)
+    return "the first stage", np.array(stage.T_camera_lidar)
 
 
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:

@@ -35,6 +35,8 @@ AGREEMENT_COLORS = {
     "disagree": (213, 94, 0),
     "hidden from the camera": (120, 120, 120),
 }
+AGREES, DISAGREES, HIDDEN, NO_PAIR = range(4)
+"""Indices in `AGREEMENT_COLORS`, and that of points without a label on either side."""
 DEPTHS_M = (2.0, 100.0)
 """Depths at which the colours begin and end, on a logarithmic scale; the legend names some between."""
 DEPTH_STEPS_M = (2, 5, 10, 20, 50, 100)
@@ -62,11 +64,16 @@ class Seen(NamedTuple):
     """Points that project into an image, farthest first."""
 
     indices: npt.NDArray[np.intp]
-    pixels: npt.NDArray[np.intp]
-    """(M, 2), (u, v), nearest pixels."""
+    positions: npt.NDArray[np.float64]
+    """(M, 2), (u, v)."""
     ranges_m: npt.NDArray[np.float64]
     """(M,) distances from the camera."""
     is_hidden: npt.NDArray[np.bool_]
+
+    @property
+    def pixels(self) -> npt.NDArray[np.intp]:
+        """(M, 2), (u, v), nearest pixels."""
+        return np.rint(self.positions).astype(np.intp)
 
 
 def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camera: Camera) -> Seen:
@@ -75,8 +82,7 @@ def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camer
     ranges = projected.ranges
     seen = np.flatnonzero(np.isfinite(ranges))
     seen = seen[np.argsort(-ranges[seen], kind="stable")]
-    pixels = np.rint(projected.pixels[seen]).astype(np.intp)
-    return Seen(seen, pixels, ranges[seen], projected.is_hidden[seen])
+    return Seen(seen, projected.pixels[seen], ranges[seen], projected.is_hidden[seen])
 
 
 def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Image:
@@ -150,9 +156,22 @@ class Overlays:
         """
         camera = self.observations.camera
         images, legend = self.draw(frame)
+        images = {self.strip(frame, caption): image for caption, image in images.items()}
         image = before_after(images, stacked=camera.width >= WIDE * camera.height)
         swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
         write_image(np.vstack([image, draw_legend(list(legend), swatches, image.shape[1])]), path)
+
+    def strip(self, frame: int, caption: str) -> str:
+        """Name a frame, how many of its points agree at the pose of a caption, and the pose."""
+        observations, words = self.observations, [self.drive.frames[frame].points]
+        if observations.point_class_names and observations.image_class_names:
+            seen = points_in_image(
+                observations.clouds[frame].points, self.poses[caption], observations.camera
+            )
+            kinds = kinds_of(observations, frame, seen, self.together)
+            agreeing, judged = (kinds == AGREES).sum(), (kinds <= DISAGREES).sum()
+            words += [f"{100.0 * agreeing / judged:.1f} % agree"] if judged else []
+        return "   ".join([*words, caption])
 
     def draw(self, frame: int) -> tuple[dict[str, Image], Legend]:
         """Draw the points of a frame, numbered from 0, at each pose: images by caption, and the legend of the colours.
@@ -179,12 +198,12 @@ class Overlays:
         """Pixels (M, 2) and colours (M, 3) of the dots, with their legend."""
         if self.by == "depth":
             shown = ~seen.is_hidden
-            steps = map(tuple, _depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist())
+            steps = map(tuple, depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist())
             legend = {f"{step} m": color for step, color in zip(DEPTH_STEPS_M, steps, strict=True)}
-            return seen.pixels[shown], _depth_colors(seen.ranges_m[shown]), legend
+            return seen.pixels[shown], depth_colors(seen.ranges_m[shown]), legend
         if self.by == "agreement":
             colors = np.array(list(AGREEMENT_COLORS.values()), np.uint8)[:, ::-1]
-            pixels, kinds = by_agreement(self.observations, frame, seen, self._together)
+            pixels, kinds = by_agreement(self.observations, frame, seen, self.together)
             return (
                 pixels,
                 colors[kinds],
@@ -206,7 +225,8 @@ class Overlays:
         return _core.segment_sweeps(clouds, SegmentationConfig())
 
     @cached_property
-    def _together(self) -> npt.NDArray[np.bool_]:
+    def together(self) -> npt.NDArray[np.bool_]:
+        """Classes of points and of pixels that go together at the last pose."""
         return goes_together(self.observations, list(self.poses.values())[-1])
 
 
@@ -222,10 +242,20 @@ def by_agreement(
     observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Pixels of labelled points on labelled pixels, and the index in `AGREEMENT_COLORS` of each."""
+    kinds = kinds_of(observations, frame, seen, together)
+    labelled = kinds != NO_PAIR
+    return seen.pixels[labelled], kinds[labelled]
+
+
+def kinds_of(
+    observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
+) -> npt.NDArray[np.intp]:
+    """Index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label."""
     point, pixel = _pairs(observations, frame, seen)
     labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
-    kinds = np.where(seen.is_hidden[labelled], 2, ~together[point[labelled], pixel[labelled]])
-    return seen.pixels[labelled], kinds
+    kinds = np.full(len(point), NO_PAIR, np.intp)
+    kinds[labelled] = np.where(seen.is_hidden[labelled], HIDDEN, ~together[point[labelled], pixel[labelled]])
+    return kinds
 
 
 def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
@@ -249,15 +279,23 @@ def _pairs(
     return observations.clouds[frame].classes[seen.indices], image[rows, columns]
 
 
-def _depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
+def depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
     """(N, 3) blue, green, red: red near by, blue far away."""
     if len(ranges_m) == 0:
         return np.zeros((0, 3), np.uint8)
+    return level_colors(depth_levels(ranges_m))
+
+
+def depth_levels(ranges_m: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
+    """Level (N,) of each distance from the camera, on a logarithmic scale: 255 near by, 0 far away."""
     near, far = np.log(DEPTHS_M)
     share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
-    levels = np.rint(255.0 * (1.0 - share)).astype(np.uint8).reshape(-1, 1)
-    colors: Colors = cv2.applyColorMap(levels, cv2.COLORMAP_TURBO).reshape(-1, 3).astype(np.uint8)
-    return colors
+    return np.asarray(np.rint(255.0 * (1.0 - share)), np.uint8)
+
+
+def level_colors(levels: npt.NDArray[np.uint8]) -> Colors:
+    """Colours (N, 3) of levels (N,)."""
+    return np.asarray(cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)
 
 
 def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) -> Image:
@@ -277,18 +315,26 @@ def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) 
 
 def _background(drive: Drive, observations: Observations, frame: int) -> Image:
     """The image of a frame, dimmed; without an image, its label image at half strength."""
-    name = drive.frames[frame].image
-    if name is None and not observations.image_class_names:
+    image, is_photograph = picture_of(drive, observations, frame)
+    return _dim(image) if is_photograph else (LABEL_STRENGTH * image).astype(np.uint8)
+
+
+def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:
+    """Read the image of a frame, and tell whether it is a photograph: without one, it is the label image in colours.
+
+    Raises:
+        InputError: the frame has neither, or its image is wrong.
+    """
+    image = read_frame_image(drive, drive.frames[frame])
+    if image is not None:
+        return image, True
+    if not observations.image_class_names:
         key = drive.frames[frame].key("image")
         raise InputError(f"{drive.path}: {key}: found nothing, needed a picture, or labels to show instead")
-    if name is None:
-        _, colors = palettes(observations)
-        table = np.zeros((256, 3), dtype=np.uint8)
-        table[: len(colors)] = (LABEL_STRENGTH * colors).astype(np.uint8)
-        return table[observations.images[frame].classes]
-    image = read_frame_image(drive, drive.frames[frame])
-    assert image is not None
-    return _dim(image)
+    _, colors = palettes(observations)
+    table = np.zeros((256, 3), dtype=np.uint8)
+    table[: len(colors)] = colors
+    return table[observations.images[frame].classes], False
 
 
 def _dim(image: Image) -> Image:

@@ -18,9 +18,9 @@ from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
-from semcal_cli.report.frames import MAX_BYTES, data_uri, frame_images
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import files, notations
+from semcal_cli.report.pictures import MAX_BYTES, MAX_FRAMES, data_uri, make_pictures
 from semcal_cli.report.plots import BOX, FRAMES_BOX, FramesPlot, frames_plots, plots
 from semcal_cli.report.registration import RegistrationPictures
 from semcal_cli.report.template import ENVIRONMENT, source
@@ -87,7 +87,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     made_by = record.settings.versions if record else versions()
     before = None if report.before is None else _core.agreement(observations.core, report.before[1])
     progress("drawing points on pictures")
-    frames, legend = frame_images(report)
+    pictures = make_pictures(report.overlays(MAX_FRAMES))
     progress("following the mutual information along six axes")
     curves = information_curves(observations, T, record.uncertainty if record else None)
     progress("calibrating each frame on its own")
@@ -99,7 +99,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     progress("writing the page")
     return ENVIRONMENT.get_template("report/page.html").render(
         style=source("page.css"),
-        script=source("copy.js", "page.js"),
+        script=source("copy.js", "picture.js", "pictures.js", "cloud.js", "page.js"),
         report=report,
         record=record,
         verdict=verdict(report),
@@ -110,8 +110,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
         files=files(T),
-        frames=frames,
-        legend=legend,
+        pictures=pictures,
         registration=None if registration is None else data_uri(registration.draw(0), MAX_BYTES),
         classes=class_agreements(observations, agreement, before),
         plots=plots(curves),

@@ -7,25 +7,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets
-from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
 from semcal_cli.files.messages import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.input import ReportInput
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.stated import figure, image_radius_px, stated_error
 from semcal_cli.result.uncertainty import Uncertainty
 
 DEPTHS_M = 10.0, 50.0
 """Depths at which the error of a point's place in the image is stated."""
-
-STEP = 1e-4
-NORMAL_95 = 1.959964
-"""Standard errors to either side that contain 95 % of a normal distribution."""
-ELLIPSE_95 = 2.447747
-"""Standard errors that contain 95 % of a normal distribution in two dimensions: root of the chi-square quantile."""
 
 TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
 
@@ -40,6 +33,8 @@ class Verdict:
     """The status in words."""
     sentence: str
     """What it means."""
+    figures: str = ""
+    """How good the transform is: intervals, and pixels some way ahead."""
     reasons: tuple[str, ...] = ()
     """What speaks against the transform, each a sentence."""
 
@@ -60,7 +55,7 @@ def verdict(report: ReportInput) -> Verdict:
             "Not assessed here",
             f"Where it was computed it was found {record.status.replace('_', ' ')}. What follows was measured on other "
             "data; semcal verify tells whether it holds there.",
-            record.reasons,
+            reasons=record.reasons,
         )
     sentence = {
         "trusted": "Nothing was found that speaks against it.",
@@ -71,7 +66,8 @@ def verdict(report: ReportInput) -> Verdict:
         sentence = (
             f"This is SOIC's answer, made to be compared with; it cannot tell how sure it is. {sentence}"
         )
-    return Verdict(record.status, TITLES[record.status], sentence, record.reasons)
+    figures = "" if record.uncertainty is None else stated_error(record.uncertainty, record.input.camera)
+    return Verdict(record.status, TITLES[record.status], sentence, figures, record.reasons)
 
 
 def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
@@ -82,9 +78,9 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
     x, y, z = (100.0 * half for half in found.half_width_95_camera_center_m)
     pitch, yaw, roll = found.half_width_95_rotation_deg
     sentences = [
-        f"The camera is within {_figure(x)} cm of the stated place to its right or left, {_figure(y)} cm up or down, "
-        f"and {_figure(z)} cm forward or back; its rotation is within {_figure(pitch)} degrees in pitch, "
-        f"{_figure(yaw)} in yaw and {_figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
+        f"The camera is within {figure(x)} cm of the stated place to its right or left, {figure(y)} cm up or down, "
+        f"and {figure(z)} cm forward or back; its rotation is within {figure(pitch)} degrees in pitch, "
+        f"{figure(yaw)} in yaw and {figure(roll)} in roll. Each of these holds in 95 of 100 calibrations.",
         *_in_the_image(found, camera),
         *(f"Weak {direction}." for direction in found.weak_directions),
     ]
@@ -92,8 +88,8 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         moved_cm = 100.0 * math.hypot(*found.label_bleed.camera_center_m)
         turned_deg = math.hypot(*found.label_bleed.rotation_deg)
         sentences.append(
-            f"If labels of all pictures bled by one pixel, the camera would come out {_figure(moved_cm)} cm and "
-            f"{_figure(turned_deg)} degrees elsewhere: more frames do not cure that, better labels do."
+            f"If labels of all pictures bled by one pixel, the camera would come out {figure(moved_cm)} cm and "
+            f"{figure(turned_deg)} degrees elsewhere: more frames do not cure that, better labels do."
         )
     if found.intrinsics_cost is not None:
         moved_m, turned_deg = found.intrinsics_cost.together
@@ -104,7 +100,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         )
         sentences.append(
             f"If cx and cy were off by 1 pixel and fx and fy by 0.1 %, the camera would come out "
-            f"{_figure(100.0 * moved_m)} cm and {_figure(turned_deg)} degrees elsewhere. All frames share K, so "
+            f"{figure(100.0 * moved_m)} cm and {figure(turned_deg)} degrees elsewhere. All frames share K, so "
             f"more frames do not cure that: {includes}."
         )
     if record.repeatability is not None:
@@ -112,7 +108,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         far_cm, far_deg = 100.0 * repeated.farthest_camera_center_m, repeated.farthest_rotation_deg
         failed = f"; {repeated.num_failed} gave no answer" if repeated.num_failed else ""
         sentences.append(
-            f"{repeated.num_seeds} seeds lead to poses up to {_figure(far_cm)} cm and {_figure(far_deg)} degrees apart "
+            f"{repeated.num_seeds} seeds lead to poses up to {figure(far_cm)} cm and {figure(far_deg)} degrees apart "
             f"from it{failed}."
         )
     return sentences
@@ -135,7 +131,7 @@ def frame_sentences(found: FrameOffsets, names: Sequence[str], num_parts: int) -
         which = f" Others are of {listed(names[frame] for frame in beyond)}." if beyond else ""
         sentences.append(
             f"{int(is_within.sum())} of {6 * int(determined.sum())} intervals contain {fitted}, about which the frames "
-            f"scatter by {_figure(far_cm)} cm and {_figure(far_deg)} degrees.{which}"
+            f"scatter by {figure(far_cm)} cm and {figure(far_deg)} degrees.{which}"
         )
     if not determined.all():
         nothing = listed(names[frame] for frame in np.flatnonzero(~determined).tolist())
@@ -167,44 +163,13 @@ def _why_unknown(record: Calibration) -> str:
 
 
 def _in_the_image(found: Uncertainty, camera: Camera) -> list[str]:
-    """State where points straight ahead project: longest half axis of the 95 % ellipse, first order in the twist.
-
-    Nothing can be said of a lens that folds on its optical axis.
-    """
-    covariance = np.array(found.covariance)
-    half_widths = np.array(
-        [*found.half_width_95_camera_center_m, *np.radians(found.half_width_95_rotation_deg)]
-    )
-    sigmas = np.sqrt(np.diag(covariance))
-    # The factor by which Student's t is wider than a normal distribution, at the axis where it is largest.
-    wider = max(1.0, float((half_widths[sigmas > 0.0] / (NORMAL_95 * sigmas[sigmas > 0.0])).max(initial=1.0)))
+    """State where points straight ahead project; nothing can be said of a lens that folds on its optical axis."""
     parts = []
     for depth_m in DEPTHS_M:
-        motions = _motions(camera, depth_m)
-        if not np.isfinite(motions).all():
+        radius_px = image_radius_px(found, camera, depth_m)
+        if radius_px is None:
             return []
-        scatter = motions @ covariance @ motions.T
-        radius_px = ELLIPSE_95 * wider * math.sqrt(max(float(np.linalg.eigvalsh(scatter)[-1]), 0.0))
-        parts.append(f"{_figure(radius_px)} pixels at {depth_m:g} m")
+        parts.append(f"{figure(radius_px)} pixels at {depth_m:g} m")
     return [
         f"Points straight ahead land within {' and '.join(parts)} of their place, with the same confidence."
     ]
-
-
-def _motions(camera: Camera, depth_m: float) -> npt.NDArray[np.float64]:
-    """(2, 6) pixels by which a twist, in metres and radians, moves a point on the optical axis."""
-    ahead = np.array([0.0, 0.0, depth_m])
-    steps = STEP * depth_m * np.eye(3)
-    ends = core_camera(camera).project(np.concatenate([ahead + steps, ahead - steps]))
-    jacobian = (ends[:3] - ends[3:]).T / (2.0 * STEP * depth_m)
-    # p moves by rho + phi x p.
-    cross = np.array([[0.0, -depth_m, 0.0], [depth_m, 0.0, 0.0], [0.0, 0.0, 0.0]])
-    return np.asarray(np.hstack([jacobian, -jacobian @ cross]))
-
-
-def _figure(value: float) -> str:
-    """Format a figure with two significant digits and without an exponent."""
-    if value == 0.0:
-        return "0"
-    digits = max(0, 1 - math.floor(math.log10(abs(value))))
-    return f"{value:.{min(digits, 6)}f}"

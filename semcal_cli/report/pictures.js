@@ -1,0 +1,59 @@
+// The pictures of a page: they are drawn when they come into sight, and again when the meaning of colours changes.
+(() => {
+  const data = JSON.parse(document.getElementById("pictures-data").textContent);
+  const colors = Points.tables(data.palette);
+  const choices = [...document.querySelectorAll("input[name=colors]")];
+  const chosen = () => choices.find((each) => each.checked).value;
+  const unpacked = new Map();
+  const pointsOf = (number) => {
+    if (!unpacked.has(number)) {
+      unpacked.set(number, Points.unpack(JSON.parse(document.getElementById(`points-${number}`).textContent)));
+    }
+    return unpacked.get(number);
+  };
+
+  // What a picture shows: the frame, and the part of it in pixels.
+  const windowOf = (picture) => {
+    const { width, height, window } = picture.dataset;
+    const [left, top, wide, high] = window ? window.split(" ").map(Number) : [0, 0, 1, 1];
+    return [left * width, top * height, wide * width, high * height];
+  };
+  const show = (picture) => {
+    const points = pointsOf(picture.dataset.frame), window = windowOf(picture);
+    for (const canvas of picture.querySelectorAll("canvas")) {
+      Points.draw(canvas, points, Number(canvas.dataset.pose), chosen(), colors, window);
+    }
+  };
+
+  const pictures = [...document.querySelectorAll(".picture")], visible = new Set();
+  for (const picture of pictures) {
+    if (picture.dataset.window) {
+      // A magnified part shows the picture of its frame again.
+      const image = document.querySelector(`#frame-${picture.dataset.frame} img`).cloneNode();
+      picture.prepend(image);
+      const [left, top, wide, high] = picture.dataset.window.split(" ").map(Number);
+      Object.assign(image.style, { width: `${100 / wide}%`, height: `${100 / high}%`, left: `${-100 * left / wide}%`, top: `${-100 * top / high}%` });
+    }
+    const slider = picture.querySelector("input[type=range]");
+    if (slider) slider.addEventListener("input", () => picture.style.setProperty("--at", `${slider.value}%`));
+  }
+  const watcher = new IntersectionObserver((entries) => {
+    for (const { target, isIntersecting } of entries) {
+      if (!isIntersecting) {
+        visible.delete(target);
+      } else if (!visible.has(target)) {
+        visible.add(target);
+        show(target);
+      }
+    }
+  }, { rootMargin: "400px" });
+  for (const picture of pictures) watcher.observe(picture);
+  const choose = () => {
+    for (const legend of document.querySelectorAll("[data-colors]")) legend.hidden = legend.dataset.colors !== chosen();
+    for (const picture of visible) show(picture);
+  };
+  for (const choice of choices) choice.addEventListener("change", choose);
+  addEventListener("resize", () => visible.forEach(show));
+  addEventListener("beforeprint", () => pictures.forEach(show));
+  choose();
+})();

@@ -1,0 +1,246 @@
+"""Pictures of frames for a page, whose script draws the points on them."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.report.colors import hex_color, palettes
+from semcal_cli.report.overlay import (
+    AGREEMENT_COLORS,
+    DEPTH_STEPS_M,
+    DISAGREES,
+    Image,
+    Overlays,
+    depth_colors,
+    level_colors,
+    picture_of,
+)
+from semcal_cli.report.points import FramePoints, frame_points
+
+MAX_FRAMES = 20
+MAX_PICTURE_BYTES, MAX_POINT_BYTES = 1_600_000, 1_400_000
+"""Largest size of all pictures, and of all points, together; as base64 text they are a third longer."""
+MAX_BYTES = 250_000
+"""Largest size of one picture."""
+MAX_POINTS = 24_000
+"""Largest number of points of a picture."""
+BEST_SHARES = 3
+"""Shares of the bytes that the best picture gets, which stands first and large."""
+MAX_COLUMNS, MIN_COLUMNS = 1280, 64
+QUALITY = 60
+SHRINK = 0.95
+"""Factor on the width of an image; its bytes fall a little slower than its pixels."""
+SEEN_PX = 1.0
+"""Displacement below which nothing can be seen to move."""
+CELLS, WINDOW = 30, (3, 5)
+"""Cells across a picture in which disagreeing points are counted, and rows and columns of the magnified part."""
+MIN_DISAGREEING = 8
+"""Least number of disagreeing points in a part that is magnified."""
+
+
+@dataclass(frozen=True)
+class Crop:
+    """The part of a picture in which most points disagree."""
+
+    window: tuple[float, float, float, float]
+    """Left and upper end, width and height, as shares of the picture."""
+    num_disagreeing: int
+    num_judged: int
+
+
+@dataclass(frozen=True)
+class Picture:
+    """The picture of one frame, with its points for the page's script."""
+
+    name: str
+    """Name of the frame's point cloud."""
+    number: int
+    """Number of the frame among those shown, from 0."""
+    width: int
+    height: int
+    is_photograph: bool
+    """Whether it is a picture; label images are shown where a drive has none."""
+    uri: str
+    agreements: tuple[float | None, ...]
+    """Share of the visible points that agree, by drawn pose."""
+    points: dict[str, object]
+    """See `FramePoints.packed`."""
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Pictures of evenly spaced frames, at the poses under their captions."""
+
+    captions: tuple[str, ...]
+    """What the poses are called. If points cannot be seen to move between them, only the last one is drawn."""
+    best: Picture
+    """The picture on which most points agree."""
+    others: tuple[Picture, ...]
+    """All others, in the order of the drive."""
+    worst: tuple[Picture, Crop] | None
+    """The part of all pictures in which most points disagree."""
+    moved_px: tuple[float, float] | None
+    """Median and 95 % quantile of the pixels by which points move between the poses; None for one pose."""
+    palette: dict[str, list[list[int]]]
+    """Red, green and blue by class, by level of depth, and by agreement."""
+    legends: dict[str, dict[str, str]]
+    """Colour of each name, #rrggbb, by what colours say."""
+
+    @property
+    def is_moved(self) -> bool:
+        """Whether points can be seen to move between the poses."""
+        return self.moved_px is not None and self.moved_px[1] >= SEEN_PX
+
+    @property
+    def num_frames(self) -> int:
+        """Number of pictures."""
+        return 1 + len(self.others)
+
+
+def make_pictures(overlays: Overlays) -> Pictures:
+    """Project the points of all frames, choose the best picture, and pack all, in parallel.
+
+    Args:
+        overlays: Frames, at most `MAX_FRAMES`, and poses.
+
+    Raises:
+        InputError: an image is missing or wrong.
+    """
+    observations, poses = overlays.observations, list(overlays.poses.values())
+    together = overlays.together
+    numbers = range(observations.num_frames)
+    with ThreadPoolExecutor() as pool:
+        projected = list(
+            pool.map(lambda number: frame_points(observations, number, poses, together), numbers)
+        )
+        moved_px = _moved_px(projected) if len(poses) > 1 else None
+        if moved_px is not None and moved_px[1] < SEEN_PX:
+            projected = [replace(points, poses=points.poses[-1:]) for points in projected]
+        best = _best(projected)
+        made = list(pool.map(_packer(overlays, projected, best), numbers))
+    return Pictures(
+        captions=tuple(overlays.poses),
+        best=made[best],
+        others=tuple(picture for number, picture in enumerate(made) if number != best),
+        worst=_worst(projected, made),
+        moved_px=moved_px,
+        palette=color_tables(overlays),
+        legends=_legends(overlays, projected),
+    )
+
+
+def _best(projected: Sequence[FramePoints]) -> int:
+    """Find the frame on which most points agree, of those that do not show much less than others."""
+    shown = [points.poses[-1] for points in projected]
+    enough = 0.5 * float(np.median([points.num_judged for points in shown]))
+    return max(
+        range(len(shown)),
+        key=lambda frame: (shown[frame].num_judged >= enough, shown[frame].agreement or 0.0, -frame),
+    )
+
+
+def _packer(overlays: Overlays, projected: Sequence[FramePoints], best: int) -> Callable[[int], Picture]:
+    num_shares = len(projected) + BEST_SHARES - 1
+    bytes_per_point = 1 + 6 * len(projected[0].poses)
+
+    def pack(number: int) -> Picture:
+        share = BEST_SHARES if number == best else 1
+        points = projected[number]
+        few = points.thinned(min(MAX_POINTS, share * MAX_POINT_BYTES // (num_shares * bytes_per_point)))
+        image, is_photograph = picture_of(overlays.drive, overlays.observations, number)
+        height, width = image.shape[:2]
+        return Picture(
+            name=overlays.drive.frames[number].points,
+            number=number,
+            width=width,
+            height=height,
+            is_photograph=is_photograph,
+            uri=data_uri(image, min(MAX_BYTES, share * MAX_PICTURE_BYTES // num_shares)),
+            agreements=tuple(pose.agreement for pose in points.poses),
+            points=few.packed(width, height),
+        )
+
+    return pack
+
+
+def _worst(projected: Sequence[FramePoints], made: Sequence[Picture]) -> tuple[Picture, Crop] | None:
+    crops = [_crop(points, picture) for points, picture in zip(projected, made, strict=True)]
+    worst = max(range(len(made)), key=lambda frame: (crops[frame].num_disagreeing, -frame))
+    return (made[worst], crops[worst]) if crops[worst].num_disagreeing >= MIN_DISAGREEING else None
+
+
+def _crop(points: FramePoints, picture: Picture) -> Crop:
+    """Find the part of a picture in which most points disagree."""
+    pose = points.poses[-1]
+    size_px = picture.width / CELLS
+    rows = max(WINDOW[0], math.ceil(picture.height / size_px))
+    judged = pose.is_visible & (pose.kinds <= DISAGREES)
+    cells = np.floor((pose.positions[judged] + 0.5) / size_px).astype(np.intp)
+    u, v = cells[:, 0].clip(0, CELLS - 1), cells[:, 1].clip(0, rows - 1)
+    counts = np.zeros((2, rows, CELLS))
+    np.add.at(counts[0], (v, u), pose.kinds[judged] == DISAGREES)
+    np.add.at(counts[1], (v, u), 1.0)
+    sums = np.lib.stride_tricks.sliding_window_view(counts, WINDOW, axis=(1, 2)).sum(axis=(3, 4))
+    row, column = np.unravel_index(int(sums[0].argmax()), sums[0].shape)
+    height = min(WINDOW[0] * size_px / picture.height, 1.0)
+    top = min(row * size_px / picture.height, 1.0 - height)
+    window = float(column / CELLS), float(top), WINDOW[1] / CELLS, float(height)
+    return Crop(window, int(sums[0, row, column]), int(sums[1, row, column]))
+
+
+def _moved_px(projected: Sequence[FramePoints]) -> tuple[float, float]:
+    moved = np.concatenate([points.moved_px() for points in projected])
+    if len(moved) == 0:
+        return math.inf, math.inf
+    return float(np.median(moved)), float(np.quantile(moved, 0.95))
+
+
+def color_tables(overlays: Overlays) -> dict[str, list[list[int]]]:
+    """List red, green and blue by class, by level of depth, and by agreement."""
+    of_points, _ = palettes(overlays.observations)
+    return {
+        "class": of_points[:, ::-1].tolist(),
+        "depth": level_colors(np.arange(256, dtype=np.uint8))[:, ::-1].tolist(),
+        "agreement": [list(color) for color in AGREEMENT_COLORS.values()],
+    }
+
+
+def _legends(overlays: Overlays, projected: Sequence[FramePoints]) -> dict[str, dict[str, str]]:
+    names = overlays.observations.point_class_names
+    of_points, _ = palettes(overlays.observations)
+    shown = [points.classes[points.poses[-1].is_visible] for points in projected]
+    present = [index for index in np.unique(np.concatenate(shown)).tolist() if index != NO_CLASS]
+    depths = depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist()
+    return {
+        "class": {names[index]: hex_color(tuple(of_points[index].tolist())) for index in present},
+        "depth": {
+            f"{step} m": hex_color(tuple(color)) for step, color in zip(DEPTH_STEPS_M, depths, strict=True)
+        },
+        "agreement": {name: hex_color(color[::-1]) for name, color in AGREEMENT_COLORS.items()},
+    }
+
+
+def data_uri(image: Image, max_bytes: int) -> str:
+    """Encode an image as a data URI, and shrink it until it is small enough."""
+    columns = min(image.shape[1], MAX_COLUMNS)
+    content = _webp(image, columns)
+    while len(content) > max_bytes and columns > MIN_COLUMNS:
+        columns = max(MIN_COLUMNS, int(columns * SHRINK * math.sqrt(max_bytes / len(content))))
+        content = _webp(image, columns)
+    return f"data:image/webp;base64,{base64.b64encode(content).decode()}"
+
+
+def _webp(image: Image, columns: int) -> bytes:
+    height, width = image.shape[:2]
+    size = (columns, max(1, round(columns * height / width)))
+    small = image if columns == width else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    _, content = cv2.imencode(".webp", small, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    return content.tobytes()
