@@ -34,13 +34,14 @@ MAY_IMPORT = {
     "labelling": "datasets",
     "bags": "datasets",
     "report": "verification",
+    "view": "report",
     "jobs": "files",
     "batch": "verification jobs",
     "rig": "verification",
     "fleet": "batch report",
     "experiments": "jobs baselines datasets report",
     "schemas": "batch rig fleet labelling",
-    "cli": "library labelling bags experiments schemas",
+    "cli": "library labelling bags view experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
 import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""
@@ -68,6 +69,7 @@ WITH_OPENCV = {
     "assessment/uncertainty",
     "baselines/soic",
     "report",
+    "view/session",
 }
 WITH_SCIPY = {"fleet/consensus"}
 

@@ -14,6 +14,8 @@ Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
 Unit: TypeAlias = Literal["cm", "deg"]
 
 AXES = ("x", "y", "z")
+UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm"}
+"""Units in words."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,13 @@ def judge(
         width = None if of_part is None else float(np.linalg.norm(along * of_part))
         checks.append(_check(f"{name} in all", unit, length, width, allowed))
     return tuple(checks)
+
+
+def figures(check: Check) -> str:
+    """Tell a check's offset, its interval and its limit in words."""
+    unit = UNITS[check.unit]
+    half = f"{unit}, interval not known" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
+    return f"{check.offset + 0.0:.3f} {half}, allowed {check.allowed:g}"
 
 
 def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:

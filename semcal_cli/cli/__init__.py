@@ -35,6 +35,7 @@ from semcal_cli.cli.report import report
 from semcal_cli.cli.sections import Sections
 from semcal_cli.cli.synth import synth
 from semcal_cli.cli.verify import verify
+from semcal_cli.cli.view import view
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.files.picture_sizes import MAX_PIXELS
 
@@ -49,7 +50,7 @@ def semcal() -> None:
 
 COMMANDS = (
     *(calibrate, initialize, refine, evaluate, verify, compare, convert, batch, fleet),
-    *(overlay, report, inspect, import_, export, label, synth, experiment, demo, completion),
+    *(view, overlay, report, inspect, import_, export, label, synth, experiment, demo, completion),
 )
 for command in COMMANDS:
     semcal.add_command(command)

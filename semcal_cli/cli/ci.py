@@ -34,7 +34,6 @@ INCONCLUSIVE_CODES: dict[Inconclusive, int] = {"error": 4, "fail": 3, "skip": 0}
 ELEMENTS: dict[Inconclusive, str] = {"error": "error", "fail": "failure", "skip": "skipped"}
 Level: TypeAlias = Literal["notice", "warning", "error"]
 LEVELS: dict[Verdict, Level] = {"pass": "notice", "fail": "error", "inconclusive": "warning"}
-UNITS = {"deg": "degrees", "cm": "cm"}
 MAX_CASES = 20
 """Most cases that an annotation names; files name all."""
 
@@ -46,14 +45,6 @@ def check_line(check: Check, width: int = 21) -> str:
         f"{check.name:<{width}}{check.offset:10.4f} {half} {check.unit:<4} "
         f"allowed {check.allowed:<8g}{check.verdict}"
     )
-
-
-def figures(check: Check) -> str:
-    """Tell a check's offset, its interval and its limit in words."""
-    half = (
-        "interval not known" if check.half_width is None else f"+- {check.half_width:.3f} {UNITS[check.unit]}"
-    )
-    return f"{check.offset + 0.0:.3f} {half}, allowed {check.allowed:g}"
 
 
 @dataclass(frozen=True)
@@ -68,6 +59,8 @@ class Case:
     @classmethod
     def of_check(cls, check: Check) -> Case:
         """Make a test case from a check."""
+        from semcal_cli.assessment.limits import figures
+
         return cls(check.name, check.verdict, figures(check))
 
 

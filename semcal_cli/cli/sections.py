@@ -24,6 +24,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "evaluate": "Print how far a transform is from a reference.",
         "report": "Write a page about a transform, to send around.",
         "overlay": "Draw the points on the pictures.",
+        "view": "Move the points on the pictures by hand, and save.",
     },
     "Export": {
         "convert": "Write a transform in the format of another tool.",

@@ -36,6 +36,9 @@ from semcal_cli.cli.search import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits
 
 if TYPE_CHECKING:
+    from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.cli.terminal import Terminal
+    from semcal_cli.drive.loading import LoadedDrive
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.verification import Verification
 
@@ -53,6 +56,16 @@ if TYPE_CHECKING:
 @limit_options(may_be_zero=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
+@click.option(
+    "--report", "page", type=OUTPUT_FILE, metavar="FILE", help="Also write a page about the verdict: .html."
+)
+@click.option(
+    "--overlay",
+    "images",
+    type=PATH,
+    metavar="DIR",
+    help="Also draw the points on at most 20 pictures, as the transform and as the one that was found put them.",
+)
 @inconclusive_option
 @seed_option
 @threads_option
@@ -65,6 +78,8 @@ def verify(
     threads: int | None,
     as_json: bool,
     junit: Path | None,
+    page: Path | None,
+    images: Path | None,
     inconclusive: Inconclusive,
     max_points: int,
     quiet: bool,
@@ -81,12 +96,13 @@ def verify(
         raise click.UsageError("--json, --junit: would both write to standard output: give --junit a file")
     start, subject = perf_counter(), f"{drive}, {options['calibration']}"
     # The JUnit file must not replace an input; neither must a log.
-    outputs = Outputs(log=junit)
+    outputs = Outputs(log=junit, page=page, images=images)
     with errors_reported("verify", subject, junit, [drive, options["calibration"]]):
         initial_pose, config, limits = settings_of(options)
         asked = RunOptions(threads, quiet, max_points)
         with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
             found = check(data, initial_pose, limits, config.seed, terminal.on_event)
+            _illustrate(found, data, initial_pose, outputs, terminal)
     cases = [Case.of_check(check) for check in found.checks]
     seconds = perf_counter() - start
     report = CiReport("verify", subject, found.verdict, cases, found.reasons, seconds, inconclusive)
@@ -95,6 +111,25 @@ def verify(
     _print(found, as_json)
     report.tell_github()
     sys.exit(report.exit_code)
+
+
+def _illustrate(
+    found: Verification, data: LoadedDrive, initial_pose: InitialPose, outputs: Outputs, terminal: Terminal
+) -> None:
+    """Write the page and the pictures of a verification, where requested."""
+    if outputs.page is None and outputs.images is None:
+        return
+    from semcal_cli.cli.tables import labelled
+    from semcal_cli.events import Progress
+    from semcal_cli.report.verification import both_overlays, write_verification
+
+    if outputs.page is not None:
+        terminal.on_event(Progress("drawing points on pictures"))
+        write_verification(found, data, initial_pose, outputs.page)
+        terminal.print(labelled("report", str(outputs.page)))
+    if outputs.images is not None:
+        for path in both_overlays(found, data, initial_pose).write_all(outputs.images):
+            terminal.print(labelled("picture", str(path)))
 
 
 def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationConfig, Limits]:

@@ -52,6 +52,16 @@ def read_observations(drive: Drive, sweeps: Sweeps | None = None) -> Observation
     return make_observations(drive, clouds, moved, labelled, images, (point_table.names, image_names))
 
 
+def check_labelled(drive: Drive, clouds: Sequence[_core.PointCloud]) -> None:
+    """Check that all frames have labels of pixels and of points.
+
+    Raises:
+        InputError: a frame has none; the message names it.
+    """
+    label_paths(drive, "image_labels")
+    _point_labels(drive, clouds)
+
+
 def make_observations(
     drive: Drive,
     clouds: Sequence[_core.PointCloud],

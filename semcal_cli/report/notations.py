@@ -37,7 +37,7 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
     T_lidar_camera = inverse(T_camera_lidar)
     rotation_vector = rotation_vector_deg(T_camera_lidar)
     return [
-        Notation("T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", _matrix(T_camera_lidar)),
+        T_notation(T_camera_lidar),
         Notation("T_lidar_camera", "its inverse, p_lidar = T_lidar_camera p_camera", _matrix(T_lidar_camera)),
         Notation("camera centre x y z", "metres, in the LiDAR frame", _row(camera_center(T_camera_lidar))),
         Notation(
@@ -54,6 +54,11 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
             "rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", _row(np.radians(rotation_vector))
         ),
     ]
+
+
+def T_notation(T_camera_lidar: Pose) -> Notation:
+    """Write a transform as a matrix."""
+    return Notation("T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", _matrix(T_camera_lidar))
 
 
 def files(T_camera_lidar: Pose) -> list[Notation]:

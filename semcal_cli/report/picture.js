@@ -7,6 +7,7 @@ const Points = (() => {
   const unpack = (packed) => ({
     scale: packed.scale,
     classes: bytes(packed.classes),
+    intensities: packed.intensities ? bytes(packed.intensities) : null,
     poses: packed.poses.map((pose) => ({
       positions: new Uint16Array(bytes(pose.positions).buffer),
       kinds: bytes(pose.kinds),
@@ -23,6 +24,7 @@ const Points = (() => {
     if (choice === "agreement") return kind < NO_PAIR ? colors.agreement[kind] : 0;
     if (kind === HIDDEN) return 0;
     if (choice === "depth") return colors.depth[pose.levels[i]];
+    if (choice === "intensity") return colors.depth[points.intensities[i]];
     return colors.class[points.classes[i]] || 0;
   };
 

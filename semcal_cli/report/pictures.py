@@ -10,8 +10,10 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.observations import Observations
 from semcal_cli.report.colors import hex_color, palettes
 from semcal_cli.report.overlay import (
     AGREEMENT_COLORS,
@@ -126,14 +128,15 @@ def make_pictures(overlays: Overlays) -> Pictures:
             projected = [replace(points, poses=points.poses[-1:]) for points in projected]
         best = _best(projected)
         made = list(pool.map(_packer(overlays, projected, best), numbers))
+    shown = [points.classes[points.poses[-1].is_visible] for points in projected]
     return Pictures(
         captions=tuple(overlays.poses),
         best=made[best],
         others=tuple(picture for number, picture in enumerate(made) if number != best),
         worst=_worst(projected, made),
         moved_px=moved_px,
-        palette=color_tables(overlays),
-        legends=_legends(overlays, projected),
+        palette=color_tables(observations),
+        legends=legends(observations, np.concatenate(shown)),
     )
 
 
@@ -203,9 +206,9 @@ def _moved_px(projected: Sequence[FramePoints]) -> tuple[float, float]:
     return float(np.median(moved)), float(np.quantile(moved, 0.95))
 
 
-def color_tables(overlays: Overlays) -> dict[str, list[list[int]]]:
+def color_tables(observations: Observations) -> dict[str, list[list[int]]]:
     """List red, green and blue by class, by level of depth, and by agreement."""
-    of_points, _ = palettes(overlays.observations)
+    of_points, _ = palettes(observations)
     return {
         "class": of_points[:, ::-1].tolist(),
         "depth": level_colors(np.arange(256, dtype=np.uint8))[:, ::-1].tolist(),
@@ -213,14 +216,16 @@ def color_tables(overlays: Overlays) -> dict[str, list[list[int]]]:
     }
 
 
-def _legends(overlays: Overlays, projected: Sequence[FramePoints]) -> dict[str, dict[str, str]]:
-    names = overlays.observations.point_class_names
-    of_points, _ = palettes(overlays.observations)
-    shown = [points.classes[points.poses[-1].is_visible] for points in projected]
-    present = [index for index in np.unique(np.concatenate(shown)).tolist() if index != NO_CLASS]
+def legends(observations: Observations, classes: npt.NDArray[np.uint8]) -> dict[str, dict[str, str]]:
+    """List the colours, #rrggbb, of the classes that occur, of depths, and of agreement, by their names."""
+    of_points, _ = palettes(observations)
+    present = [index for index in np.unique(classes).tolist() if index != NO_CLASS]
     depths = depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist()
     return {
-        "class": {names[index]: hex_color(tuple(of_points[index].tolist())) for index in present},
+        "class": {
+            observations.point_class_names[index]: hex_color(tuple(of_points[index].tolist()))
+            for index in present
+        },
         "depth": {
             f"{step} m": hex_color(tuple(color)) for step, color in zip(DEPTH_STEPS_M, depths, strict=True)
         },

@@ -63,6 +63,8 @@ class PosePoints:
 class FramePoints:
     """Points of a frame that some pose puts into the picture, farthest first."""
 
+    indices: npt.NDArray[np.intp]
+    """(N,) index of each point in its cloud."""
     classes: npt.NDArray[np.uint8]
     """(N,) class of each point."""
     poses: tuple[PosePoints, ...]
@@ -71,7 +73,7 @@ class FramePoints:
         """Keep at most this number of points, evenly spaced in their order."""
         kept = np.array(evenly_spaced(range(len(self.classes)), count), np.intp)
         poses = (PosePoints(p.positions[kept], p.kinds[kept], p.levels[kept]) for p in self.poses)
-        return FramePoints(self.classes[kept], tuple(poses))
+        return FramePoints(self.indices[kept], self.classes[kept], tuple(poses))
 
     def moved_px(self) -> npt.NDArray[np.float64]:
         """Distances, in pixels, between the first and the last pose, of points that both show."""
@@ -122,7 +124,7 @@ def frame_points(
         kinds[each.indices] = np.where(each.is_hidden, HIDDEN, kinds_of(observations, frame, each, together))
         levels[each.indices] = depth_levels(each.ranges_m)
         found.append(PosePoints(positions[order], kinds[order], levels[order]))
-    return FramePoints(cloud.classes[order], tuple(found))
+    return FramePoints(order, cloud.classes[order], tuple(found))
 
 
 def _packable(positions: npt.NDArray[np.float64], scale: float) -> npt.NDArray[np.uint16]:

@@ -19,5 +19,5 @@ ENVIRONMENT = Environment(
 
 
 def source(*names: str) -> Markup:
-    """Read files of this folder, joined one after another."""
+    """Read files of this folder, or of another one of the package, joined one after another."""
     return Markup("\n").join(Markup((Path(__file__).parent / name).read_text()) for name in names)

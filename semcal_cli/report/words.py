@@ -57,6 +57,11 @@ def verdict(report: ReportInput) -> Verdict:
             "data; semcal verify tells whether it holds there.",
             reasons=record.reasons,
         )
+    return verdict_of(record)
+
+
+def verdict_of(record: Calibration) -> Verdict:
+    """Say whether the transform of a calibration may be used, and how good it is."""
     sentence = {
         "trusted": "Nothing was found that speaks against it.",
         "not_trusted": "This speaks against it:",

@@ -1,0 +1,134 @@
+"""`semcal view`: a drive that is moved by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from semcal_cli.cli.options import (
+    KNOWN_TRANSFORMS,
+    OUTPUT_FILE,
+    PATH,
+    cue_option,
+    drive_argument,
+    max_frames_option,
+    max_points_option,
+    number_option,
+    quiet_option,
+    seed_option,
+    threads_option,
+)
+from semcal_cli.config import CalibrationConfig
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from semcal_cli.config import Cue
+    from semcal_cli.drive.document import Drive
+    from semcal_cli.geometry.poses import Pose
+    from semcal_cli.view.session import Session
+
+MAX_PORT = 65_535
+
+
+@click.command(
+    help=f"""Move the points of DRIVE on its pictures by hand, as a page in a browser shows them.
+
+    CALIBRATION is where it begins: {KNOWN_TRANSFORMS}. Without one, the page offers mountings to begin with.
+    Sliders and the mouse move the camera, the page tells how well labels agree, refines from the pose, and saves it
+    for `semcal calibrate DRIVE --init FILE`. The page is served to this machine alone, at an address that holds
+    a random word; it ends with its button "Save and end", or with Ctrl-C.
+    """
+)
+@drive_argument
+@click.argument("calibration", type=PATH, required=False)
+@click.option(
+    "-o",
+    "--output",
+    type=OUTPUT_FILE,
+    metavar="FILE",
+    help="File that the page saves the transform to: .yaml, .yml or .json. The browser saves it if not given.",
+)
+@number_option("--port", default=0, least=0, most=MAX_PORT, help="Port of the page; 0 takes a free one.")
+@click.option("--open", "is_opened", is_flag=True, help="Also open the page in the browser.")
+@seed_option
+@threads_option
+@max_frames_option
+@max_points_option
+@cue_option
+@quiet_option
+def view(
+    drive: Path,
+    calibration: Path | None,
+    output: Path | None,
+    port: int,
+    is_opened: bool,
+    seed: int,
+    threads: int | None,
+    max_frames: int,
+    max_points: int,
+    cues: tuple[Cue, ...],
+    quiet: bool,
+) -> None:
+    """Show a drive on a page where it is moved by hand."""
+    from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.search import read_initial_pose
+    from semcal_cli.cli.terminal import make_console, progress_line
+    from semcal_cli.drive.document import drive_file, read_drive
+    from semcal_cli.files.documents import output_format
+    from semcal_cli.jobs.threads import set_num_threads
+    from semcal_cli.view.server import ViewServer
+
+    if "features" in cues:
+        raise click.UsageError("--cue features: points of features have no classes to show")
+    start = None if calibration is None else read_initial_pose(calibration).T_camera_lidar
+    spec = read_drive(drive, max_points)
+    if output is not None:
+        output_format(output)
+        read = [spec.path, *map(spec.resolve, spec.files())]
+        check_outputs(read + ([] if calibration is None else [drive_file(calibration)]), [output])
+    set_num_threads(threads)
+    console = make_console(quiet)
+    is_given = (
+        click.get_current_context().get_parameter_source("cues") is click.core.ParameterSource.COMMANDLINE
+    )
+    with progress_line(console) as progress:
+        progress("reading frames")
+        config = CalibrationConfig(seed, cues, max_frames)
+        session = _session(spec, config, start, output, is_given, console)
+    server = ViewServer(session, port)
+    # The address is the result of the command, and the only way to the page.
+    click.echo(server.address)
+    if is_opened:
+        click.launch(server.address)
+    server.answer_until_ended()
+
+
+def _session(
+    spec: Drive,
+    config: CalibrationConfig,
+    start: Pose | None,
+    output: Path | None,
+    is_given: bool,
+    console: Console,
+) -> Session:
+    """Load the drive; one without labels is shown without classes, unless a cue was asked for."""
+    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.loading import LoadedDrive, load
+    from semcal_cli.drive.reading import check_labelled, load_points, read_clouds
+    from semcal_cli.errors import InputError
+    from semcal_cli.files.point_clouds import Sweeps
+    from semcal_cli.view.session import Session
+
+    sweeps, unlabelled = Sweeps(), ""
+    few = spec.model_copy(update={"frames": tuple(evenly_spaced(spec.frames, config.max_frames))})
+    if not is_given:
+        try:
+            check_labelled(few, read_clouds(few, sweeps))
+        except InputError as error:
+            unlabelled = str(error)
+            console.print(f"note: nothing tells how well points fit: {unlabelled}", markup=False)
+    data = LoadedDrive(few, load_points(few)) if unlabelled else load(spec, config, sweeps=sweeps)
+    return Session(data, read_clouds(data.drive, sweeps), config, start, output, unlabelled)

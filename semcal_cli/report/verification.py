@@ -1,0 +1,138 @@
+"""The page about a verification: the verdict axis by axis, and both transforms on the pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from semcal_cli.assessment.limits import Check, figures
+from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.files.writing import write_text
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.report.notations import T_notation
+from semcal_cli.report.overlay import Coloring, Overlays
+from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
+from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.report.words import Verdict
+from semcal_cli.result.provenance import versions
+from semcal_cli.verification import Verification
+
+TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
+SENTENCES = {
+    "pass": "The transform still holds on this drive.",
+    "fail": "The camera is not where the transform says. Calibrate anew, or find out what moved it.",
+    "inconclusive": "The drive cannot decide whether the transform holds. More frames, or other ones, may.",
+}
+AXES = {
+    "camera centre x": "camera centre, right or left (x)",
+    "camera centre y": "camera centre, down or up (y)",
+    "camera centre z": "camera centre, forward or back (z)",
+    "rotation x": "rotation, pitch (about x)",
+    "rotation y": "rotation, yaw (about y)",
+    "rotation z": "rotation, roll (about z)",
+}
+"""Names of the checks in words."""
+IN_ALL = " in all"
+BEYOND = 1.25
+"""Share of the limit, or of the interval if that is wider, that a bar reaches to either side."""
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """A check as a row of the page, with its bar; places are shares of the bar's width, in per cent."""
+
+    name: str
+    check: Check
+    offset: str
+    allowed: tuple[float, float]
+    """Left end and width of what is allowed."""
+    interval: tuple[float, float] | None
+    """Left end and width of the 95 % interval."""
+    place: float
+    """Place of the offset."""
+
+
+def both_overlays(
+    found: Verification,
+    data: LoadedDrive,
+    initial_pose: InitialPose,
+    by: Coloring = "agreement",
+    max_frames: int = MAX_FRAMES,
+) -> Overlays:
+    """Put the transform that was verified and the one that was found beside each other, on evenly spaced frames."""
+    indices = evenly_spaced(range(len(data.drive.frames)), max_frames)
+    few = data.of_frames(indices)
+    poses = {
+        initial_pose.name: initial_pose.T_camera_lidar,
+        "found on this drive": found.T_camera_lidar,
+    }
+    return Overlays(few.drive, few.first_cue, poses, by)
+
+
+def write_verification(
+    found: Verification,
+    data: LoadedDrive,
+    initial_pose: InitialPose,
+    path: Path,
+    progress: Callable[[str], None] = lambda doing: None,
+) -> None:
+    """Write the page.
+
+    Args:
+        found: Verdict, checks, and the pose that was found.
+        data: The drive that it was found on.
+        initial_pose: The transform that was verified.
+        path: HTML file to write.
+        progress: Called with a description of each step.
+
+    Raises:
+        InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
+    """
+    progress("drawing points on pictures")
+    pictures = make_pictures(both_overlays(found, data, initial_pose))
+    page = ENVIRONMENT.get_template("report/verification.html").render(
+        style=source("page.css"),
+        script=source("copy.js", "picture.js", "pictures.js"),
+        version=versions()["semcal"],
+        verdict=Verdict(
+            found.verdict,
+            TITLES[found.verdict],
+            SENTENCES[found.verdict],
+            _figures(found.checks),
+            found.reasons,
+        ),
+        notices=found.notes,
+        name=initial_pose.name,
+        drive=data.drive,
+        rows=[_row(check) for check in found.checks],
+        pictures=pictures,
+        verified=T_notation(initial_pose.T_camera_lidar),
+        found=T_notation(found.T_camera_lidar),
+    )
+    write_text(page, path)
+
+
+def _figures(checks: Sequence[Check]) -> str:
+    """State how far the transform is off in all, first what is farther beyond its limit."""
+    in_all = [check for check in checks if check.name.endswith(IN_ALL)]
+    in_all.sort(key=lambda check: -check.offset / check.allowed)
+    return "; ".join(f"{check.name.removesuffix(IN_ALL)} off by {figures(check)}" for check in in_all)
+
+
+def _row(check: Check) -> CheckRow:
+    half = check.half_width
+    reach = BEYOND * max(check.allowed, abs(check.offset) + (half or 0.0))
+
+    def place(offset: float) -> float:
+        return 50.0 + 50.0 * offset / reach
+
+    return CheckRow(
+        name=AXES.get(check.name, check.name),
+        check=check,
+        offset=f"{round(check.offset, 3) + 0.0:.3f}",  # no -0.000
+        allowed=(place(-check.allowed), 100.0 * check.allowed / reach),
+        interval=None if half is None else (place(check.offset - half), 100.0 * half / reach),
+        place=place(check.offset),
+    )

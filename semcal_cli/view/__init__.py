@@ -1,0 +1,1 @@
+"""A drive that is moved by hand: a page on this machine alone, with the points on a picture as the pose changes."""

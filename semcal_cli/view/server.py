@@ -1,0 +1,174 @@
+"""The page's server: on this machine alone, at an address that nobody guesses."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import threading
+from collections.abc import Callable
+from hmac import compare_digest
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+from semcal_cli.errors import InputError, SemcalError
+from semcal_cli.files.messages import os_reason
+from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.result.provenance import versions
+from semcal_cli.view.session import Session
+
+HOST = "127.0.0.1"
+MAX_BODY_BYTES = 100_000
+TOKEN_BYTES = 24
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Content-Security-Policy": "default-src 'none'; img-src 'self' data:; connect-src 'self'; "
+    "style-src 'unsafe-inline'; script-src 'unsafe-inline'",
+}
+
+
+class ViewServer(ThreadingHTTPServer):
+    """Answers the page of one session until it is shut down."""
+
+    daemon_threads = True
+
+    def __init__(self, session: Session, port: int = 0) -> None:
+        """Listen on this machine.
+
+        Args:
+            session: What is shown.
+            port: Port to listen on; 0 takes a free one.
+
+        Raises:
+            InputError: the port cannot be had.
+        """
+        self.session, self.token = session, secrets.token_urlsafe(TOKEN_BYTES)
+        self.ended = threading.Event()
+        try:
+            super().__init__((HOST, port), Handler)
+        except OSError as error:
+            raise InputError(f"--port {port}: {os_reason(error)}, needed a free port") from None
+
+    def answer_until_ended(self) -> None:
+        """Answer until the page ends it, or until Ctrl-C."""
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+        try:
+            # Waits in short turns, so that Ctrl-C is noticed on every system.
+            while not self.ended.wait(timeout=0.5):
+                pass
+        finally:
+            self.shutdown()
+            self.server_close()
+
+    @property
+    def address(self) -> str:
+        """Address of the page, which holds the token."""
+        return f"http://{HOST}:{self.server_port}/{self.token}/"
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """Say nothing of browsers that close a connection before its end."""
+
+
+class Handler(BaseHTTPRequestHandler):
+    """Answers one request."""
+
+    server: ViewServer
+    protocol_version = "HTTP/1.1"
+    server_version, sys_version = "semcal", ""
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Print nothing."""
+
+    def do_GET(self) -> None:
+        """Give the page, or a picture."""
+        name = self._asked_name()
+        if name == "":
+            self._send(HTTPStatus.OK, "text/html; charset=utf-8", page_html(self.server.session).encode())
+        elif name is not None and name.removeprefix("picture/").isdecimal():
+            number = int(name.removeprefix("picture/")[:9])
+            self._answer(lambda: self.server.session.picture(number))
+        else:
+            self._refuse(HTTPStatus.NOT_FOUND)
+
+    def do_POST(self) -> None:
+        """Answer a question about a pose."""
+        session = self.server.session
+        questions: dict[str, Callable[[dict[str, Any]], Any]] = {
+            "points": session.points,
+            "refine": session.refine,
+            "save": session.save,
+            "end": session.save,
+        }
+        name = self._asked_name() or ""
+        question = questions.get(name)
+        length = self.headers.get("Content-Length", "")
+        if question is None:
+            self._refuse(HTTPStatus.NOT_FOUND)
+        elif not length.isdecimal() or int(length) > MAX_BODY_BYTES:
+            self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
+        else:
+            body = self.rfile.read(int(length))
+            is_done = self._answer(lambda: question(_document(body)))
+            if name == "end" and is_done:
+                self.server.ended.set()
+
+    def _asked_name(self) -> str | None:
+        """What is asked for, below the token; None without the right token, or by a page of another site."""
+        own = {f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}"}
+        origin = self.headers.get("Origin")
+        if self.headers.get("Host") not in own or (origin and origin.removeprefix("http://") not in own):
+            return None
+        _, _, rest = self.path.partition("/")
+        token, slash, name = rest.partition("/")
+        is_right = compare_digest(token.encode(), self.server.token.encode())
+        return name if is_right and slash else None
+
+    def _answer(self, ask: Callable[[], Any]) -> bool:
+        """Send what is found, or why it is not; return whether it is found."""
+        try:
+            found = ask()
+        except SemcalError as error:
+            found = {"error": " ".join(str(error).splitlines())}
+        except OSError as error:
+            found = {"error": f"{error.filename or 'view'}: {os_reason(error)}"}
+        if isinstance(found, bytes):
+            self._send(HTTPStatus.OK, "image/jpeg", found)
+        else:
+            status = HTTPStatus.BAD_REQUEST if "error" in found else HTTPStatus.OK
+            self._send(status, "application/json", json.dumps(found, allow_nan=False).encode())
+        return "error" not in found
+
+    def _refuse(self, status: HTTPStatus) -> None:
+        self.close_connection = True
+        self._send(status, "text/plain", status.phrase.encode())
+
+    def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
+        self.send_response(status)
+        for name, value in {"Content-Type": kind, "Content-Length": str(len(content)), **HEADERS}.items():
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(content)
+
+
+def _document(body: bytes) -> dict[str, Any]:
+    try:
+        document = json.loads(body)
+    except ValueError:
+        document = None
+    if not isinstance(document, dict):
+        raise InputError("view: found no JSON object, needed one")
+    return document
+
+
+def page_html(session: Session) -> str:
+    """Make the page of a session."""
+    return ENVIRONMENT.get_template("view/view.html").render(
+        style=source("page.css", "../view/view.css"),
+        script=source("copy.js", "picture.js", "../view/view.js"),
+        version=versions()["semcal"],
+        session=session,
+        page=session.page,
+    )

@@ -1,0 +1,263 @@
+"""What the page asks of a drive: points, agreement and information at a pose, and a calibration from there."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import InputError
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import output_format
+from semcal_cli.files.writing import write_text
+from semcal_cli.formats.values import rigid
+from semcal_cli.geometry.poses import Pose, pose_from_mounting
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
+from semcal_cli.report.notations import T_notation
+from semcal_cli.report.overlay import over_chance, picture_of
+from semcal_cli.report.pictures import color_tables, legends
+from semcal_cli.report.points import frame_points, packed
+from semcal_cli.report.words import verdict_of
+from semcal_cli.result.calibration import Calibration
+
+MAX_POINTS = 40_000
+"""Largest number of points of a picture."""
+MAX_COLUMNS, QUALITY = 1920, 85
+"""Columns of a picture, and its quality as JPEG."""
+MAX_OFFSET = 1e4
+"""Largest offset in metres or degrees."""
+MAX_TRANSLATION_M = 1e4
+"""Largest translation of a pose."""
+MOUNTINGS = {
+    "forward, along x": (0.0, 0.0, 0.0),
+    "left, along y": (0.0, 0.0, 90.0),
+    "back, against x": (0.0, 0.0, 180.0),
+    "right, against y": (0.0, 0.0, -90.0),
+    "up, along z": (0.0, -90.0, 0.0),
+    "down, against z": (0.0, 90.0, 0.0),
+}
+"""Roll, pitch and yaw in degrees of upright cameras by the way they look, in the LiDAR frame."""
+INTENSITIES = (0.01, 0.99)
+"""Quantiles between which colours tell intensities apart."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A pose that the page shows: where it began, and how far it was moved from there."""
+
+    T_base: Pose
+    """(4, 4) T_camera_lidar before it is moved."""
+    offsets: npt.NDArray[np.float64]
+    """(6,) motion of the camera's centre along its axes, in metres, then its turn about them, in degrees."""
+
+    @property
+    def T_camera_lidar(self) -> Pose:
+        """(4, 4) the moved pose: the centre is shifted along the camera's axes, then the camera is turned about it."""
+        shifted = apply_twist(self.T_base, np.concatenate([-self.offsets[:3], np.zeros(3)]))
+        return apply_twist(shifted, np.concatenate([np.zeros(3), np.radians(self.offsets[3:])]))
+
+    @classmethod
+    def read(cls, asked: dict[str, Any]) -> Placed:
+        """Read what the page sends: `base`, 4 x 4, and `offsets`, six numbers.
+
+        Raises:
+            InputError: they are not.
+        """
+        try:
+            T, offsets = np.array(asked["base"], float), np.array(asked["offsets"], float)
+        except (KeyError, TypeError, ValueError):
+            raise InputError("view: found no base and offsets, needed 4 x 4 and 6 numbers") from None
+        if T.shape != (4, 4) or offsets.shape != (6,):
+            raise InputError(f"view: found {T.shape} and {offsets.shape}, needed 4 x 4 and 6 numbers")
+        if not np.isfinite(offsets).all() or np.abs(offsets).max() > MAX_OFFSET:
+            raise InputError(f"view: offsets: found {offsets.tolist()}, needed at most {MAX_OFFSET:g}")
+        return cls(rigid("view: base", T, MAX_TRANSLATION_M), offsets)
+
+
+class Session:
+    """A drive as the page asks for it. Questions may come at the same time."""
+
+    def __init__(
+        self,
+        data: LoadedDrive,
+        clouds: Sequence[_core.PointCloud],
+        config: CalibrationConfig,
+        start: Pose | None = None,
+        output: Path | None = None,
+        unlabelled: str = "",
+    ) -> None:
+        """Take a drive.
+
+        Args:
+            data: The drive, as `load` returns it; without classes if it has no labels.
+            clouds: Its sweeps as they were read, for their intensities.
+            config: Settings of a calibration that starts at a pose of the page.
+            start: (4, 4) T_camera_lidar that the page begins with; None offers mountings.
+            output: File that a pose is saved to; None if the browser saves it.
+            unlabelled: Reason why points have no classes; empty if they have.
+        """
+        self.data, self.config, self.output, self.unlabelled = data, config, output, unlabelled
+        self.start = start
+        self._intensities = [_levels(cloud) for cloud in clouds]
+        self._refining = threading.Lock()
+
+    @property
+    def observations(self) -> Observations:
+        """Observations that are shown and scored: of one cue, by classes that all frames share."""
+        return self.data.for_checks.of_classes
+
+    @property
+    def has_labels(self) -> bool:
+        """Whether points and pixels can agree."""
+        return not self.unlabelled
+
+    @property
+    def has_intensities(self) -> bool:
+        """Whether each sweep has intensities."""
+        return all(levels is not None for levels in self._intensities)
+
+    @cached_property
+    def page(self) -> dict[str, Any]:
+        """What the page is made of that does not change with the pose."""
+        observations, camera = self.observations, self.data.drive.camera
+        choices = ["class"] * self.has_labels + ["depth"]
+        choices += ["intensity"] * self.has_intensities + ["agreement"] * self.has_labels
+        classes = np.unique(np.concatenate([cloud.classes for cloud in observations.clouds]))
+        return {
+            "frames": [frame.points for frame in self.data.drive.frames],
+            "width": camera.width,
+            "height": camera.height,
+            "degrees_per_pixel": float(np.degrees(1.0 / core_camera(camera).pixels_per_radian)),
+            "choices": choices,
+            "palette": color_tables(observations),
+            "legends": legends(observations, classes),
+            "is_photograph": [frame.image is not None for frame in self.data.drive.frames],
+            "unlabelled": self.unlabelled,
+            "saves_to": None if self.output is None else str(self.output),
+            "unit": observations.unit,
+            "start": None if self.start is None else self.start.tolist(),
+            "mountings": {
+                name: pose_from_mounting(rpy, (0.0,) * 3).tolist() for name, rpy in MOUNTINGS.items()
+            },
+        }
+
+    def picture(self, frame: int) -> bytes:
+        """Encode the picture of a frame as JPEG.
+
+        Raises:
+            InputError: there is no such frame, or its picture is wrong.
+        """
+        self._check_frame(frame)
+        image, _ = picture_of(self.data.drive, self.observations, frame)
+        if image.shape[1] > MAX_COLUMNS:
+            size = MAX_COLUMNS, max(1, round(image.shape[0] * MAX_COLUMNS / image.shape[1]))
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+        _, content = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+        return content.tobytes()
+
+    def points(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """Project the points of a frame at a pose, and compare all frames there.
+
+        Raises:
+            InputError: there is no such frame, or no such pose.
+        """
+        placed, frame = Placed.read(asked), asked.get("frame")
+        self._check_frame(frame)
+        assert isinstance(frame, int)
+        T, observations = placed.T_camera_lidar, self.observations
+        scores: dict[str, Any] = {"mutual_information": None, "agreement": None}
+        together = np.zeros((0, 0), bool)
+        if self.has_labels:
+            agreement = _core.agreement(observations.core, T)
+            together = over_chance(agreement.joint) > 1.0
+            scores = {
+                "mutual_information": agreement.mutual_information,
+                "agreement": agreement.label_agreement,
+            }
+        found = frame_points(observations, frame, [T], together)
+        few = found.thinned(MAX_POINTS)
+        shown = few.packed(observations.camera.width, observations.camera.height)
+        levels = self._intensities[frame]
+        if levels is not None:
+            shown["intensities"] = packed(levels[few.indices])
+        return {
+            "T": T.tolist(),
+            "text": T_notation(T).text,
+            "points": shown,
+            "agreement_of_frame": found.poses[0].agreement,
+            "num_visible": int(found.poses[0].is_visible.sum()),
+            **scores,
+        }
+
+    def refine(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """Calibrate from a pose, as `semcal calibrate --init` does from the saved one.
+
+        Raises:
+            InputError: there is no such pose, the drive has no labels, or another calibration is going on.
+            CalibrationError: the data give no answer.
+        """
+        self._check_labels()
+        start = InitialPose(Placed.read(asked).T_camera_lidar, name="the pose of the page")
+        if not self._refining.acquire(blocking=False):
+            raise InputError("view: found a calibration that is going on, needed its end")
+        try:
+            calibration = calibrate(self.data, self.config, initial_pose=start)
+        finally:
+            self._refining.release()
+        return _answer(calibration)
+
+    def save(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """Write a pose to the file that was asked for; give its text if the browser is to save it.
+
+        Raises:
+            InputError: there is no such pose, or the file cannot be written.
+        """
+        T = Placed.read(asked).T_camera_lidar
+        form = "yaml" if self.output is None else output_format(self.output)
+        text = document_text({"T_camera_lidar": T.tolist()}, form)
+        if self.output is not None:
+            write_text(text, self.output)
+        return {"path": None if self.output is None else str(self.output), "text": text}
+
+    def _check_frame(self, frame: object) -> None:
+        num_frames = len(self.data.drive.frames)
+        if not isinstance(frame, int) or isinstance(frame, bool) or not 0 <= frame < num_frames:
+            raise InputError(f"view: frame: found {frame!r}, needed one of 0 to {num_frames - 1}")
+
+    def _check_labels(self) -> None:
+        if self.unlabelled:
+            raise InputError(self.unlabelled)
+
+
+def _answer(calibration: Calibration) -> dict[str, Any]:
+    verdict = verdict_of(calibration)
+    return {
+        "T": calibration.pose.tolist(),
+        "status": verdict.status,
+        "title": verdict.title,
+        "figures": verdict.figures,
+        "reasons": list(verdict.reasons),
+    }
+
+
+def _levels(cloud: _core.PointCloud) -> npt.NDArray[np.uint8] | None:
+    """Levels (N,) of a sweep's intensities, 0 to 255; None if it has none."""
+    if cloud.intensity is None or len(cloud.intensity) == 0:
+        return None
+    low, high = np.quantile(cloud.intensity, INTENSITIES)
+    share = (cloud.intensity - low) / max(float(high - low), 1e-9)
+    return np.asarray(np.rint(255.0 * np.clip(np.nan_to_num(share), 0.0, 1.0)), np.uint8)

@@ -1,0 +1,224 @@
+(() => {
+  const data = JSON.parse(document.getElementById("view-data").textContent);
+  const colors = Points.tables(data.palette);
+  const byId = (id) => document.getElementById(id);
+  const picture = byId("picture"), canvas = byId("points"), background = byId("background");
+  const sliders = [...document.querySelectorAll(".motion input[type=range]")];
+  const numbers = [...document.querySelectorAll(".motion input[type=number]")];
+  // Largest motion of the sliders: centimetres, then degrees.
+  const REACHES = { fine: [5, 0.5], medium: [50, 10], whole: [500, 180] };
+  const chosen = (name) => document.querySelector(`input[name=${name}]:checked`).value;
+
+  const offsets = [0, 0, 0, 0, 0, 0];  // centimetres and degrees
+  const poses = [];  // those that were left by refining or by another mounting
+  let base = data.start || Object.values(data.mountings)[0];
+  let frame = 0, points = null;
+  const course = [];
+
+  const asked = () => ({ base, offsets: offsets.map((x, i) => (i < 3 ? x / 100 : x)), frame });
+
+  async function ask(name, body) {
+    const response = await fetch(name, { method: "POST", body: JSON.stringify(body) });
+    const found = await response.json();
+    if (found.error) throw new Error(found.error);
+    return found;
+  }
+
+  function tell(text, status) {
+    byId("message").className = status || "";
+    byId("message").textContent = text;
+  }
+
+  function draw() {
+    if (points) Points.draw(canvas, points, 0, chosen("colors"), colors, [0, 0, data.width, data.height]);
+  }
+
+  function drawCourse() {
+    const view = byId("course");
+    if (!view || course.length < 2) return;
+    const ratio = devicePixelRatio || 1;
+    view.width = Math.round(view.clientWidth * ratio);
+    view.height = Math.round(view.clientHeight * ratio);
+    const context = view.getContext("2d"), least = Math.min(...course), most = Math.max(...course);
+    const style = getComputedStyle(document.documentElement);
+    const y = (value) => view.height * (0.92 - 0.84 * (value - least) / Math.max(most - least, 1e-9));
+    context.strokeStyle = style.getPropertyValue("--line");
+    context.beginPath();
+    context.moveTo(0, y(most));
+    context.lineTo(view.width, y(most));
+    context.stroke();
+    context.strokeStyle = style.getPropertyValue("--accent");
+    context.lineWidth = 1.5 * ratio;
+    context.beginPath();
+    course.forEach((value, i) => context.lineTo(view.width * i / (course.length - 1), y(value)));
+    context.stroke();
+  }
+
+  function show(found) {
+    points = Points.unpack(found.points);
+    draw();
+    byId("transform").textContent = found.text;
+    byId("frame-name").textContent = `${data.frames[frame]} (${frame + 1} of ${data.frames.length})`;
+    const share = found.agreement_of_frame;
+    byId("frame-agreement").textContent = share === null ? `${found.num_visible} points` : `${(100 * share).toFixed(1)} % agree`;
+    if (found.mutual_information !== null) {
+      byId("agreement").textContent = `${(100 * found.agreement).toFixed(2)} %`;
+      byId("information").textContent = found.mutual_information.toFixed(4);
+      course.push(found.mutual_information);
+      if (course.length > 300) course.shift();
+      drawCourse();
+    }
+    picture.dataset.shown = Number(picture.dataset.shown || 0) + 1;
+  }
+
+  // One question at a time; what changes meanwhile is asked once, afterwards.
+  let isAsking = false, isStale = false;
+  async function update() {
+    isStale = true;
+    if (isAsking) return;
+    isAsking = true;
+    try {
+      while (isStale) {
+        isStale = false;
+        show(await ask("points", asked()));
+      }
+    } catch (error) {
+      tell(error.message, "error");
+    } finally {
+      isAsking = false;
+    }
+  }
+
+  const reachOf = (i) => REACHES[chosen("reach")][i < 3 ? 0 : 1];
+  function place(i, value) {
+    offsets[i] = value;
+    sliders[i].value = value;
+    numbers[i].value = Number(value.toFixed(i < 3 ? 2 : 4));
+    update();
+  }
+  function reach() {
+    sliders.forEach((slider, i) => {
+      slider.min = -reachOf(i);
+      slider.max = reachOf(i);
+      slider.value = offsets[i];
+    });
+  }
+  function begin(T) {
+    base = T;
+    offsets.fill(0);
+    reach();
+    numbers.forEach((number) => { number.value = 0; });
+    byId("back").disabled = poses.length === 0;
+    update();
+  }
+  const leave = () => poses.push({ base, offsets: [...offsets] });
+
+  sliders.forEach((slider, i) => slider.addEventListener("input", () => place(i, Number(slider.value))));
+  numbers.forEach((number, i) => number.addEventListener("change", () => {
+    if (Number.isFinite(number.valueAsNumber)) place(i, number.valueAsNumber);
+    else number.value = offsets[i];
+  }));
+  for (const input of document.querySelectorAll("input[name=reach]")) input.addEventListener("change", reach);
+
+  // The mouse on the picture: what is under it follows.
+  let last = null;
+  picture.addEventListener("pointerdown", (event) => {
+    picture.setPointerCapture(event.pointerId);
+    last = [event.clientX, event.clientY];
+  });
+  picture.addEventListener("pointermove", (event) => {
+    if (!last) return;
+    const scale = data.width / picture.clientWidth;
+    const dx = (event.clientX - last[0]) * scale, dy = (event.clientY - last[1]) * scale;
+    last = [event.clientX, event.clientY];
+    if (event.shiftKey) {
+      place(5, offsets[5] + 0.25 * dx * data.degrees_per_pixel);
+    } else if (event.ctrlKey || event.altKey) {
+      // As far as a thing 10 m away would follow the mouse.
+      const cm = 1000 * data.degrees_per_pixel * Math.PI / 180;
+      place(0, offsets[0] - dx * cm);
+      place(1, offsets[1] - dy * cm);
+    } else {
+      place(4, offsets[4] + dx * data.degrees_per_pixel);
+      place(3, offsets[3] - dy * data.degrees_per_pixel);
+    }
+  });
+  for (const end of ["pointerup", "pointercancel"]) picture.addEventListener(end, () => { last = null; });
+  picture.addEventListener("wheel", (event) => {
+    if (!event.ctrlKey && !event.metaKey) return;
+    event.preventDefault();
+    place(2, offsets[2] - 0.02 * event.deltaY);
+  }, { passive: false });
+
+  function showFrame(number) {
+    frame = Math.min(data.frames.length - 1, Math.max(0, number));
+    byId("frame").value = frame;
+    points = null;
+    background.src = `picture/${frame}`;
+    picture.classList.toggle("photograph", data.is_photograph[frame]);
+    update();
+  }
+  byId("frame").addEventListener("input", (event) => showFrame(Number(event.target.value)));
+  byId("previous").addEventListener("click", () => showFrame(frame - 1));
+  byId("next").addEventListener("click", () => showFrame(frame + 1));
+
+  const choose = () => {
+    for (const legend of document.querySelectorAll("[data-colors]")) legend.hidden = legend.dataset.colors !== chosen("colors");
+    draw();
+  };
+  for (const input of document.querySelectorAll("input[name=colors]")) input.addEventListener("change", choose);
+  addEventListener("resize", () => { draw(); drawCourse(); });
+
+  byId("reset").addEventListener("click", () => begin(base));
+  byId("back").addEventListener("click", () => {
+    const before = poses.pop();
+    begin(before.base);
+    before.offsets.forEach((value, i) => place(i, value));
+  });
+  const mounting = byId("mounting");
+  if (mounting) mounting.addEventListener("change", () => {
+    leave();
+    begin(data.mountings[mounting.value]);
+  });
+
+  // What takes a while, or ends the page: the buttons wait.
+  const buttons = ["refine", "save", "end", "back", "reset"].map(byId).filter(Boolean);
+  async function during(doing, work) {
+    tell(doing);
+    for (const button of buttons) button.disabled = true;
+    try {
+      await work();
+    } catch (error) {
+      tell(error.message, "error");
+    } finally {
+      for (const button of buttons) button.disabled = false;
+      byId("back").disabled = poses.length === 0;
+    }
+  }
+  const onClick = (id, doing, work) => byId(id) && byId(id).addEventListener("click", () => during(doing, work));
+  onClick("refine", "Refining: this takes some seconds.", async () => {
+    const found = await ask("refine", asked());
+    leave();
+    begin(found.T);
+    tell([`${found.title}. ${found.figures.replaceAll("+-", "\u00b1")}`, ...found.reasons].join("\n"), found.status);
+  });
+  const saved = (found) => {
+    if (found.path === null) {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(new Blob([found.text], { type: "application/yaml" }));
+      link.download = "init.yaml";
+      link.click();
+      URL.revokeObjectURL(link.href);
+    }
+    return found.path || "init.yaml";
+  };
+  onClick("save", "Saving.", async () => tell(`Saved to ${saved(await ask("save", asked()))}: give it to semcal calibrate as --init.`));
+  onClick("end", "Saving.", async () => {
+    saved(await ask("end", asked()));
+    document.body.textContent = `Saved to ${data.saves_to}. The server has ended; this page can be closed.`;
+  });
+
+  reach();
+  choose();
+  showFrame(0);
+})();
