@@ -1,6 +1,7 @@
 import os
 import shutil
 import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from click.testing import CliRunner
 from hypothesis import settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from selenium import webdriver
 
 from semcal_cli.cli import main, semcal
 from semcal_cli.config import SynthConfig
@@ -155,3 +157,27 @@ def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = CliRunner().invoke(semcal, command)
     assert result.exit_code in (0, 3), result.output
     return folder
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[webdriver.Chrome]:
+    """Chromium without a display, as Debian's packages chromium and chromium-driver have it."""
+    driver, chromium = shutil.which("chromedriver"), shutil.which("chromium")
+    if driver is None or chromium is None:
+        if "CI" in os.environ:
+            pytest.fail("no chromium and chromedriver: install Debian's chromium-driver")
+        pytest.skip("no chromium and chromedriver on this machine")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    # Containers often run as root and without the kernel's sandbox; the page is ours.
+    for argument in (
+        "--headless=new",
+        "--no-sandbox",
+        "--enable-unsafe-swiftshader",
+        "--window-size=1280,900",
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    yield chrome
+    chrome.quit()

@@ -1,10 +1,7 @@
 """The page about a calibration: what a browser makes of it."""
 
 import base64
-import os
 import re
-import shutil
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -29,30 +26,6 @@ PIXELS = """
     const image = view.getContext("2d").getImageData(0, 0, view.width, view.height);
     return {width: view.width, height: view.height, data: [...image.data]};
 """
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[webdriver.Chrome]:
-    """Chromium without a display, as Debian's packages chromium and chromium-driver have it."""
-    driver, chromium = shutil.which("chromedriver"), shutil.which("chromium")
-    if driver is None or chromium is None:
-        if "CI" in os.environ:
-            pytest.fail("no chromium and chromedriver: install Debian's chromium-driver")
-        pytest.skip("no chromium and chromedriver on this machine")
-    options = webdriver.ChromeOptions()
-    options.binary_location = chromium
-    # Containers often run as root and without the kernel's sandbox; the page is ours.
-    for argument in (
-        "--headless=new",
-        "--no-sandbox",
-        "--enable-unsafe-swiftshader",
-        "--window-size=1280,900",
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
-    yield chrome
-    chrome.quit()
 
 
 @pytest.fixture

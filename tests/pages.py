@@ -1,0 +1,44 @@
+"""What a browser finds wrong with a page, whoever made it."""
+
+import json
+from pathlib import Path
+
+from selenium import webdriver
+
+PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+DESK = {"width": 1400, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+
+FINDINGS = (Path(__file__).parent / "pages.js").read_text()
+"""Function body: the findings in the page as it stands, as strings."""
+
+
+def serious_findings(browser: webdriver.Chrome) -> list[str]:
+    """Name what is wrong with the page that the browser shows, on a desk and on a phone, light and dark.
+
+    A finding is a message on the console since it was read last, a file from elsewhere, a page or part of it wider than
+    the screen, text that is cut, too small or of too little contrast (WCAG 2.1, level AA), and a control or picture
+    without a name. What is folded is unfolded for the look. The page is as before afterwards.
+    """
+    found = [f"console: {entry['level']} {entry['message']}" for entry in browser.get_log("browser")]
+    for name, metrics in (("desk", DESK), ("phone", PHONE)):
+        browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        for scheme in ("light", "dark"):
+            _prefer(browser, scheme)
+            found += [f"{name}, {scheme}: {each}" for each in browser.execute_script(FINDINGS)]
+    browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    _prefer(browser, "")
+    # The console again: what the page says when it is laid out anew counts, too.
+    found += [f"console: {entry['level']} {entry['message']}" for entry in browser.get_log("browser")]
+    return list(dict.fromkeys(found))
+
+
+def _prefer(browser: webdriver.Chrome, scheme: str) -> None:
+    features = [{"name": "prefers-color-scheme", "value": scheme}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+def show(browser: webdriver.Chrome, content: str) -> None:
+    """Replace what the browser shows by a page of this content, with nothing left on the console."""
+    browser.get("about:blank")
+    browser.get_log("browser")
+    browser.execute_script(f"document.open(); document.write({json.dumps(content)}); document.close();")
