@@ -110,7 +110,7 @@ for (const element of document.querySelectorAll("input:not([type=hidden]), selec
 const ids = [...document.querySelectorAll("[id]")].map((element) => element.id);
 for (const id of new Set(ids.filter((each, index) => ids.indexOf(each) !== index))) found.push(`found twice: #${id}`);
 for (const entry of performance.getEntriesByType("resource"))
-  if (!/^(data|blob):/.test(entry.name)) found.push(`from elsewhere: ${entry.name}`);
+  if (!/^(data|blob):/.test(entry.name) && !entry.name.startsWith(`${location.origin}/`)) found.push(`from elsewhere: ${entry.name}`);
 
 for (const details of folded) details.open = false;
 return found;

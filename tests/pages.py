@@ -15,7 +15,8 @@ FINDINGS = (Path(__file__).parent / "pages.js").read_text()
 def serious_findings(browser: webdriver.Chrome) -> list[str]:
     """Name what is wrong with the page that the browser shows, on a desk and on a phone, light and dark.
 
-    A finding is a message on the console since it was read last, a file from elsewhere, a page or part of it wider than
+    A finding is a message on the console since it was read last, a file from elsewhere
+    than the page's own server, a page or part of it wider than
     the screen, text that is cut, too small or of too little contrast (WCAG 2.1, level AA), and a control or picture
     without a name. What is folded is unfolded for the look. The page is as before afterwards.
     """

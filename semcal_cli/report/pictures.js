@@ -18,22 +18,27 @@
     const [left, top, wide, high] = window ? window.split(" ").map(Number) : [0, 0, 1, 1];
     return [left * width, top * height, wide * width, high * height];
   };
+  // A magnified part shows the picture of its frame again.
+  const magnify = async (canvas, picture, [left, top, wide, high]) => {
+    const image = document.querySelector(`#frame-${picture.dataset.frame} img`);
+    await image.decode();
+    const scale = image.naturalWidth / picture.dataset.width;
+    canvas.width = 2 * canvas.clientWidth;
+    canvas.height = 2 * canvas.clientHeight;
+    canvas.getContext("2d").drawImage(
+      image, left * scale, top * scale, wide * scale, high * scale, 0, 0, canvas.width, canvas.height);
+  };
   const show = (picture) => {
     const points = pointsOf(picture.dataset.frame), window = windowOf(picture);
-    for (const canvas of picture.querySelectorAll("canvas")) {
+    const ground = picture.querySelector("canvas.ground");
+    if (ground) magnify(ground, picture, window);
+    for (const canvas of picture.querySelectorAll("canvas[data-pose]")) {
       Points.draw(canvas, points, Number(canvas.dataset.pose), chosen(), colors, window);
     }
   };
 
   const pictures = [...document.querySelectorAll(".picture")], visible = new Set();
   for (const picture of pictures) {
-    if (picture.dataset.window) {
-      // A magnified part shows the picture of its frame again.
-      const image = document.querySelector(`#frame-${picture.dataset.frame} img`).cloneNode();
-      picture.prepend(image);
-      const [left, top, wide, high] = picture.dataset.window.split(" ").map(Number);
-      Object.assign(image.style, { width: `${100 / wide}%`, height: `${100 / high}%`, left: `${-100 * left / wide}%`, top: `${-100 * top / high}%` });
-    }
     const slider = picture.querySelector("input[type=range]");
     if (slider) slider.addEventListener("input", () => picture.style.setProperty("--at", `${slider.value}%`));
   }

@@ -191,8 +191,7 @@
     } catch (error) {
       tell(error.message, "error");
     } finally {
-      for (const button of buttons) button.disabled = false;
-      byId("back").disabled = poses.length === 0;
+      for (const button of buttons) button.disabled = button.id === "back" && poses.length === 0;
     }
   }
   const onClick = (id, doing, work) => byId(id) && byId(id).addEventListener("click", () => during(doing, work));

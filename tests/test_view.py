@@ -1,0 +1,337 @@
+"""The page that moves points by hand: its session, its server, and what a browser makes of it."""
+
+import http.client
+import json
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from pages import serious_findings
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.common.keys import Keys
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+from semcal_cli.cli import semcal
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.reading import load_points, read_clouds
+from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.view.server import HOST, ViewServer
+from semcal_cli.view.session import Placed, Session
+
+ZERO = [0.0] * 6
+OFF = np.array([0.0, 0.0, 0.0, 0.0, np.radians(1.5), 0.0])
+
+
+@pytest.fixture(scope="module")
+def T_off(street_truth: Pose) -> Pose:
+    """The truth, turned by 1.5 degrees."""
+    return apply_twist(street_truth, OFF)
+
+
+@pytest.fixture(scope="module")
+def session(street: Path, T_off: Pose, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    config = CalibrationConfig()
+    data = load(read_drive(street), config)
+    output = tmp_path_factory.mktemp("view") / "init.yaml"
+    return Session(data, read_clouds(data.drive), config, T_off, output)
+
+
+@pytest.fixture
+def server(session: Session) -> Iterator[ViewServer]:
+    server = ViewServer(session)
+    thread = threading.Thread(target=server.answer_until_ended, daemon=True)
+    thread.start()
+    yield server
+    server.ended.set()
+    thread.join()
+
+
+# The session.
+
+
+def test_offsets_are_along_and_about_the_axes_of_the_camera(street_truth: Pose) -> None:
+    """Camera 20 cm forward: the same way as its optical axis. Turned: in place, and by the given angle."""
+    shifted = Placed(street_truth, np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0])).T_camera_lidar
+    np.testing.assert_allclose(
+        camera_center(shifted) - camera_center(street_truth), 0.2 * street_truth[2, :3]
+    )
+    turned = Placed(street_truth, np.array([0.0, 0.0, 0.0, 1.0, -2.0, 0.5])).T_camera_lidar
+    error = compare_poses(turned, street_truth)
+    assert error.camera_center_cm == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(error.rotation_xyz_deg, (1.0, -2.0, 0.5), atol=1e-9)
+
+
+def test_the_score_is_best_at_the_truth(session: Session, street_truth: Pose, T_off: Pose) -> None:
+    at = [session.points({"base": T.tolist(), "offsets": ZERO, "frame": 0}) for T in (T_off, street_truth)]
+    assert at[0]["mutual_information"] < at[1]["mutual_information"]
+    assert at[0]["agreement"] < at[1]["agreement"] > 0.95
+    assert at[0]["agreement_of_frame"] < at[1]["agreement_of_frame"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"base": None}, "found .* needed 4 x 4 and 6 numbers"),
+        ({"base": [[1.0]]}, "found .* needed 4 x 4 and 6 numbers"),
+        ({"base": [[2.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}, "view: base: "),
+        ({"offsets": [1e300] * 6}, "offsets: found .* needed at most 10000"),
+        ({"offsets": ["a"] * 6}, "needed 4 x 4 and 6 numbers"),
+        ({"frame": 4}, "frame: found 4, needed one of 0 to 3"),
+        ({"frame": -1}, "frame: found -1, needed one of 0 to 3"),
+        ({"frame": True}, "frame: found True, needed one of 0 to 3"),
+        ({"frame": [0]}, r"frame: found \[0\], needed one of 0 to 3"),
+    ],
+)
+def test_wrong_questions(session: Session, T_off: Pose, change: dict[str, Any], message: str) -> None:
+    asked = {"base": T_off.tolist(), "offsets": ZERO, "frame": 0} | change
+    with pytest.raises(InputError, match=message):
+        session.points(asked)
+
+
+def test_a_drive_without_labels_is_shown_and_refines_nothing(street: Path, T_off: Pose) -> None:
+    drive = read_drive(street)
+    bare = Session(
+        LoadedDrive(drive, load_points(drive)),
+        read_clouds(drive),
+        CalibrationConfig(),
+        unlabelled="no labels here",
+    )
+    assert bare.page["choices"] == ["depth", "intensity"]
+    asked = {"base": T_off.tolist(), "offsets": ZERO, "frame": 0}
+    assert bare.points(asked)["num_visible"] > 1000
+    with pytest.raises(InputError, match="no labels here"):
+        bare.refine(asked)
+
+
+# The server.
+
+
+def request(server: ViewServer, path: str, body: object = None, **headers: str) -> tuple[int, bytes]:
+    connection = http.client.HTTPConnection(HOST, server.server_port, timeout=60)
+    content = None if body is None else json.dumps(body) if not isinstance(body, str) else body
+    connection.request("GET" if body is None else "POST", path, content, headers)
+    answer = connection.getresponse()
+    found = answer.status, answer.read()
+    connection.close()
+    return found
+
+
+def test_only_who_knows_the_word_gets_an_answer(server: ViewServer, T_off: Pose) -> None:
+    asked = {"base": T_off.tolist(), "offsets": ZERO, "frame": 0}
+    own = f"/{server.token}/"
+    assert request(server, own)[0] == 200
+    assert request(server, own + "points", asked)[0] == 200
+    for path in (
+        "/",
+        "/points",
+        f"/{server.token}",
+        f"/{server.token[:-1]}/",
+        f"/{'x' * len(server.token)}/",
+    ):
+        assert request(server, path)[0] == 404
+    for headers in ({"Host": "evil.example"}, {"Origin": "http://evil.example"}):
+        assert request(server, own, **headers)[0] == 404
+        assert request(server, own + "save", asked, **headers)[0] == 404
+    assert server.server_address[0] == "127.0.0.1"
+
+
+@pytest.mark.parametrize("body", ["", "[", "[1]", "null", '{"base": NaN}'])
+def test_a_body_that_is_no_question_is_answered_in_one_line(server: ViewServer, body: str) -> None:
+    status, found = request(server, f"/{server.token}/points", body)
+    assert status == 400
+    assert "needed" in json.loads(found)["error"]
+
+
+def test_a_picture_is_the_frame_s(server: ViewServer, street: Path) -> None:
+    drive = read_drive(street)
+    status, content = request(server, f"/{server.token}/picture/1")
+    assert status == 200
+    shown = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).astype(int)
+    stored = cv2.imread(str(drive.resolve(drive.frames[1].image or ""))).astype(int)
+    assert np.abs(shown - stored).mean() < 4.0
+    assert request(server, f"/{server.token}/picture/99")[0] == 400
+    assert request(server, f"/{server.token}/picture/x")[0] == 404
+
+
+def test_a_body_that_is_too_large_is_not_read(server: ViewServer) -> None:
+    assert request(server, f"/{server.token}/points", "x" * 200_000)[0] == 413
+
+
+def test_a_port_that_is_taken_is_said_to_be(server: ViewServer, session: Session) -> None:
+    with pytest.raises(InputError, match=r"--port \d+: address already in use, needed a free port"):
+        ViewServer(session, server.server_port)
+
+
+# The browser.
+
+
+@pytest.fixture
+def page(browser: webdriver.Chrome, server: ViewServer) -> webdriver.Chrome:
+    browser.get_log("browser")
+    browser.get(server.address)
+    wait_for_move(browser, 0)
+    return browser
+
+
+def shown(browser: webdriver.Chrome) -> int:
+    return int(browser.find_element(By.ID, "picture").get_attribute("data-shown") or 0)
+
+
+def wait_for_move(browser: webdriver.Chrome, before: int) -> None:
+    WebDriverWait(browser, 20).until(lambda _: shown(browser) > before)
+
+
+def pose(browser: webdriver.Chrome) -> Pose:
+    return np.array(browser.find_element(By.ID, "transform").text.split(), float).reshape(4, 4)
+
+
+def type_offset(browser: webdriver.Chrome, index: int, value: str) -> None:
+    field: WebElement = browser.find_elements(By.CSS_SELECTOR, ".motion input[type=number]")[index]
+    before = shown(browser)
+    field.send_keys(Keys.CONTROL + "a")
+    field.send_keys(value, Keys.TAB)
+    wait_for_move(browser, before)
+
+
+def test_the_page_has_nothing_serious(page: webdriver.Chrome) -> None:
+    assert serious_findings(page) == []
+
+
+def test_dragging_a_slider_moves_points(page: webdriver.Chrome, T_off: Pose) -> None:
+    """And the picture with them: a turn about y by dx moves all points by dx times the focal length."""
+    np.testing.assert_allclose(pose(page), T_off, atol=1e-9)
+    drawing = "return document.getElementById('points').toDataURL()"
+    before, count = page.execute_script(drawing), shown(page)
+    slider = page.find_element(By.ID, "motion-4")
+    ActionChains(page).drag_and_drop_by_offset(slider, 20, 0).perform()
+    wait_for_move(page, count)
+    WebDriverWait(page, 10).until(lambda _: page.execute_script(drawing) != before)
+    number = page.find_elements(By.CSS_SELECTOR, ".motion input[type=number]")[4]
+    turned_deg = float(number.get_attribute("value") or 0)
+    assert abs(turned_deg) > 0.1
+    expected = Placed(T_off, np.array([0.0, 0.0, 0.0, 0.0, turned_deg, 0.0])).T_camera_lidar
+    WebDriverWait(page, 10).until(lambda _: np.allclose(pose(page), expected, atol=1e-5))
+
+
+def test_dragging_the_picture_carries_the_points_along(
+    page: webdriver.Chrome, session: Session, T_off: Pose
+) -> None:
+    """Far points follow the mouse: their displacement is that of the pointer."""
+    picture = page.find_element(By.ID, "picture")
+    count = shown(page)
+    dx, dy = 30, -12
+    ActionChains(page).move_to_element(picture).click_and_hold().move_by_offset(dx, dy).release().perform()
+    wait_for_move(page, count)
+    camera = session.data.drive.camera
+    scale = camera.width / picture.size["width"]
+    far = np.array([0.0, 0.0, 1000.0, 1.0])
+
+    def moved() -> np.ndarray:
+        p = pose(page) @ np.linalg.inv(T_off) @ far
+        K = np.array(camera.K)
+        return (K @ (p[:3] / p[2]) - K @ [0.0, 0.0, 1.0])[:2]
+
+    WebDriverWait(page, 10).until(lambda _: np.allclose(moved(), [dx * scale, dy * scale], atol=1.5))
+
+
+def test_saving_gives_the_pose_on_the_page(page: webdriver.Chrome, session: Session) -> None:
+    type_offset(page, 3, "-0.25")
+    type_offset(page, 0, "3.5")
+    page.find_element(By.ID, "save").click()
+    message = page.find_element(By.ID, "message")
+    WebDriverWait(page, 10).until(lambda _: message.text.startswith("Saved to"))
+    assert session.output is not None
+    assert str(session.output) in message.text
+    np.testing.assert_allclose(read_transform(session.output), pose(page), atol=1e-9)
+
+
+def test_refining_ends_where_calibrate_does(
+    page: webdriver.Chrome, session: Session, street: Path, tmp_path: Path
+) -> None:
+    """From the saved pose, to the last digit of the page; and back again."""
+    type_offset(page, 4, "-1.0")
+    before = pose(page)
+    page.find_element(By.ID, "save").click()
+    message = page.find_element(By.ID, "message")
+    WebDriverWait(page, 10).until(lambda _: message.text.startswith("Saved to"))
+    page.find_element(By.ID, "refine").click()
+    WebDriverWait(page, 60).until(lambda _: "\u00b1" in message.text)
+    assert "trusted" in (message.get_attribute("class") or "")
+    arguments = ["calibrate", str(street), "--init", str(session.output), "-o", str(tmp_path / "c.yaml")]
+    result = CliRunner().invoke(semcal, arguments)
+    assert result.exit_code in (0, 3)
+    found = read_transform(tmp_path / "c.yaml")
+    WebDriverWait(page, 10).until(lambda _: not np.allclose(pose(page), before, atol=1e-4))
+    np.testing.assert_allclose(pose(page), found, atol=1e-9)
+    page.find_element(By.ID, "back").click()
+    WebDriverWait(page, 10).until(lambda _: np.allclose(pose(page), before, atol=1e-9))
+
+
+def test_frames_and_colours_change(page: webdriver.Chrome) -> None:
+    name = page.find_element(By.ID, "frame-name")
+    assert "(1 of 4)" in name.text
+    page.find_element(By.ID, "next").click()
+    WebDriverWait(page, 10).until(lambda _: "(2 of 4)" in name.text)
+    drawing = "return document.getElementById('points').toDataURL()"
+    seen = [page.execute_script(drawing)]
+    for choice in ("depth", "intensity", "agreement"):
+        page.find_element(By.CSS_SELECTOR, f"input[value={choice}]").click()
+        seen.append(page.execute_script(drawing))
+    assert len(set(seen)) == 4
+
+
+def test_save_and_end_ends_the_server(page: webdriver.Chrome, server: ViewServer) -> None:
+    page.find_element(By.ID, "end").click()
+    assert server.ended.wait(timeout=10)
+    WebDriverWait(page, 10).until(lambda _: "can be closed" in page.find_element(By.TAG_NAME, "body").text)
+
+
+def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, session: Session) -> None:
+    bare = Session(session.data, read_clouds(session.data.drive), session.config)
+    server = ViewServer(bare)
+    thread = threading.Thread(target=server.answer_until_ended, daemon=True)
+    thread.start()
+    try:
+        browser.get(server.address)
+        wait_for_move(browser, 0)
+        assert serious_findings(browser) == []
+        browser.find_element(By.CSS_SELECTOR, "#mounting option:nth-child(3)").click()
+        # Back, against x.
+        WebDriverWait(browser, 10).until(lambda _: np.allclose(pose(browser)[2, :3], [-1, 0, 0], atol=1e-9))
+    finally:
+        server.ended.set()
+        thread.join()
+
+
+# The command.
+
+
+def test_the_command_prints_its_address_and_refuses_before_it_serves(street: Path, tmp_path: Path) -> None:
+    def run(*options: str) -> tuple[int, str]:
+        result = CliRunner().invoke(semcal, ["view", str(street), *options])
+        return result.exit_code, f"{result.output}{result.exception}"
+
+    code, text = run(str(tmp_path / "none.yaml"))
+    assert code == 1
+    assert "none.yaml" in text
+    code, text = run("-o", str(street / "drive.yaml"))
+    assert code == 1
+    assert "needed another name" in text
+    code, text = run("-o", str(tmp_path / "x.txt"))
+    assert code == 1
+    assert "x.txt: found suffix" in text
+    assert run("--cue", "features")[0] == 2
