@@ -17,9 +17,14 @@ from bag_imports import COLORS, STAMP_S, T_MOUNT, Small, imported, refused, run_
 from bags import KINDS, NS, START_NS, BagWriter, write_drive_as_bag
 from networks import color_network
 
+from semcal_cli.bags import motion
+from semcal_cli.bags.bag import Topic
 from semcal_cli.bags.candidates import longest_ascending
 from semcal_cli.bags.importing import import_bag
+from semcal_cli.bags.messages import Message
+from semcal_cli.bags.motion import MotionSource, Trajectory
 from semcal_cli.bags.pictures import read_picture
+from semcal_cli.bags.storage import Span
 from semcal_cli.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import load_points
@@ -117,6 +122,29 @@ def test_poses_become_the_motion_of_the_lidar(source: str, tmp_path: Path) -> No
     assert load_points(read_drive(tmp_path / "drive")).num_frames == len(document["frames"])
     assert np.isfinite(np.array(document["T_camera_lidar"])).all()
     run_cli("inspect", tmp_path / "drive", code=None)
+
+
+def test_poses_in_any_order_are_sorted_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    sortings = []
+    monkeypatch.setattr(motion, "sorted", lambda stamps: sortings.append(1) or sorted(stamps), raising=False)
+    with BagWriter(tmp_path, "sqlite3") as bag:
+        message = bag.odometry(moved(START_NS), START_NS, "base")
+        raw, kind = bag.raw(message), message.__msgtype__
+        bag.write("/odom", message, START_NS)
+    topic = Topic("/odom", kind, Span(START_NS, START_NS, 1))
+    trajectory = Trajectory(MotionSource(topic, "base", "odom", np.eye(4)))
+    assert trajectory.position(START_NS) is None
+    tenths = []
+    for tenth in (2, 0, 1):
+        # With the time of receipt, one message can be a pose of any time.
+        trajectory.take(
+            Message("/odom", kind, START_NS + tenth * NS // 10, raw, is_ros1=False), received=True
+        )
+        tenths.append(tenth)
+        assert trajectory.covers(START_NS + NS // 20) == (tenths != [2])
+        times = [float(line.split()[0]) - STAMP_S for line in trajectory.tum().splitlines()]
+        assert times == pytest.approx([each / 10 for each in sorted(tenths)], abs=1e-6)
+        assert len(sortings) == len(tenths)
 
 
 def test_motion_needs_times_of_points_and_can_be_refused(tmp_path: Path) -> None:
