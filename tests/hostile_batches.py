@@ -245,7 +245,7 @@ PIPES: dict[str, Hostile] = {
     "a pipe for a drive's log, and a good drive": Hostile(
         pipe("out/drive/log.txt"),
         (*BOTH, "out", *QUICK),
-        r"^2 of 2 drives: 1 failed, 1 not_assessed$",
+        r"^2 of 2 drives: 1 failed, 1 not assessed$",
         check=reason_is("out/drive/log.txt: found a pipe, needed a file or nothing"),
     ),
     **{
