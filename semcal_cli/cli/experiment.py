@@ -63,6 +63,12 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
     return add
 
 
+def _print(table: str, folder: Path) -> None:
+    """Print the table of an experiment, and where its files lie."""
+    click.echo(table, nl=False)
+    click.echo(f"written to {folder}", err=True)
+
+
 @experiment.command()
 @seeds_options(20, "Drives for each row.", first_seed=10_000)
 @click.option(
@@ -118,7 +124,7 @@ def accuracy(
     run = accuracy.Experiment(Pool(out / "pool"), chosen, band)
     with experiment_progress(jobs) as watcher:
         results = runner.run_cases(cases, run, accuracy.Result, folder, jobs, watcher)
-    click.echo(accuracy.write_accuracy(results, jobs, folder), nl=False)
+    _print(accuracy.write_accuracy(results, jobs, folder), folder)
 
 
 @experiment.command()
@@ -157,7 +163,7 @@ def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: P
             jobs,
             watcher,
         )
-    click.echo(trust_rates.write_trust(findings, jobs, folder), nl=False)
+    _print(trust_rates.write_trust(findings, jobs, folder), folder)
 
 
 def _rivals_command(name: str, help: str) -> None:
@@ -192,7 +198,7 @@ def _rivals_command(name: str, help: str) -> None:
             )
         shutil.rmtree(scratch, ignore_errors=True)
         found = rivals.complete(findings, settings)
-        click.echo(write_rivals(name, found, jobs, folder, is_mended=not unmended), nl=False)
+        _print(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder)
 
 
 _rivals_command(
@@ -236,7 +242,7 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
             watcher,
         )
     shutil.rmtree(folder / "drives", ignore_errors=True)
-    click.echo(gradient.write_gradient(findings, jobs, folder), nl=False)
+    _print(gradient.write_gradient(findings, jobs, folder), folder)
 
 
 @experiment.command()
@@ -301,7 +307,7 @@ def table(
         progress("reading frames")
         data = load(spec, CalibrationConfig(max_frames=max_frames))
         found = compare(data, T_reference, initial_pose, frame, progress)
-    click.echo(write_table(found, frame, folder), nl=False)
+    _print(write_table(found, frame, folder), folder)
 
 
 @experiment.command()
@@ -357,4 +363,4 @@ def speed(
             1,
             watcher,
         )
-    click.echo(speed.markdown(speed.write_speed(timings, folder)), nl=False)
+    _print(speed.markdown(speed.write_speed(timings, folder)), folder)
