@@ -17,7 +17,7 @@ from selenium import webdriver
 
 from semcal_cli.cli import main, semcal
 from semcal_cli.config import SynthConfig
-from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
@@ -89,6 +89,7 @@ documents = st.recursive(
 
 
 STREET = SynthConfig(num_frames=4, seed=11, width=640, height=360)
+SMALL_DRIVE = SynthConfig(num_frames=6, seed=93001, width=320, height=180, channels=32, columns=400)
 
 
 @pytest.fixture(scope="session")
@@ -97,6 +98,14 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("street") / "drive"
     synthesize(STREET, folder)
     return folder
+
+
+@pytest.fixture(scope="session")
+def synthetic(tmp_path_factory: pytest.TempPathFactory) -> Drive:
+    """A small drive with labels and pictures; tests do not write to it."""
+    folder = tmp_path_factory.mktemp("synthetic")
+    synthesize(SMALL_DRIVE, folder)
+    return read_drive(folder)
 
 
 @pytest.fixture

@@ -46,6 +46,7 @@ def test_drives_in_a_row_and_two_at_a_time(drives: Path, tmp_path: Path) -> None
     found = run(command(drives, tmp_path / "one"))
     assert found.exit_code in (0, 3), found.output
     assert f"{NUM_DRIVES} of {NUM_DRIVES} drives: " in found.stderr
+    assert f"summary          {tmp_path}/one/summary.csv," in found.stderr
     outcomes = summary(tmp_path / "one")
     assert [outcome["drive"] for outcome in outcomes] == [str(drives / f"{n:03d}") for n in range(NUM_DRIVES)]
     for outcome in outcomes:

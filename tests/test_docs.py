@@ -6,6 +6,7 @@ from pathlib import Path
 from semcal_cli.batch import records
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.datasets import ply
+from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.experiments import journal
 from semcal_cli.files import picture_sizes, point_clouds, reading, rows, yaml_values
 from semcal_cli.formats import format
@@ -39,3 +40,12 @@ def test_limits_are_those_of_the_code() -> None:
     }
     assert stated == set(LIMITS.items())
     assert f"off by {poses.RIGID_TOLERANCE:g}" in text
+
+
+def test_the_files_of_class_names_are_read(tmp_path: Path) -> None:
+    section = (DOCS / "labels.md").read_text().partition("## Names of classes")[2].partition("\n## ")[0]
+    blocks = re.findall(r"```yaml\n(.*?)```", section, re.DOTALL)
+    assert len(blocks) == 2
+    for block in blocks:
+        (tmp_path / "classes.yaml").write_text(block)
+        assert read_ontology(str(tmp_path / "classes.yaml")).ids() == {"road": [7], "car": [26, 27]}

@@ -7,6 +7,7 @@ import pytest
 import yaml
 
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
 
 Edit = Callable[[dict[str, Any]], object]
@@ -36,6 +37,16 @@ def write(folder: Path, content: str | bytes) -> Path:
     path = folder / "drive.yaml"
     path.write_bytes(content.encode() if isinstance(content, str) else content)
     return path
+
+
+def test_a_drive_is_written_to_a_folder_or_to_a_file() -> None:
+    for output, expected in (
+        ("out", "out/drive.yaml"),
+        ("out/left.yaml", "out/left.yaml"),
+        ("left.yml", "left.yml"),
+        ("out.2024", "out.2024/drive.yaml"),
+    ):
+        assert output_drive_file(Path(output)) == Path(expected)
 
 
 def test_reads_folder_or_file(tmp_path: Path, document: dict[str, Any]) -> None:

@@ -13,20 +13,22 @@ from click.testing import CliRunner
 from conftest import STREET, make_pose
 
 from semcal_cli.cli import semcal
+from semcal_cli.cli.experiment_progress import experiment_progress
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.experiments import accuracy, gradient, pool, speed, trust, trust_rates
+from semcal_cli.experiments import accuracy, gradient, pool, rivals, speed, trust, trust_rates
 from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
 from semcal_cli.experiments.outcome import Case as TrustCase
 from semcal_cli.experiments.outcome import Outcome
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.rate import Rate
-from semcal_cli.experiments.runner import run_cases
+from semcal_cli.experiments.runner import in_words, run_cases
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.jobs.resume import locked
+from semcal_cli.jobs.watcher import Watcher
 from semcal_cli.synthetic.synthesis import synthesize
 
 
@@ -49,26 +51,62 @@ def run_until_five(case: Case) -> list[Result]:
     return run(case)
 
 
+class Recorder(Watcher):
+    """Writes down what it is told."""
+
+    def __init__(self) -> None:
+        self.events: list[str] = []
+
+    def resume(self, num_done: int, num_items: int) -> None:
+        self.events.append(f"{num_done} of {num_items}")
+
+    def begin(self, item: str) -> None:
+        self.events.append(f"begin {item}")
+
+    def end(self, item: str) -> None:
+        self.events.append(f"end {item}")
+
+
+def test_a_run_is_told_by_its_words(capsys: pytest.CaptureFixture[str]) -> None:
+    assert in_words(TrustCase("good", 20_000, 5, 0.1)) == "good, seed 20000, pairs 5, noise 0.1, draw 0"
+    assert in_words(rivals.Case("20", "soic", 7)) == "setting 20, soic, seed 7"
+    with experiment_progress(2) as watcher:
+        watcher.resume(3, 10)
+        watcher.begin("16 channels, seed 1")
+        watcher.begin("16 channels, seed 2")
+        watcher.end("16 channels, seed 1")
+        lines = [line.plain for line in watcher.lines()]
+    assert lines == ["4 of 10 runs are done   about 1 s left", "      0:00  16 channels, seed 2"]
+    assert capsys.readouterr().err.splitlines() == [
+        "3 of 10 runs are done already",
+        " 4/10  16 channels, seed 1  (after 0:00, about 1 s left)",
+    ]
+
+
 def test_what_was_stopped_goes_on_where_it_was(tmp_path: Path) -> None:
     cases = [Case(seed) for seed in range(8)]
-    progress: list[tuple[int, int]] = []
+    told = Recorder()
     with pytest.raises(KeyboardInterrupt):
-        run_cases(cases, run_until_five, Result, tmp_path, 1, lambda done, total: None)
+        run_cases(cases, run_until_five, Result, tmp_path, 1)
     with (tmp_path / "results.jsonl").open("a") as file:
         file.write('{"case": "half a li')
-    found = run_cases(cases, run, Result, tmp_path, 1, lambda done, total: progress.append((done, total)))
-    assert progress[0] == (5, 8)
+    found = run_cases(cases, run, Result, tmp_path, 1, told)
+    assert told.events[0] == "5 of 8"
+    # The next run may begin before the end of the one before is told.
+    assert sorted(told.events[1:]) == [
+        f"{what} seed {seed}" for what in ("begin", "end") for seed in (5, 6, 7)
+    ]
     assert found == [result(seed) for seed in range(8)]
     assert all(json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines())
 
 
 def test_results_of_another_version_are_measured_again(tmp_path: Path) -> None:
-    run_cases([Case(1)], run, Result, tmp_path, 1, lambda done, total: None)
+    run_cases([Case(1)], run, Result, tmp_path, 1)
     file = tmp_path / "results.jsonl"
     file.write_text(json.dumps(json.loads(file.read_text()) | {"version": "0.0"}) + "\n")
-    progress: list[int] = []
-    run_cases([Case(1)], run, Result, tmp_path, 1, lambda done, total: progress.append(done))
-    assert progress == [0, 1]
+    told = Recorder()
+    run_cases([Case(1)], run, Result, tmp_path, 1, told)
+    assert told.events == ["0 of 1", "begin seed 1", "end seed 1"]
 
 
 def test_summary_and_files(tmp_path: Path) -> None:
@@ -229,8 +267,8 @@ def run_slowly_at_first(case: Case) -> list[Result]:
 def test_a_process_that_is_killed_is_named_with_its_case(tmp_path: Path) -> None:
     cases = [Case(seed) for seed in range(4)]
     with pytest.raises(CalibrationError, match=r"Case\(seed=2\): the process was ended by SIGKILL"):
-        run_cases(cases, run_until_killed, Result, tmp_path, 1, lambda done, total: None)
-    found = run_cases(cases, run, Result, tmp_path, 1, lambda done, total: None)
+        run_cases(cases, run_until_killed, Result, tmp_path, 1)
+    found = run_cases(cases, run, Result, tmp_path, 1)
     assert found == [result(seed) for seed in range(4)]
 
 
@@ -238,9 +276,7 @@ def test_several_jobs_write_what_one_writes(tmp_path: Path) -> None:
     cases = [Case(seed) for seed in range(6)]
     for num_jobs in (1, 2):
         (tmp_path / f"{num_jobs}").mkdir()
-        run_cases(
-            cases, run_slowly_at_first, Result, tmp_path / f"{num_jobs}", num_jobs, lambda done, total: None
-        )
+        run_cases(cases, run_slowly_at_first, Result, tmp_path / f"{num_jobs}", num_jobs)
     one, two = ((tmp_path / f"{num_jobs}/results.jsonl").read_bytes() for num_jobs in (1, 2))
     assert one == two
 
@@ -250,7 +286,7 @@ def test_results_are_one_run_s_at_a_time(tmp_path: Path) -> None:
         locked(tmp_path / "results.jsonl", "run"),
         pytest.raises(InputError, match="found another run at work there"),
     ):
-        run_cases([Case(0)], run, Result, tmp_path, 1, lambda done, total: None)
+        run_cases([Case(0)], run, Result, tmp_path, 1)
 
 
 def test_the_gradient_of_the_objective_is_that_of_differences(street: Path, street_truth: Pose) -> None:

@@ -7,10 +7,11 @@ import pytest
 import yaml
 from camera_infos import LENS, ROS
 from dataset_imports import complaint, run_import
-from dataset_trees import own_data, write, write_cloud, write_ids
+from dataset_trees import POINTS, own_data, write, write_cloud, write_ids
 
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
 from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.reading import read_clouds
 from semcal_cli.errors import InputError
 
 
@@ -164,3 +165,115 @@ def test_nothing_that_can_be_paired(tmp_path: Path) -> None:
         "--image-labels: found no partner, by name, for any of 3 clouds (as 000001.bin) "
         "among 1 files (as 000004.png)"
     )
+
+
+def write_own_labels(path: Path, ids: str) -> None:
+    """Write a PCD or a PLY in text, whose points have a further field."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    rows = [f"{x} {y} {z} {number}" for number, (x, y, z, *_) in enumerate(POINTS, start=1)]
+    if path.suffix == ".pcd":
+        head = (
+            f"VERSION 0.7\nFIELDS x y z {ids}\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH {len(rows)}\n"
+        )
+        head += f"HEIGHT 1\nPOINTS {len(rows)}\nDATA ascii\n"
+    else:
+        names = "".join(f"property float {axis}\n" for axis in "xyz") + f"property uint {ids}\n"
+        head = f"ply\nformat ascii 1.0\nelement vertex {len(rows)}\n{names}end_header\n"
+    write(path, head + "\n".join(rows) + "\n")
+
+
+def own_clouds(root: Path, suffix: str, ids: str) -> list[object]:
+    """Arguments for clouds that may have labels of their own, without files of labels."""
+    arguments = own_data(root)
+    for number in (2, 3):
+        write_own_labels(root / f"own/{number:06d}{suffix}", ids)
+    return ["--points", root / f"own/*{suffix}", *arguments[4:]]
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".ply"])
+def test_clouds_with_a_field_of_labels_need_no_files_of_them(tmp_path: Path, suffix: str) -> None:
+    stderr = run_import("folder", *own_clouds(tmp_path / "own", suffix, "label"), "-o", tmp_path / "drive")
+    assert f"note: labels of points: the clouds' own, as in 000002{suffix}\n" in stderr
+    assert "no labels of points" not in stderr
+    drive = read_drive(tmp_path / "drive")
+    assert [cloud.labels.tolist() for cloud in read_clouds(drive)] == [[1, 2, 3]] * 2
+    stderr = run_import("folder", *own_clouds(tmp_path / "other", suffix, "echo"), "-o", tmp_path / "without")
+    assert (
+        "note: no labels of points: a calibration by labels needs them, see --point-labels GLOB\n" in stderr
+    )
+
+
+def test_the_cloud_that_is_looked_into_may_be_too_large(tmp_path: Path) -> None:
+    arguments = own_clouds(tmp_path / "own", ".pcd", "label")
+    found = complaint("folder", *arguments, "--max-points", 2, "-o", tmp_path / "drive")
+    assert found == f"{tmp_path}/own/own/000002.pcd: found 3 points, needed at most 2: see --max-points"
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "expected"),
+    [
+        ("--points", "a.xyz", "'.xyz', needed .pcd.bin, .bin, .pcd, .ply, .npy, .npz, .las or .laz"),
+        ("--point-labels", "a.txt", "'.txt', needed .label, .bin, .npy or .npz"),
+        ("--image-labels", "a.jpg", "'.jpg', needed .png, .npy or .npz"),
+        ("--images", "a.tiff", "'.tiff', needed .png, .jpg, .jpeg or .bmp"),
+    ],
+)
+def test_files_that_no_reader_knows(tmp_path: Path, option: str, name: str, expected: str) -> None:
+    arguments = own_data(tmp_path / "own")
+    file = tmp_path / "other" / name
+    write(file, "anything")
+    assert complaint("folder", *arguments, option, file, "-o", tmp_path / "drive") == (
+        f"{option}: {file}: found suffix {expected}"
+    )
+    assert not (tmp_path / "drive").exists()
+
+
+def test_capital_suffixes_are_read(tmp_path: Path) -> None:
+    arguments = own_data(tmp_path / "own")
+    for path in (tmp_path / "own/labels").iterdir():
+        path.rename(path.with_suffix(".PNG"))
+    arguments[5] = tmp_path / "own/labels/*.PNG"
+    run_import("folder", *arguments, "-o", tmp_path / "drive")
+    assert len(read_drive(tmp_path / "drive").frames) == 2
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "road: [1]\ncar: [2, 3]\n",
+        "classes: {road: [1], car: [2, 3]}\n",
+        "ignore: [0]\nclasses:\n  road: {ids: [1]}\n  car: {ids: [2, 3], color: [0, 0, 142]}\n",
+    ],
+)
+def test_names_of_classes_from_a_file(tmp_path: Path, content: str) -> None:
+    own = tmp_path / "own.yaml"
+    write(own, content)
+    options = ("--image-classes", own, "--point-classes", own)
+    run_import("folder", *own_data(tmp_path / "own"), *options, "-o", tmp_path / "drive")
+    classes = read_drive(tmp_path / "drive").classes
+    assert classes is not None
+    assert classes.image == classes.points == {"road": (1,), "car": (2, 3)}
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("road: 7\n", "road: found 7, needed a list"),
+        ("road: [seven]\n", "road[0]: found 'seven', needed a whole number"),
+        ("road: [7, 70000]\n", "road[1]: found 70000, needed at most 65535"),
+        ("road: [7]\ncar: [7]\n", "classes: found id 7 under 'road' and 'car', needed it under one name"),
+        ("{}\n", "found a mapping of 0, needed at least 1"),
+        ("- road\n", "found a list of 1, needed a mapping"),
+        (
+            "ignore: [0]\nroad: [7]\n",
+            "ignore: found beside the names of classes, needed these under a key 'classes'; "
+            "ids that no class lists are ignored anyway",
+        ),
+        ("".join(f"c{n}: []\n" for n in range(65_537)), "found 65,537 names, needed at most 65,536"),
+    ],
+)
+def test_names_of_classes_that_are_wrong(tmp_path: Path, content: str, expected: str) -> None:
+    own = tmp_path / "own.yaml"
+    write(own, content)
+    arguments = (*own_data(tmp_path / "own"), "--image-classes", own, "-o", tmp_path / "drive")
+    assert complaint("folder", *arguments) == f"{own}: {expected}"

@@ -32,7 +32,7 @@ from semcal_cli.bags.transforms import FrameTree
 from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Options, Written, write_drive
-from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.messages import listed, os_reason
@@ -79,7 +79,7 @@ def import_bag(request: Request, out: Path, on_event: Listener = ignore) -> Impo
 class _Import:
     def __init__(self, bag: Bag, request: Request, out: Path, on_event: Listener) -> None:
         self.bag, self.request, self.on_event = bag, request, on_event
-        self.path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
+        self.path = output_drive_file(out)
         self.topics: Topics = choose_topics(bag, request)
         self.info: CameraInfo | None = None
         self.frame_ids: tuple[str, ...] = ("", "")

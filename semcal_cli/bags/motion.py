@@ -57,6 +57,7 @@ class Trajectory:
     def __init__(self, source: MotionSource) -> None:
         self.source = source
         self._poses: dict[int, Pose] = {}
+        self._sorted: list[int] | None = []
         self._latency_ns = 0
 
     @property
@@ -79,10 +80,11 @@ class Trajectory:
             if not received:
                 self._latency_ns = max(self._latency_ns, min(message.received_ns - stamp, LONGEST_LATENCY_NS))
             self._poses[message.received_ns if received else stamp] = T @ self.source.T_frame_lidar
+            self._sorted = None
 
     def covers(self, *stamps_ns: int) -> bool:
         """Whether poses stand closely before and after each of the stamps."""
-        stamps = sorted(self._poses)
+        stamps = self._stamps()
         places = [bisect_left(stamps, stamp) for stamp in stamps_ns]
         return all(
             0 < place < len(stamps) and stamps[place] - stamps[place - 1] <= LONGEST_GAP_NS
@@ -91,7 +93,7 @@ class Trajectory:
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
         """Position (3,) of the pose that is nearest in time, metres; None without poses."""
-        stamps = sorted(self._poses)
+        stamps = self._stamps()
         if not stamps:
             return None
         place = min(bisect_left(stamps, stamp_ns), len(stamps) - 1)
@@ -102,10 +104,17 @@ class Trajectory:
     def tum(self) -> str:
         """Write the poses, one line each: seconds x y z qx qy qz qw (TUM)."""
         lines = []
-        for stamp, T in sorted(self._poses.items()):
+        for stamp in self._stamps():
+            T = self._poses[stamp]
             numbers = [*T[:3, 3], *quaternion_xyzw(T)]
             lines.append(" ".join([seconds_text(stamp), *(f"{each:.12g}" for each in numbers)]))
         return "\n".join(lines) + "\n"
+
+    def _stamps(self) -> list[int]:
+        """Stamps of the poses, ascending; sorted once, since they are asked for again and again after the last pose."""
+        if self._sorted is None:
+            self._sorted = sorted(self._poses)
+        return self._sorted
 
 
 def read_frames(bag: Bag) -> tuple[FrameTree, list[MovingFrame]]:

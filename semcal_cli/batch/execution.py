@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 from typing import TypeAlias
 
@@ -23,9 +22,21 @@ MODULE = "semcal_cli.cli.worker"
 """Module that the processes run. It answers a task with the state of its files, then with the command's outcome."""
 
 
-def execute_here(folder: Path, num_jobs: int) -> Execute:
-    """Run tasks on this machine, `num_jobs` at a time; `folder` is that of all results."""
-    do = partial(execute_task, folder)
+def execute_here(
+    folder: Path, num_jobs: int, on_begin: Callable[[str], None] = lambda drive: None
+) -> Execute:
+    """Run tasks on this machine.
+
+    Args:
+        folder: Folder of all results.
+        num_jobs: Number of tasks at a time.
+        on_begin: Called with each drive when it begins, by several threads.
+    """
+
+    def do(processes: Processes, task: Task) -> Outcome:
+        on_begin(task.drive)
+        return execute_task(folder, processes, task)
+
     return lambda tasks: in_processes(tasks, do, MODULE, num_jobs)
 
 

@@ -130,6 +130,7 @@ def batch(
     from semcal_cli.batch.execution import execute_here
     from semcal_cli.batch.run import run_batch
     from semcal_cli.batch.summary import worst
+    from semcal_cli.cli.batch_end import print_end
     from semcal_cli.cli.batch_progress import BatchProgress
 
     if (calibration is not None) != (command == "verify"):
@@ -143,18 +144,17 @@ def batch(
     tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s, address is None)
     folder = output.absolute()
     with ExitStack() as stack:
-        if address is None:
-            execute = execute_here(folder, num_jobs)
-        else:
-            execute = execute_on(stack.enter_context(connect(address)), folder)
-        show = stack.enter_context(BatchProgress(len(tasks), quiet))
+        client = None if address is None else stack.enter_context(connect(address))
+        show = stack.enter_context(BatchProgress(len(tasks), num_jobs, quiet))
+        execute = execute_here(folder, num_jobs, show.begin) if client is None else execute_on(client, folder)
         try:
             outcomes = run_batch(tasks, folder, execute, force=force, on_done=show.tell)
         except KeyboardInterrupt:
             stack.close()
-            click.echo(f"semcal: stopped: {show.num_done:,} of {len(tasks):,} drives are done", err=True)
+            done = f"{show.num_done:,} of {len(tasks):,} drives are done"
+            click.echo(f"semcal: stopped: {done}; the same command does the others", err=True)
             sys.exit(EXIT_STOPPED)
-        show.settle(outcomes)
+    print_end(show.console, outcomes, output)
     _report(command, output, outcomes).tell_github()
     sys.exit(worst(outcome.exit_code for outcome in outcomes))
 

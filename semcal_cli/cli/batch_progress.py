@@ -4,70 +4,107 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Iterable
+from contextlib import ExitStack
+from pathlib import Path
 
-from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
 from semcal_cli.batch.tasks import FAILED, Outcome
+from semcal_cli.cli.live import live_lines, printable, running_lines, time_left
 from semcal_cli.cli.terminal import make_console
+from semcal_cli.jobs.pace import Pace
 
-RECENT = 12
-"""Number of drives that the table shows."""
+RECENT = 8
+"""Number of drives that are shown after they are done."""
+STYLES = {
+    "failed": "bold red",
+    "fail": "bold red",
+    "not_trusted": "bold red",
+    "inconclusive": "bold yellow",
+    "not_assessed": "bold yellow",
+    "trusted": "bold green",
+    "pass": "bold green",
+}
+"""Colour of each status, the worst first."""
+STATUS_WIDTH = 14
 
 
 class BatchProgress:
-    """Shows the progress of a batch: a live table on a terminal, or a line for each drive on a pipe."""
+    """Shows the progress of a batch: running and finished drives on a terminal, or a line for each drive on a pipe."""
 
-    def __init__(self, num_drives: int, quiet: bool) -> None:
+    def __init__(self, num_drives: int, num_jobs: int, quiet: bool) -> None:
         self.num_drives, self.num_done = num_drives, 0
+        self.console = make_console(quiet)
+        self._pace = Pace(num_drives, num_jobs)
         self._counts: Counter[str] = Counter()
         self._recent: deque[Outcome] = deque(maxlen=RECENT)
-        self._console = make_console(quiet)
-        self._live: Live | None = None
+        self._live = ExitStack()
 
     def __enter__(self) -> BatchProgress:
-        if self._console.is_terminal and not self._console.quiet:
-            self._live = Live(self._table(), console=self._console, transient=True)
-            self._live.start()
+        self._live.enter_context(live_lines(self.console, self._lines))
         return self
 
     def __exit__(self, *error: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-        counts = ", ".join(f"{count:,} {status}" for status, count in sorted(self._counts.items()))
-        self._console.print(f"{self.num_done:,} of {self.num_drives:,} drives: {counts or 'none done'}")
+        self._live.close()
+
+    def begin(self, drive: str) -> None:
+        """Note that a drive begins; any thread may tell so."""
+        self._pace.begin(drive)
 
     def tell(self, outcome: Outcome, is_new: bool) -> None:
         """Show the outcome of a drive."""
         self.num_done += 1
         self._counts[outcome.status] += 1
-        if self._live is not None:
+        if is_new:
+            self._pace.end(outcome.drive)
             self._recent.append(outcome)
-            self._live.update(self._table())
-        elif is_new or outcome.status == FAILED:
-            reason = f": {outcome.reasons[0]}" if outcome.reasons else ""
+        else:
+            self._pace.skip()
+        if not self.console.is_terminal and (is_new or outcome.status == FAILED):
             number = f"{self.num_done:>{len(str(self.num_drives))}}/{self.num_drives}"
-            line = f"{number}  {outcome.status:<13}{outcome.drive}{reason}"
-            self._console.print(line, markup=False)
+            reason = f": {outcome.reasons[0]}" if outcome.reasons else ""
+            line = printable(f"{number}  {outcome.status:<13}{outcome.drive}{reason}")
+            self.console.print(line, markup=False)
 
-    def settle(self, outcomes: Iterable[Outcome]) -> None:
-        """Count the drives as the summary does: those whose results were removed during the run have failed."""
-        self._counts = Counter(outcome.status for outcome in outcomes)
-
-    def _table(self) -> Table:
-        counts = ", ".join(f"{count:,} {status}" for status, count in sorted(self._counts.items()))
-        table = Table(
-            title=f"{self.num_done:,} of {self.num_drives:,} drives   {counts}", title_justify="left"
+    def _lines(self) -> list[Text]:
+        title = Text("   ").join(
+            [
+                Text(f"{self.num_done:,} of {self.num_drives:,} drives"),
+                *([counts_text(self._counts)] if self._counts else []),
+                *([Text(left)] if (left := time_left(self._pace)) else []),
+            ]
         )
-        for column in ("drive", "status", "MI, nats", "reason"):
-            table.add_column(column, no_wrap=True, overflow="ellipsis")
-        for outcome in self._recent:
-            information = outcome.mutual_information_nats
-            table.add_row(
-                Text(outcome.drive),
-                outcome.status,
-                "" if information is None else f"{information:.4f}",
-                Text(outcome.reasons[0] if outcome.reasons else ""),
-            )
-        return table
+        return [title, *running_lines(self._pace), *map(outcome_text, self._recent)]
+
+
+def counts_text(counts: Counter[str]) -> Text:
+    """Tell how many drives have each status, the worst first, in its colour on a terminal."""
+    parts = [
+        Text(f"{counts[status]:,} {words(status)}", style)
+        for status, style in STYLES.items()
+        if counts[status]
+    ]
+    return Text(", ").join(parts)
+
+
+def count_statuses(outcomes: Iterable[Outcome]) -> Counter[str]:
+    """Count the drives of each status."""
+    return Counter(outcome.status for outcome in outcomes)
+
+
+def outcome_text(outcome: Outcome) -> Text:
+    """Name the status of a drive, the drive, and the first reason."""
+    reason = f": {first_reason(outcome)}" if outcome.reasons else ""
+    status = Text(f"{words(outcome.status):<{STATUS_WIDTH}}", STYLES[outcome.status])
+    return status + Text(printable(f"{outcome.drive}{reason}"))
+
+
+def first_reason(outcome: Outcome) -> str:
+    """Give the first reason of an outcome; files are named from the drive on, whose name stands before it."""
+    reason = outcome.reasons[0].removeprefix(f"{Path(outcome.drive).absolute()}/")
+    return reason.removeprefix(f"{outcome.drive}/")
+
+
+def words(status: str) -> str:
+    """Write a status as words."""
+    return status.replace("_", " ")

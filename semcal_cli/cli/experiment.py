@@ -63,14 +63,10 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
     return add
 
 
-def _progress(what: str) -> Callable[[int, int], None]:
-    """Show how many cases of a run are done."""
-    from semcal_cli.cli.terminal import make_console
-
-    console = make_console(quiet=False)
-    return lambda done, total: console.print(
-        f"{done} of {total} {what}", end="\r" if console.is_terminal else "\n"
-    )
+def _print(table: str, folder: Path) -> None:
+    """Print the table of an experiment, and where its files lie."""
+    click.echo(table, nl=False)
+    click.echo(f"written to {folder}", err=True)
 
 
 @experiment.command()
@@ -107,6 +103,7 @@ def accuracy(
     Takes about two minutes for each seed. Writes results.csv, summary.json, table.md and plot.png into a folder of DIR,
     and keeps its drives in a pool beside it, about 45 MB each. A stopped run resumes where it was.
     """
+    from semcal_cli.cli.experiment_progress import experiment_progress
     from semcal_cli.config import EDGE_BAND_PX, Estimator
     from semcal_cli.experiments import accuracy, runner
     from semcal_cli.experiments.pool import Pool
@@ -125,8 +122,9 @@ def accuracy(
     folder = runner.make_folder(out, name)
     cases = accuracy.cases(range(first_seed, first_seed + seeds), rows or tuple(accuracy.ROWS))
     run = accuracy.Experiment(Pool(out / "pool"), chosen, band)
-    results = runner.run_cases(cases, run, accuracy.Result, folder, jobs, _progress("cases"))
-    click.echo(accuracy.write_accuracy(results, jobs, folder), nl=False)
+    with experiment_progress(jobs) as watcher:
+        results = runner.run_cases(cases, run, accuracy.Result, folder, jobs, watcher)
+    _print(accuracy.write_accuracy(results, jobs, folder), folder)
 
 
 @experiment.command()
@@ -150,20 +148,22 @@ def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: P
     Drives are also spoiled in the ways of real recordings: none should be trusted and wrong. Takes about two minutes
     for each drive, and five for one that is spoiled. Writes the same files as `accuracy`; a stopped run resumes.
     """
+    from semcal_cli.cli.experiment_progress import experiment_progress
     from semcal_cli.experiments import runner, trust, trust_rates
     from semcal_cli.experiments.outcome import Outcome
     from semcal_cli.experiments.pool import Pool
 
     folder = runner.make_folder(out, "trust")
-    findings = runner.run_cases(
-        trust.cases(range(first_seed, first_seed + seeds), parts),
-        trust.Experiment(Pool(out / "pool"), Pool(out / "pool_with_pictures", has_pictures=True)),
-        Outcome,
-        folder,
-        jobs,
-        _progress("runs"),
-    )
-    click.echo(trust_rates.write_trust(findings, jobs, folder), nl=False)
+    with experiment_progress(jobs) as watcher:
+        findings = runner.run_cases(
+            trust.cases(range(first_seed, first_seed + seeds), parts),
+            trust.Experiment(Pool(out / "pool"), Pool(out / "pool_with_pictures", has_pictures=True)),
+            Outcome,
+            folder,
+            jobs,
+            watcher,
+        )
+    _print(trust_rates.write_trust(findings, jobs, folder), folder)
 
 
 def _rivals_command(name: str, help: str) -> None:
@@ -179,6 +179,7 @@ def _rivals_command(name: str, help: str) -> None:
     )
     @out_option
     def compare(seeds: int, first_seed: int, jobs: int, unmended: bool, out: Path) -> None:
+        from semcal_cli.cli.experiment_progress import experiment_progress
         from semcal_cli.experiments import rivals, runner
         from semcal_cli.experiments.pool import Pool
         from semcal_cli.experiments.rivals_results import write_rivals
@@ -186,17 +187,18 @@ def _rivals_command(name: str, help: str) -> None:
         settings = rivals.EXPERIMENTS[name]
         folder = runner.make_folder(out, f"{name}_unmended" if unmended else name)
         scratch = folder / "drives"
-        findings = runner.run_cases(
-            rivals.cases(settings, range(first_seed, first_seed + seeds)),
-            rivals.Experiment(settings, Pool(scratch, has_pictures=True), not unmended),
-            rivals.Finding,
-            folder,
-            jobs,
-            _progress("runs"),
-        )
+        with experiment_progress(jobs) as watcher:
+            findings = runner.run_cases(
+                rivals.cases(settings, range(first_seed, first_seed + seeds)),
+                rivals.Experiment(settings, Pool(scratch, has_pictures=True), not unmended),
+                rivals.Finding,
+                folder,
+                jobs,
+                watcher,
+            )
         shutil.rmtree(scratch, ignore_errors=True)
         found = rivals.complete(findings, settings)
-        click.echo(write_rivals(name, found, jobs, folder, is_mended=not unmended), nl=False)
+        _print(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder)
 
 
 _rivals_command(
@@ -225,20 +227,22 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     Both start 2 degrees and 0.2 m off, with five pairs. Writes results.csv, summary.json and table.md into a folder of
     DIR; a stopped run resumes where it was.
     """
+    from semcal_cli.cli.experiment_progress import experiment_progress
     from semcal_cli.experiments import gradient, runner
     from semcal_cli.experiments.pool import Pool
 
     folder = runner.make_folder(out, "gradient")
-    findings = runner.run_cases(
-        gradient.cases(range(first_seed, first_seed + seeds)),
-        gradient.Experiment(Pool(folder / "drives")),
-        gradient.Finding,
-        folder,
-        jobs,
-        _progress("runs"),
-    )
+    with experiment_progress(jobs) as watcher:
+        findings = runner.run_cases(
+            gradient.cases(range(first_seed, first_seed + seeds)),
+            gradient.Experiment(Pool(folder / "drives")),
+            gradient.Finding,
+            folder,
+            jobs,
+            watcher,
+        )
     shutil.rmtree(folder / "drives", ignore_errors=True)
-    click.echo(gradient.write_gradient(findings, jobs, folder), nl=False)
+    _print(gradient.write_gradient(findings, jobs, folder), folder)
 
 
 @experiment.command()
@@ -303,7 +307,7 @@ def table(
         progress("reading frames")
         data = load(spec, CalibrationConfig(max_frames=max_frames))
         found = compare(data, T_reference, initial_pose, frame, progress)
-    click.echo(write_table(found, frame, folder), nl=False)
+    _print(write_table(found, frame, folder), folder)
 
 
 @experiment.command()
@@ -339,6 +343,7 @@ def speed(
     """
     from dataclasses import replace
 
+    from semcal_cli.cli.experiment_progress import experiment_progress
     from semcal_cli.errors import InputError
     from semcal_cli.experiments import runner, speed
 
@@ -349,12 +354,13 @@ def speed(
     folder = runner.make_folder(out, f"speed{of_size}")
     commands = speed.COMMANDS if only is None else (only,)
     experiment = speed.Experiment(folder, plain_torch and plain_torch.resolve(), street, commands)
-    timings = runner.run_cases(
-        experiment.cases(repeats),
-        experiment,
-        speed.Timing,
-        folder,
-        1,
-        _progress("runs"),
-    )
-    click.echo(speed.markdown(speed.write_speed(timings, folder)), nl=False)
+    with experiment_progress(1) as watcher:
+        timings = runner.run_cases(
+            experiment.cases(repeats),
+            experiment,
+            speed.Timing,
+            folder,
+            1,
+            watcher,
+        )
+    _print(speed.markdown(speed.write_speed(timings, folder)), folder)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from semcal_cli.cli.import_bag import bag
-from semcal_cli.cli.options import PATH, FiniteRange, number_option, quiet_option
+from semcal_cli.cli.options import PATH, FiniteRange, max_points_option, number_option, quiet_option
 from semcal_cli.datasets import DATASETS, load_dataset
 
 if TYPE_CHECKING:
@@ -71,12 +71,12 @@ def drive_options(command: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--point-classes",
             metavar="NAME|FILE",
-            help="Class table of the labels of points, as semantickitti.",
+            help="Classes of the labels of points: a table as semantickitti, or a file of lines as `road: [40]`.",
         ),
         click.option(
             "--image-classes",
             metavar="NAME|FILE",
-            help="Class table of the label images, as cityscapes-train.",
+            help="Classes of the label images: a table as cityscapes-train, or a file of lines as `road: [7]`.",
         ),
         click.option(
             "--spread",
@@ -159,9 +159,28 @@ for _name, _summary in DATASETS.items():
     import_.add_command(_dataset_command(_name, _summary))
 
 
-@import_.command(short_help="Your own files, found by patterns and paired by time or by name.")
+@import_.command(
+    short_help="Your own files, found by patterns and paired by time or by name.",
+    help="""Make a drive of your own files.
+
+    Quote the patterns. Files are paired by the times in their names where all names hold one (1581624663.149,
+    1581624663_149, nanoseconds), else by their names without suffix. Files without a partner are counted.
+    --camera names one of the cameras of a Kalibr camchain.
+
+    A file of --image-classes or --point-classes is written as one side of the classes of a drive.yaml; other ids
+    are ignored:
+
+    \b
+      road: [7]
+      car: [26, 27]
+    """,
+)
 @click.option("--points", required=True, metavar="GLOB", help="Point clouds, as 'clouds/*.pcd'.")
-@click.option("--point-labels", metavar="GLOB", help="Labels of points; none if the clouds have them.")
+@click.option(
+    "--point-labels",
+    metavar="GLOB",
+    help="Labels of points; not needed where the clouds have a field of them.",
+)
 @click.option("--image-labels", metavar="GLOB", help="Label images.")
 @click.option("--images", metavar="GLOB", help="Images.")
 @click.option(
@@ -180,6 +199,7 @@ for _name, _summary in DATASETS.items():
 )
 @drive_options
 @_gap_option(0.05)
+@max_points_option
 def folder(
     points: str,
     point_labels: str | None,
@@ -189,16 +209,12 @@ def folder(
     model: str | None,
     reference: Path | None,
     camera: str | None,
+    max_points: int,
     output: Path,
     quiet: bool,
     **settings: Any,
 ) -> None:
-    """Make a drive of your own files.
-
-    Quote the patterns. Files are paired by the times in their names where all names hold one (1581624663.149,
-    1581624663_149, nanoseconds), else by their names without suffix. Files without a partner are counted.
-    --camera names one of the cameras of a Kalibr camchain.
-    """
+    """Make a drive of your own files."""
     from semcal_cli.datasets.folder import Folder, read
 
     source = Folder(
@@ -211,5 +227,6 @@ def folder(
         camera=camera,
         model=model,
         reference=reference,
+        max_points=max_points,
     )
     _write(read(source), output, quiet, settings)

@@ -3,20 +3,33 @@
 from __future__ import annotations
 
 import glob
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.datasets.intrinsics import read_intrinsics
+from semcal_cli.datasets.labels import CLOUD_SUFFIXES, PICTURE_SUFFIXES
+from semcal_cli.datasets.labels import SUFFIXES as LABEL_SUFFIXES
 from semcal_cli.datasets.pairing import by_time, pairs, stamps_s, stem
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError
+from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose
+
+SUFFIXES = {
+    "--points": CLOUD_SUFFIXES,
+    "--point-labels": LABEL_SUFFIXES["point_labels"],
+    "--image-labels": LABEL_SUFFIXES["image_labels"],
+    "--images": PICTURE_SUFFIXES,
+}
+"""Suffixes of the files that are read, by the option of their pattern."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +54,8 @@ class Folder:
     """Camera model, if the file of the intrinsics names none or a wrong one."""
     reference: Path | None = None
     """File of a transform to compare with."""
+    max_points: int = MAX_POINTS
+    """Points of the largest cloud that is looked into."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +74,8 @@ def read(folder: Folder) -> Recording:
     """Pair the files and read the intrinsics.
 
     Raises:
-        InputError: a pattern finds nothing, nothing can be paired, no cloud has all its files, or a file is wrong.
+        InputError: a pattern finds nothing or a file of an unknown format, nothing can be paired, no cloud has all its
+            files, or a file is wrong.
     """
     camera = read_intrinsics(folder.camera_info, folder.camera, folder.model)
     clouds = _find("--points", folder.points)
@@ -76,6 +92,8 @@ def read(folder: Folder) -> Recording:
             f"{len(timed.of_cloud):,} with one of {option}, none with both, needed at least one"
         )
     stamps = stamps_s(clouds)
+    has_labels = not point_labels.of_cloud and _has_labels(whole[0], folder.max_points)
+    own_labels = (f"labels of points: the clouds' own, as in {whole[0].name}",) if has_labels else ()
     frames = [
         SourceFrame(
             name=stem(cloud),
@@ -85,6 +103,7 @@ def read(folder: Folder) -> Recording:
             image=images.of_cloud.get(cloud),
             points_stamp=stamps.get(cloud),
             image_stamp=timed.stamps_s.get(timed.of_cloud[cloud]) if timed.of_cloud else None,
+            cloud_has_labels=has_labels,
         )
         for cloud in whole
     ]
@@ -92,7 +111,7 @@ def read(folder: Folder) -> Recording:
         camera=camera,
         frames=sorted(frames, key=lambda frame: (frame.points_stamp or 0.0, frame.name)),
         T_camera_lidar=_reference(folder.reference),
-        remarks=(*point_labels.remarks, *image_labels.remarks, *images.remarks),
+        remarks=(*own_labels, *point_labels.remarks, *image_labels.remarks, *images.remarks),
         read=(folder.camera_info, *([drive_file(folder.reference)] if folder.reference else [])),
         labels_by="GLOB",
     )
@@ -103,7 +122,31 @@ def _find(option: str, pattern: str) -> list[Path]:
     found = [Path(name) for name in sorted(names) if Path(name).is_file()]
     if not found:
         raise InputError(f"{option}: {pattern}: found no such files, needed at least one; quote the pattern")
+    _check_suffixes(option, found)
     return found
+
+
+def _check_suffixes(option: str, files: Sequence[Path]) -> None:
+    """Check that a reader knows the suffix of each file.
+
+    Raises:
+        InputError: no reader knows one.
+    """
+    known = SUFFIXES[option]
+    other = next((path for path in files if not path.name.lower().endswith(known)), None)
+    if other is not None:
+        found = f"found suffix {other.suffix!r}" if other.suffix else "found no suffix"
+        raise InputError(f"{option}: {other}: {found}, needed {', '.join(known[:-1])} or {known[-1]}")
+
+
+def _has_labels(cloud: Path, max_points: int) -> bool:
+    """Tell whether a cloud labels its points by a field of its own.
+
+    Raises:
+        InputError: the cloud cannot be read.
+    """
+    (found,) = read_point_clouds([(cloud, None)], max_points)
+    return found.labels is not None
 
 
 def _partners(clouds: list[Path], option: str, pattern: str | None, max_gap_s: float) -> Partners:

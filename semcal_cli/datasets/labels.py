@@ -18,6 +18,7 @@ SUFFIXES: dict[Side, tuple[str, ...]] = {
     "point_labels": (".label", ".bin", ".npy", ".npz"),
 }
 CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".laz")
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
 def with_labels(recording: Recording, side: Side, folder: Path) -> Recording:

@@ -81,6 +81,8 @@ class SourceFrame:
     """Time of the sweep, in seconds."""
     image_stamp: float | None = None
     """Time of the image, in seconds."""
+    cloud_has_labels: bool = False
+    """Whether the cloud labels its points itself, by a field of its file."""
     speed_mps: float | None = None
     """Speed of the rig, in metres a second."""
     T_camera_lidar: Pose | None = None
@@ -97,9 +99,9 @@ class SourceFrame:
 
     @property
     def has_point_labels(self) -> bool:
-        """Whether the points have labels, in a file or from the conversion."""
+        """Whether the points have labels, in a file of their own, in the cloud's or from the conversion."""
         converted = isinstance(self.points, Conversion) and self.points.has_labels
-        return converted or self.point_labels is not None
+        return converted or self.cloud_has_labels or self.point_labels is not None
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,8 @@ from semcal_cli.datasets.files import need_file, writable_name
 from semcal_cli.datasets.labels import labelled, with_labels
 from semcal_cli.datasets.ontologies import Ontology, read_ontology
 from semcal_cli.datasets.recording import Cloud, Conversion, Recording, SourceFrame
-from semcal_cli.drive.document import DRIVE_FILE, Drive
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.messages import os_reason
@@ -71,7 +72,7 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
     Raises:
         InputError: no frame is left, a file cannot be written, or the recording makes no valid drive.
     """
-    path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
+    path = output_drive_file(out)
     _check_overwrites_nothing(path, recording, options)
     recording = narrowed(labelled(_with_options(recording, options)), options.choice)
     drive = _make_drive(recording, path)

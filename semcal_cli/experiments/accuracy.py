@@ -33,6 +33,7 @@ from semcal_cli.experiments.distribution import (
     errors_in_groups,
     grouped,
 )
+from semcal_cli.experiments.plot_style import ACCENT, ORANGE, make_logarithmic
 from semcal_cli.experiments.pool import Pool
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.geometry.pose_error import compare_poses
@@ -124,6 +125,10 @@ ROWS: dict[str, Row] = {
     "segments, 100-degree lens": _segments("wide", 2.0),
 }
 """Rows; where a bound on a median is wanted, the limit of a right result is three times that bound."""
+
+
+COLORS = {"exact": ACCENT, "mine": ORANGE}
+"""Colour of each estimator in plots."""
 
 
 @dataclass(frozen=True)
@@ -294,26 +299,27 @@ def write_accuracy(results: Sequence[Result], num_jobs: int, folder: Path) -> st
     summaries = summarise(results)
     table = markdown(summaries)
     document = {"experiment": "accuracy", "machine": machine(), "jobs": num_jobs}
-    write_results(document, results, summaries, table, _plot(results), folder)
+    write_results(document, results, summaries, table, lambda: _plot(results), folder)
     return table
 
 
 def _plot(results: Sequence[Result]) -> Figure:
-    """Draw a box plot with a box for each estimator in each row."""
+    """Draw the errors of each estimator in each row."""
     from matplotlib.figure import Figure
 
     rows = list(dict.fromkeys(result.row for result in results))
     estimators = list(dict.fromkeys(result.estimator for result in results))
     groups = grouped(results, lambda r: (r.estimator, r.row))
-    figure = Figure(figsize=(12.0, 1.5 + 0.45 * len(rows)), layout="constrained")
+    figure = Figure(figsize=(12.0, 1.5 + 0.45 * len(rows)))
     axes = figure.subplots(1, 2, sharey=True)
     for ax, (key, label) in zip(axes, MEASURES, strict=True):
         errors = errors_in_groups(groups, key, estimators, rows)
-        draw_groups(ax, errors, estimators, "horizontal")
-        ax.set_xscale("log")
+        draw_groups(ax, errors, estimators, "horizontal", [COLORS[each] for each in estimators])
+        make_logarithmic(ax, "x")
         ax.set_xlabel(label)
-        ax.grid(axis="x", alpha=0.3)
+        ax.grid(axis="x")
     axes[0].set_yticks(range(len(rows)), rows)
-    axes[0].invert_yaxis()
-    axes[1].legend(loc="lower right")
+    axes[0].set_ylim(len(rows) - 0.5, -0.5)
+    handles, labels = axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncols=len(labels))
     return figure

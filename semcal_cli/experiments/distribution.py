@@ -1,25 +1,32 @@
-"""The distribution of errors over the runs of a group: in numbers, in a table, and as boxes of a plot."""
+"""The distribution of errors over the runs of a group: in numbers, in a table, and as dots or boxes of a plot."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Literal, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 
+from semcal_cli.experiments.plot_style import INK
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
 
 MEASURES = (("rotation_deg", "rotation error, degrees"), ("camera_center_cm", "camera centre error, cm"))
 """Fields of a result, with the labels of their axes."""
 ERROR_COLUMNS = "rotation, deg: median, 95 %, worst | camera centre, cm: median, 95 %, worst"
 """Header of the table columns that `error_cells` fills."""
-MIN_FOR_BOX = 8
-"""Least number of errors that a box stands for; fewer are drawn as points."""
+MAX_FOR_DOTS = 30
+"""Most values that are drawn one by one, with a tick at their median; a box stands for more."""
 GROUP_WIDTH = 0.8
-"""Width of the boxes of a group together; groups are at a distance of one."""
+"""Width of the columns of a group together; groups are at a distance of one."""
+SPREAD = 0.6
+"""Share of a column's width over which its dots are spread."""
+GOLDEN_RATIO = 0.618034
+"""Step between dots of neighbouring values across their column, modulo one: they seldom cover one another."""
+
+Orientation: TypeAlias = Literal["horizontal", "vertical"]
 
 Result = TypeVar("Result")
 Key = TypeVar("Key", bound=Hashable)
@@ -103,53 +110,78 @@ def draw_groups(
     axes: Axes,
     groups: Sequence[Sequence[Sequence[float]]],
     labels: Sequence[str],
-    orientation: Literal["horizontal", "vertical"],
-    colors: Sequence[str] | None = None,
+    orientation: Orientation,
+    colors: Sequence[str],
 ) -> list[list[float]]:
-    """Draw a box for each label in each group, or points where there are few errors; infinite ones are left out.
+    """Draw a column of dots, or a box, for each label in each group; infinite errors are left out.
 
     Args:
         axes: Axes to draw in; groups are at 0, 1, 2 and so on.
         groups: Errors by label, then by group.
         labels: Entries of the legend.
-        orientation: Orientation of the boxes.
-        colors: Colour of each label; None takes those of matplotlib's cycle.
+        orientation: Orientation of the columns.
+        colors: Colour of each label.
 
     Returns:
-        Positions of the boxes by label, then by group.
+        Positions of the columns by label, then by group.
     """
     width = GROUP_WIDTH / len(labels)
     places = []
-    for number, (label, of_label) in enumerate(zip(labels, groups, strict=True)):
-        color = f"C{number}" if colors is None else colors[number]
+    for number, (label, color, of_label) in enumerate(zip(labels, colors, groups, strict=True)):
         shift = (number - 0.5 * (len(labels) - 1)) * width
         places.append([group + shift for group in range(len(of_label))])
-        finite = [[value for value in values if math.isfinite(value)] for values in of_label]
-        for place, values in zip(places[-1], finite, strict=True):
-            if len(values) >= MIN_FOR_BOX:
-                boxes = axes.boxplot(
-                    [values],
-                    positions=[place],
-                    widths=0.8 * width,
-                    orientation=orientation,
-                    patch_artist=True,
-                    medianprops={"color": "black"},
-                    flierprops={"markersize": 3},
-                    manage_ticks=False,
-                )
-                boxes["boxes"][0].set_facecolor(color)
-            else:
-                along = [place] * len(values)
-                xy = (along, values) if orientation == "vertical" else (values, along)
-                axes.plot(*xy, "o", color=color, markersize=4, markeredgecolor="black", markeredgewidth=0.5)
-        axes.plot([], [], "s", color=color, markeredgecolor="black", label=label)
+        for place, values in zip(places[-1], of_label, strict=True):
+            draw_values(axes, values, place, 0.8 * width, color, orientation)
+        axes.plot([], [], "o", color=color, label=label)
     return places
 
 
-def set_readable_log_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis by decades as 0.01, 0.1, 1 and so on."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+def draw_values(
+    axes: Axes,
+    values: Sequence[float],
+    place: float,
+    width: float,
+    color: str,
+    orientation: Orientation,
+    whiskers: float | tuple[float, float] = 1.5,
+) -> None:
+    """Draw values one by one with a tick at their median, or as a box if they are many.
 
-    axis.set_major_locator(LogLocator(base=10.0))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())
+    Args:
+        axes: Axes to draw in.
+        values: Values; infinite ones are left out, but count for the median of dots.
+        place: Position of the column.
+        width: Width of the column.
+        color: Colour of the dots or of the box.
+        orientation: Orientation of the column.
+        whiskers: Reach of a box's whiskers, as matplotlib takes it.
+    """
+    finite = sorted(value for value in values if math.isfinite(value))
+    if len(finite) > MAX_FOR_DOTS:
+        boxes = axes.boxplot(
+            [finite],
+            positions=[place],
+            widths=width,
+            whis=whiskers,
+            orientation=orientation,
+            patch_artist=True,
+            medianprops={"color": INK, "linewidth": 1.5},
+            flierprops={"markersize": 2.5, "markerfacecolor": color, "markeredgecolor": "none"},
+            manage_ticks=False,
+        )
+        boxes["boxes"][0].set(facecolor=color, edgecolor=INK, alpha=0.8)
+        return
+    steps = [number * GOLDEN_RATIO % 1.0 - 0.5 if len(finite) > 1 else 0.0 for number in range(len(finite))]
+    across = [place + SPREAD * width * step for step in steps]
+    _plot(
+        axes, across, finite, orientation, "o", color=color, markersize=3.5, alpha=0.75, markeredgewidth=0.0
+    )
+    if values and math.isfinite(median := float(np.median(values))):
+        ends = [place - 0.5 * width, place + 0.5 * width]
+        _plot(axes, ends, [median, median], orientation, "-", color=INK, linewidth=1.5)
+
+
+def _plot(
+    axes: Axes, across: list[float], along: list[float], orientation: Orientation, *style: str, **more: Any
+) -> None:
+    axes.plot(*((across, along) if orientation == "vertical" else (along, across)), *style, **more)

@@ -22,6 +22,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import mend, read_observations
+from semcal_cli.experiments.plot_style import ACCENT, GREEN, GREY, INK, ORANGE, PURPLE, SKY, VERMILION
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import initialize, refine_and_polish, start_at
@@ -95,7 +96,7 @@ class Method:
     find: Callable[[Scene, Observations, Pose], Pose]
     """Function of the scene, these observations and a start to a better pose; it may raise a `SemcalError`."""
     color: str
-    """Colour of the method in plots: of a palette that colour-blind people can tell apart (Okabe and Ito)."""
+    """Colour of the method in plots."""
     is_slow: bool = False
     """Whether it runs on some drives and settings only."""
     starts_from_nothing: bool = False
@@ -137,28 +138,26 @@ def _published_from_nothing(observations: Observations) -> Pose:
 
 
 METHODS: dict[str, Method] = {
-    "semcal": Method("labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), "#0072b2"),
-    "paper": Method("raw_labels", lambda scene, seen, T_init: _published(seen, T_init), "#cc79a7"),
+    "semcal": Method("labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), ACCENT),
+    "paper": Method("raw_labels", lambda scene, seen, T_init: _published(seen, T_init), PURPLE),
     "paper, own start": Method(
         "raw_labels",
         lambda scene, seen, T_init: _published_from_nothing(seen),
-        "#e69f00",
+        ORANGE,
         starts_from_nothing=True,
     ),
     "SOIC": Method(
         "labels",
         lambda scene, seen, T_init: Soic(seen, SoicConfig()).minimize(T_init).T_camera_lidar,
-        "#d55e00",
+        VERMILION,
     ),
-    "PMI": Method("intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), "#009e73"),
-    "PMI as published": Method(
-        "raw_intensity", lambda scene, seen, T_init: _published(seen, T_init), "#56b4e9"
-    ),
+    "PMI": Method("intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "exact"), GREEN),
+    "PMI as published": Method("raw_intensity", lambda scene, seen, T_init: _published(seen, T_init), SKY),
     "semcal, MINE and polish": Method(
-        "labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), "#000000", is_slow=True
+        "labels", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), INK, is_slow=True
     ),
     "PMI, MINE and polish": Method(
-        "intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), "#999999", is_slow=True
+        "intensity", lambda scene, seen, T_init: scene.ascend(seen, T_init, "mine"), GREY, is_slow=True
     ),
 }
 """Methods by name. `paper` is Jiang et al.'s as published. PMI follows Pandey et al., mutual information of

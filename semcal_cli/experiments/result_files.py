@@ -7,11 +7,12 @@ import io
 import json
 import os
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from semcal_cli.experiments.plot_style import plot_png
 from semcal_cli.files.writing import write_bytes, write_text
 
 if TYPE_CHECKING:
@@ -26,10 +27,10 @@ def write_results(
     results: Sequence[Any],
     summaries: Sequence[Any],
     table: str,
-    figure: Figure | None,
+    draw: Callable[[], Figure] | None,
     folder: Path,
 ) -> None:
-    """Write an experiment's results.csv, summary.json (`document` and rows), table.md, and plot.png for a figure."""
+    """Write an experiment's results.csv, summary.json (`document` and rows), table.md, and plot.png if it draws one."""
     file = io.StringIO()
     writer = csv.DictWriter(file, list(vars(results[0])), lineterminator="\n")
     writer.writeheader()
@@ -38,10 +39,8 @@ def write_results(
     rows = [vars(summary) for summary in summaries]
     write_text(json.dumps(document | {"rows": rows}, indent=2) + "\n", folder / SUMMARY)
     write_text(table, folder / TABLE)
-    if figure is not None:
-        buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=120)
-        write_bytes(buffer.getvalue(), folder / PLOT)
+    if draw is not None:
+        write_bytes(plot_png(draw), folder / PLOT)
 
 
 def markdown_table(header: str, rows: Iterable[Sequence[object]]) -> str:

@@ -21,9 +21,9 @@ from semcal_cli.experiments.distribution import (
     error_distributions,
     errors_in_groups,
     grouped,
-    set_readable_log_ticks,
 )
 from semcal_cli.experiments.methods import METHODS
+from semcal_cli.experiments.plot_style import GREY, make_logarithmic
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.experiments.rivals import AXES, START_DEG, START_M, Finding
 
@@ -89,12 +89,12 @@ def write_rivals(
         "start": {"rotation_deg": START_DEG, "camera_center_m": START_M},
         "is_mended": is_mended,
     }
-    write_results(document, findings, summaries, table, _plot(AXES[name], findings), folder)
+    write_results(document, findings, summaries, table, lambda: _plot(AXES[name], findings), folder)
     return table
 
 
 def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
-    """Draw box plots like the paper's, with a box for each method in each setting, and the shares that came back."""
+    """Draw the errors of each method in each setting, side by side as in the paper's, and the shares that came back."""
     from matplotlib.figure import Figure
 
     settings = list(dict.fromkeys(finding.setting for finding in findings))
@@ -102,19 +102,21 @@ def _plot(axis: str, findings: Sequence[Finding]) -> Figure:
     methods = [name for name in METHODS if name in found]
     colors = [METHODS[name].color for name in methods]
     groups = grouped(findings, lambda f: (f.method, f.setting))
-    figure = Figure(figsize=(15.0, 9.0), layout="constrained")
+    figure = Figure(figsize=(13.0, 9.0))
     *of_errors, of_shares = figure.subplots(3, 1, height_ratios=(3, 3, 2))
     for axes, (key, label) in zip(of_errors, MEASURES, strict=True):
         errors = errors_in_groups(groups, key, methods, settings)
         places = draw_groups(axes, errors, methods, "vertical", colors)
         _count_failures(axes, places, errors)
-        axes.set_yscale("log")
-        set_readable_log_ticks(axes.yaxis)
+        make_logarithmic(axes, "y")
         axes.set_ylabel(label)
     _draw_shares(of_shares, groups, methods, settings)
     for axes in (*of_errors, of_shares):
         axes.set_xticks(range(len(settings)), settings)
-        axes.grid(axis="y", alpha=0.3)
+        axes.set_xlim(-0.5, len(settings) - 0.5)
+        axes.grid(axis="y")
+        for border in range(1, len(settings)):
+            axes.axvline(border - 0.5, color=GREY, linewidth=0.5)
     of_shares.set_xlabel(axis)
     figure.legend(*of_errors[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(methods))
     return figure
@@ -127,7 +129,8 @@ def _draw_shares(
     settings: Sequence[str],
 ) -> None:
     """Draw the share of the runs of each method that came back, a line over the settings."""
-    for method in methods:
+    # The first method is drawn last: lines at 100 % cover one another.
+    for method in reversed(methods):
         known = [
             (place, groups[method, setting])
             for place, setting in enumerate(settings)
@@ -140,9 +143,8 @@ def _draw_shares(
             "o-",
             color=METHODS[method].color,
             markersize=4,
-            markeredgecolor="black",
         )
-    axes.set_ylabel("came back, %")
+    axes.set_ylabel("nearer to the truth\nthan the start, %")
     axes.set_ylim(-5.0, 105.0)
 
 

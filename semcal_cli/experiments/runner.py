@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.journal import Found, Journal
@@ -15,6 +14,7 @@ from semcal_cli.experiments.worker import pack, unpack
 from semcal_cli.files.kinds import check_own_file
 from semcal_cli.jobs.processes import Processes, in_processes
 from semcal_cli.jobs.resume import locked, resume
+from semcal_cli.jobs.watcher import Watcher
 
 MODULE = "semcal_cli.experiments.worker"
 """Module that the processes run."""
@@ -54,7 +54,7 @@ def run_cases(
     kind: type[Found],
     folder: Path,
     num_jobs: int,
-    progress: Callable[[int, int], None],
+    watcher: Watcher | None = None,
 ) -> list[Found]:
     """Run each case that has no results in `folder` yet; a stopped run resumes where it was.
 
@@ -66,7 +66,7 @@ def run_cases(
         kind: Class of the results.
         folder: Folder of `results.jsonl`.
         num_jobs: Number of cases at a time.
-        progress: Called with the number of finished cases, and the number of all cases.
+        watcher: Told which cases begin and end, by their words.
 
     Returns:
         Results of all cases, in the order of the cases.
@@ -76,25 +76,39 @@ def run_cases(
         CalibrationError: the process of a case crashed.
     """
     num_threads = 1 if num_jobs > 1 else None
+    watcher = watcher or Watcher()
 
     def read_outcome(case: Case) -> Measured[Case, Found] | None:
         results = journal.find(case)
         return None if results is None else Measured(case, results)
 
     def execute(missing: Sequence[Case]) -> Generator[Measured[Case, Found], None, None]:
-        progress(len(cases) - len(missing), len(cases))
-        yield from in_processes(missing, partial(_measure, run, num_threads), MODULE, num_jobs)
+        watcher.resume(len(cases) - len(missing), len(cases))
+        yield from in_processes(missing, measure, MODULE, num_jobs)
+
+    def measure(processes: Processes, case: Case) -> Measured[Case, Found]:
+        watcher.begin(in_words(case))
+        return _measure(run, num_threads, processes, case)
 
     def keep(measured: Measured[Case, Found], is_new: bool) -> None:
         if is_new:
             journal.append(measured.case, measured.results)
-            progress(sum(journal.find(case) is not None for case in cases), len(cases))
+            watcher.end(in_words(measured.case))
 
     with locked(folder / JOURNAL, "run"):
         journal = Journal(folder / JOURNAL, kind)
         done = resume(cases, read_outcome, execute, on_done=keep, finish=lambda _: journal.sort(cases))
     results = {repr(measured.case): measured.results for measured in done}
     return [result for case in cases for result in results[repr(case)]]
+
+
+def in_words(case: Any) -> str:
+    """Describe a case by its fields: texts as they are, and numbers with their names."""
+    parts = [
+        value if isinstance(value, str) and not value.isdecimal() else f"{name.removeprefix('num_')} {value}"
+        for name, value in vars(case).items()
+    ]
+    return ", ".join(parts)
 
 
 def _measure(

@@ -16,7 +16,8 @@ import numpy as np
 from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import CalibrationError
-from semcal_cli.experiments.distribution import grouped
+from semcal_cli.experiments.distribution import draw_values, grouped
+from semcal_cli.experiments.plot_style import ACCENT, GREY, make_logarithmic
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
@@ -37,6 +38,10 @@ MAKE_FRAMES = 70
 """Number of rendered frames; the long drive repeats them, and reads and processes each repetition."""
 STREET = SynthConfig(num_frames=MAKE_FRAMES, seed=SEED)
 COMMANDS = ("calibrate", "refine")
+PLAIN_TORCH = "plain torch"
+"""Name of the script that semcal is compared with."""
+ROW_WIDTH = 0.6
+"""Height of a row of the plot; rows are at a distance of one."""
 START = 5.0, 0.3
 """Distance of the start from the truth in degrees and metres, for processes that only refine."""
 SEMCAL = [
@@ -122,7 +127,7 @@ class Experiment:
         for estimator in ESTIMATORS if "refine" in self.commands else ():
             processes.append((f"refine, {estimator}", few))
             if self.plain_torch is not None:
-                processes.append((f"plain torch, {estimator}", few))
+                processes.append((f"{PLAIN_TORCH}, {estimator}", few))
         return [Case(*process, repeat) for repeat in range(repeats) for process in processes]
 
     def __call__(self, case: Case) -> list[Timing]:
@@ -131,7 +136,7 @@ class Experiment:
         truth = read_transform(drive)
         command, estimator = case.name.split(", ")
         start = _make_start(drive, displaced(truth, *START, np.random.default_rng(0)))
-        output = self.folder / ("out.npy" if command == "plain torch" else "out.yaml")
+        output = self.folder / ("out.npy" if command == PLAIN_TORCH else "out.yaml")
         options = [str(drive), "--estimator", estimator, "-o", str(output)]
         if command == "calibrate":
             process = [*SEMCAL, command, *options, "-q"]
@@ -141,7 +146,7 @@ class Experiment:
         else:
             process = [sys.executable, str(self.plain_torch), *options, "--init", str(start)]
         seconds, peak_gib = run_process(process)
-        T = np.load(output) if command == "plain torch" else read_transform(output)
+        T = np.load(output) if command == PLAIN_TORCH else read_transform(output)
         error = compare_poses(T, truth)
         return [
             Timing(case.name, case.num_pairs, seconds, peak_gib, error.rotation_deg, error.camera_center_cm)
@@ -155,7 +160,7 @@ def summarise(timings: Sequence[Timing]) -> list[Summary]:
     summaries = []
     for (name, num_pairs), found in groups.items():
         seconds = medians[name, num_pairs]
-        plain = medians.get((name.replace("refine", "plain torch"), num_pairs)) if "refine" in name else None
+        plain = medians.get((name.replace("refine", PLAIN_TORCH), num_pairs)) if "refine" in name else None
         summaries.append(
             Summary(
                 name,
@@ -175,23 +180,25 @@ def write_speed(timings: Sequence[Timing], folder: Path) -> list[Summary]:
     """Write CSV, JSON, table and plot into a folder."""
     summaries = summarise(timings)
     document: dict[str, object] = {"experiment": "speed", "machine": machine()}
-    write_results(document, timings, summaries, markdown(summaries), _plot(timings), folder)
+    write_results(document, timings, summaries, markdown(summaries), lambda: _plot(timings), folder)
     return summaries
 
 
 def _plot(timings: Sequence[Timing]) -> Figure:
+    """Draw the seconds of each run of each process."""
     from matplotlib.figure import Figure
 
-    names = [f"{t.name}, {t.num_pairs:,} pairs" for t in timings]
-    rows = list(dict.fromkeys(names))
-    figure = Figure(figsize=(9.0, 1.5 + 0.35 * len(rows)), layout="constrained")
-    ax = figure.subplots()
-    ax.plot([t.seconds for t in timings], [rows.index(name) for name in names], "o", alpha=0.6)
-    ax.set_yticks(range(len(rows)), rows)
-    ax.set_xscale("log")
-    ax.set_xlabel("whole process, seconds")
-    ax.grid(axis="x", alpha=0.3)
-    ax.invert_yaxis()
+    rows = grouped(timings, lambda t: f"{t.name}, {t.num_pairs:,} {'pair' if t.num_pairs == 1 else 'pairs'}")
+    figure = Figure(figsize=(9.0, 1.0 + 0.35 * len(rows)))
+    axes = figure.subplots()
+    for place, (name, found) in enumerate(rows.items()):
+        color = GREY if name.startswith(PLAIN_TORCH) else ACCENT
+        draw_values(axes, [t.seconds for t in found], place, ROW_WIDTH, color, "horizontal")
+    axes.set_yticks(range(len(rows)), list(rows))
+    make_logarithmic(axes, "x")
+    axes.set_xlabel("whole process, seconds")
+    axes.grid(axis="x")
+    axes.set_ylim(len(rows) - 0.5, -0.5)
     return figure
 
 

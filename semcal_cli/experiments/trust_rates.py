@@ -11,7 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.distribution import MAX_FOR_DOTS, draw_values
 from semcal_cli.experiments.outcome import Outcome
+from semcal_cli.experiments.plot_style import ACCENT, GREEN, WRONG
 from semcal_cli.experiments.rate import Rate, rate_of
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.experiments.spoiled import KINDS
@@ -101,14 +103,14 @@ def markdown(findings: Sequence[Outcome]) -> str:
 def write_trust(findings: Sequence[Outcome], num_jobs: int, folder: Path) -> str:
     """Write CSV, JSON, table and, if there are good drives, a plot into a folder, and return the table."""
     table = markdown(findings)
-    figure = _plot(findings) if any(f.kind == "good" for f in findings) else None
+    draw = (lambda: _plot(findings)) if any(f.kind == "good" for f in findings) else None
     document = {
         "experiment": "trust",
         "machine": machine(),
         "jobs": num_jobs,
         "sharpness": None if math.isnan(ratio := sharpness(findings)) else ratio,
     }
-    write_results(document, findings, rates(findings), table, figure, folder)
+    write_results(document, findings, rates(findings), table, draw, folder)
     return table
 
 
@@ -116,16 +118,24 @@ def _plot(findings: Sequence[Outcome]) -> Figure:
     """Plot the errors in units of their half interval, by number of pairs: 95 % should be within one."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(8.0, 4.0), layout="constrained")
+    figure = Figure(figsize=(8.0, 4.0))
     axes = figure.subplots()
     trusted = [f for f in findings if f.kind == "good" and f.status == "trusted"]
     groups = [
         [e / h for f in trusted if f.num_pairs == n for e, h in zip(f.errors, f.half_widths, strict=True)]
         for n in PAIRS
     ]
-    axes.boxplot(groups, whis=(2.5, 97.5), showfliers=False)
-    axes.set_xticks(range(1, len(PAIRS) + 1), [str(n) for n in PAIRS])
-    axes.axhspan(-1.0, 1.0, alpha=0.1)
-    axes.set_xlabel("pairs; whiskers hold 95 %")
-    axes.set_ylabel("error over half the stated interval")
+    for place, values in enumerate(groups):
+        draw_values(axes, values, place, 0.6, ACCENT, "vertical", whiskers=(2.5, 97.5))
+    axes.axhspan(-1.0, 1.0, color=GREEN, alpha=0.12, linewidth=0.0)
+    for limit in (-1.0, 1.0):
+        axes.axhline(limit, color=WRONG, linewidth=1.0)
+    axes.set_xticks(
+        range(len(PAIRS)), [f"{n}\n{len(values)} axes" for n, values in zip(PAIRS, groups, strict=True)]
+    )
+    axes.set_xlim(-0.5, len(PAIRS) - 0.5)
+    has_box = any(len(values) > MAX_FOR_DOTS for values in groups)
+    axes.set_xlabel(f"pairs of a drive{'; whiskers of a box hold 95 %' if has_box else ''}")
+    axes.set_ylabel("error, in half widths of\nthe stated 95 % interval")
+    axes.grid(axis="y")
     return figure

@@ -12,7 +12,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any, TypeAlias
 
-from semcal_cli.drive.document import DRIVE_FILE, Drive, Frame
+from semcal_cli.drive.document import Drive, Frame
+from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.dialect import document_text
@@ -77,7 +78,7 @@ def label_drive(
     Raises:
         InputError: no frame can be labelled, or a folder holds labels of other networks or settings.
     """
-    path = out if out.suffix in (".yaml", ".yml") else out / DRIVE_FILE
+    path = output_drive_file(out)
     if os.path.realpath(path) == os.path.realpath(drive.path):
         raise InputError(f"{path}: found the drive that is read, needed another name")
     files: Files = {side.key: _prepared(drive, side, path.parent, force, by_content) for side in sides}

@@ -247,6 +247,7 @@ def seed_others() -> None:
     save("rig", "pair.json", '{"cameras": {"a": "a", "b": "b"}, "semcal_rig": 1}')
     save("poses", "three.txt", POSES)
     save("ontology", "two.yaml", ONTOLOGY)
+    save("ontology", "names.yaml", "road: [1, 2]\ncar: [10]\n")
     save("card", "picture.yaml", PICTURE_CARD)
     save("card", "points.yaml", POINT_CARD)
     save("list", "three.txt", "# of today\nb/2\n\n./a/drive.yaml\r\n/x\n")

@@ -1,11 +1,12 @@
-"""Class tables of data sets: YAML files with names, ids, colours and their source."""
+"""Class tables of data sets: YAML files with names, ids, colours and their source; a user's own may have ids alone."""
 
 from __future__ import annotations
 
 from contextlib import suppress
 from pathlib import Path
+from typing import Annotated, Any
 
-from pydantic import field_validator
+from pydantic import ConfigDict, Field, RootModel, field_validator, model_validator
 
 from semcal_cli.drive.document import Color, Ids
 from semcal_cli.errors import InputError
@@ -14,6 +15,8 @@ from semcal_cli.files.validation import StrictModel, check_distinct, validate
 
 FOLDER = Path(__file__).parent
 MAX_RED = 255
+MAX_NAMES = 65_536
+"""Most names of a table: there are no more ids."""
 
 
 class NamedClass(StrictModel):
@@ -24,14 +27,19 @@ class NamedClass(StrictModel):
     color: Color | None = None
     """Red, green and blue of the class in colour-coded label images."""
 
+    @model_validator(mode="before")
+    @classmethod
+    def _take_ids_alone(cls, document: object) -> object:
+        return {"ids": document} if isinstance(document, list) else document
+
 
 class Ontology(StrictModel):
     """The classes of a data set's labels."""
 
-    ignore: Ids
-    """Ids that carry no information."""
+    ignore: Ids = ()
+    """Ids that carry no information; nor do those that no class lists."""
     classes: dict[str, NamedClass]
-    """Classes by name."""
+    """Classes by name; a list of ids stands for a class without a colour."""
 
     @field_validator("classes")
     @classmethod
@@ -69,13 +77,21 @@ class Ontology(StrictModel):
         return Ontology(ignore=self.ignore, classes=classes)
 
 
+class ClassIds(RootModel[Annotated[dict[str, Ids], Field(min_length=1)]]):
+    """Names with their raw ids and nothing else, as either side of the `classes:` block of a drive has them."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+
 def ontology_names() -> list[str]:
     """List the names of the tables in the package."""
     return sorted(path.stem for path in FOLDER.glob("*.yaml"))
 
 
 def read_ontology(name: str) -> Ontology:
-    """Read a table of the package by its name, or a table of the same layout by its path.
+    """Read a table by its name in the package, or by its path.
+
+    A file has the layout of the tables in the package, or names with their ids alone, as `road: [7]`.
 
     Raises:
         InputError: the table does not exist, or is wrong.
@@ -86,7 +102,30 @@ def read_ontology(name: str) -> Ontology:
         raise InputError(
             f"found class table {name!r}, needed a file or one of: {', '.join(ontology_names())}"
         )
-    return validate(Ontology, read_document(path), path)
+    document = read_document(path)
+    return validate(Ontology, _with_ids_alone(document, path) if _is_flat(document) else document, path)
+
+
+def _is_flat(document: dict[Any, Any]) -> bool:
+    """Tell whether the names of classes stand at the top of a document, and not under a key."""
+    return not isinstance(document.get("classes"), dict)
+
+
+def _with_ids_alone(document: dict[Any, Any], path: Path) -> dict[str, Any]:
+    """Make the document of a table from names with their ids alone.
+
+    Raises:
+        InputError: it is something else.
+    """
+    if "ignore" in document:
+        raise InputError(
+            f"{path}: ignore: found beside the names of classes, needed these under a key 'classes'; "
+            "ids that no class lists are ignored anyway"
+        )
+    if len(document) > MAX_NAMES:
+        raise InputError(f"{path}: found {len(document):,} names, needed at most {MAX_NAMES:,}")
+    ids = validate(ClassIds, document, path)
+    return {"classes": {name: list(values) for name, values in ids.root.items()}}
 
 
 def _is_there(path: Path) -> bool:

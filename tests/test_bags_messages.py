@@ -1,0 +1,322 @@
+"""Messages of ROS become sweeps and pictures: every layout and encoding, and messages that lie."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from bag_imports import COLORS, STAMP_S, Small, imported, refused
+from bags import START_NS, BagWriter, jpeg, png
+
+from semcal_cli.bags.clouds import read_sweep
+from semcal_cli.bags.importing import import_bag
+from semcal_cli.bags.messages import Message, MessageError
+from semcal_cli.bags.pictures import ENCODINGS, read_picture
+from semcal_cli.bags.topics import Request
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.reading import read_clouds
+
+
+def sweep_of(bag: BagWriter, message: Any, stamp_ns: int = START_NS) -> Any:
+    raw = bag.raw(message)
+    return read_sweep(Message("/points", message.__msgtype__, stamp_ns, raw, bag.is_ros1), stamp_ns)
+
+
+LAYOUTS: dict[str, Any] = {
+    "usual": [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")],
+    "double": [("intensity", "<u1"), ("z", "<f8"), ("y", "<f8"), ("x", "<f8"), ("reflectivity", "<u2")],
+    "big endian": [("x", ">f4"), ("y", ">f4"), ("z", ">f4"), ("t", ">u4"), ("ring", ">i2"), ("n", ">i4")],
+    "padded": {"names": ["x", "y", "z", "ring", "far"], "formats": ["<f4", "<f4", "<f4", "u1", "<i2"],
+               "offsets": [0, 4, 8, 20, 30], "itemsize": 48},
+    "several numbers": [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("normal", "<f4", (3,)), ("flag", "i1")],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", [(50,), (5, 10)])
+@pytest.mark.parametrize("name", LAYOUTS)
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+def test_every_field_of_a_sweep_is_kept(kind: str, name: str, shape: tuple[int, ...], tmp_path: Path) -> None:
+    generator = np.random.default_rng(1)
+    records = np.zeros(shape, np.dtype(LAYOUTS[name]))
+    for field in records.dtype.names or ():
+        values = generator.integers(0, 120, (*shape, *records.dtype[field].shape))
+        records[field] = values + (0.25 if records.dtype[field].base.kind == "f" else 0)
+    for field, scale in (
+        ("time", 1e-3),
+        ("t", 1_000_000),
+    ):  # times of a sweep, in a unit that is read as it is
+        if field in (records.dtype.names or ()):
+            records[field] = records[field] * scale
+    records["x"].flat[3] = np.nan
+    records["x"].flat[4] = records["y"].flat[4] = records["z"].flat[4] = 0.0
+    with BagWriter(tmp_path, kind) as bag:
+        found = sweep_of(bag, bag.cloud(records, START_NS))
+        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    assert found.records.dtype.names == records.dtype.names
+    for field in records.dtype.names or ():
+        np.testing.assert_array_equal(found.records[field].ravel(), np.atleast_2d(records)[field].ravel())
+    (tmp_path / "cloud.pcd").write_bytes(found.pcd())
+    assert f"WIDTH {shape[-1]}".encode() in found.pcd()
+    (cloud,) = read_clouds(one_cloud(tmp_path))
+    kept = np.isfinite(records["x"].ravel())
+    assert len(cloud.points) in (kept.sum(), kept.sum() - 1)
+
+
+def one_cloud(folder: Path) -> Drive:
+    camera = {"model": "plumb_bob", "width": 8, "height": 8, "K": [[8.0, 0, 4], [0, 8.0, 4], [0, 0, 1]]}
+    document = {"semcal_drive": 1, "camera": camera, "frames": [{"points": "cloud.pcd"}]}
+    (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+    return read_drive(folder)
+
+
+@pytest.mark.parametrize("package", ["livox_ros_driver", "livox_ros_driver2"])
+@pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
+def test_livox_custom_messages(kind: str, package: str, tmp_path: Path) -> None:
+    layout = [("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"),
+              ("line", "u1")]  # fmt: skip
+    records = np.zeros(7, layout)
+    for place, (name, _) in enumerate(layout):
+        records[name] = np.arange(7) * (place + 1) + 1
+    records["offset_time"] = np.arange(7) * 15_000_000
+    for frame in ("lidar", "livox_frame", ""):  # the length of the frame's name moves all that follows
+        with BagWriter(tmp_path, kind) as bag:
+            message = bag.livox(records, START_NS, package)
+            message.header.frame_id = frame
+            sweep = sweep_of(bag, message)
+            bag.write("/x", message, START_NS)
+        for name, _ in layout:
+            np.testing.assert_array_equal(sweep.records[name][0], records[name])
+        assert sweep.times.reference == "relative"
+        tmp_path = tmp_path / "next"
+        tmp_path.mkdir()
+
+
+SECONDS = np.linspace(0.0, 0.09, 10)
+
+
+TIMES = {
+    "seconds": ("time", "<f4", SECONDS, "relative", False),
+    "nanoseconds": ("t", "<u4", SECONDS * 1e9, "relative", False),
+    "absolute seconds": ("timestamp", "<f8", SECONDS + STAMP_S, "absolute", False),
+    "microseconds": ("time_offset", "<u4", SECONDS * 1e6, "relative", True),
+    "milliseconds": ("time", "<f4", SECONDS * 1e3, "relative", True),
+    "absolute nanoseconds": ("timestamp", "<f8", SECONDS * 1e9 + START_NS, "relative", True),
+    "unknown name": ("time_stamp", "<f8", SECONDS + STAMP_S, "relative", True),
+    "another clock": ("timestamp", "<f8", SECONDS + 1234.0, None, True),
+    "zeros": ("time", "<f4", SECONDS * 0.0, None, True),
+}
+
+
+@pytest.mark.parametrize("unit", TIMES)
+def test_times_of_points_in_every_unit(unit: str, tmp_path: Path) -> None:
+    name, kind, values, expected, is_told = TIMES[unit]
+    records = np.ones(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, kind)])
+    records[name] = values
+    with BagWriter(tmp_path, "sqlite3") as bag:
+        sweep = sweep_of(bag, bag.cloud(records, START_NS))
+        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    assert sweep.times.reference == expected
+    assert (sweep.times.remark is not None) == is_told
+    (tmp_path / "cloud.pcd").write_bytes(sweep.pcd())
+    (cloud,) = read_clouds(one_cloud(tmp_path))
+    if expected is not None:
+        shift = STAMP_S if expected == "absolute" else 0.0
+        np.testing.assert_allclose(cloud.time - shift, SECONDS, atol=1e-6)
+
+
+GREY = COLORS[:, :, 0]
+
+
+def mosaic(pattern: str) -> np.ndarray:
+    """Pixels as a sensor with a Bayer pattern, named by its first two rows, sees `COLORS`."""
+    stored = np.empty(GREY.shape, np.uint8)
+    for place, color in enumerate(pattern):
+        rows, columns = slice(place // 2, None, 2), slice(place % 2, None, 2)
+        stored[rows, columns] = COLORS[rows, columns, "bgr".index(color)]
+    return stored
+
+
+def stored_pixels(encoding: str) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels in an encoding, and what they are to become."""
+    alpha = np.dstack([COLORS, np.full(GREY.shape, 9, np.uint8)])
+    plain = {
+        "mono8": (GREY, GREY), "8UC1": (GREY, GREY), "bgr8": (COLORS, COLORS), "8UC3": (COLORS, COLORS),
+        "rgb8": (COLORS[:, :, ::-1], COLORS), "bgra8": (alpha, COLORS), "8UC4": (alpha, COLORS),
+        "rgba8": (alpha[:, :, [2, 1, 0, 3]], COLORS),
+        "mono16": (GREY.astype(np.uint16) * 257, GREY.astype(np.uint16) * 257),
+        "bgr16": (COLORS.astype(np.uint16) * 257, COLORS.astype(np.uint16) * 257),
+        "rgb16": (COLORS[:, :, ::-1].astype(np.uint16) * 257, COLORS.astype(np.uint16) * 257),
+    }  # fmt: skip
+    if encoding in plain:
+        return plain[encoding]
+    if encoding.startswith("bayer"):
+        stored = mosaic(encoding[6:10])
+        return (
+            (stored, COLORS)
+            if encoding.endswith("8")
+            else (stored.astype(np.uint16) * 257, COLORS.astype(np.uint16) * 257)
+        )
+    y, u, v = (
+        np.kron(each, np.ones((8, 8), int))
+        for each in ([[60, 90], [120, 200]], [[90, 150], [120, 60]], [[200, 100], [80, 140]])
+    )
+    chroma = np.where(np.arange(y.shape[1]) % 2 == 0, u, v)
+    pair = (chroma, y) if encoding in ("yuv422", "uyvy") else (y, chroma)
+    # ITU-R BT.601 with its limited range.
+    luma = 1.164 * (y - 16)
+    red, blue = luma + 1.596 * (v - 128), luma + 2.018 * (u - 128)
+    green = luma - 0.813 * (v - 128) - 0.391 * (u - 128)
+    return np.dstack(pair).astype(np.uint8), np.dstack([blue, green, red]).clip(0, 255)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_every_encoding_of_a_picture(encoding: str, tmp_path: Path) -> None:
+    stored, expected = stored_pixels(encoding)
+    orders = ["<", ">"] if stored.dtype.itemsize == 2 else ["<"]
+    for order in orders:
+        pixels = np.ascontiguousarray(stored).astype(stored.dtype.newbyteorder(order))
+        padded = np.pad(pixels.view(np.uint8).reshape(len(pixels), -1), ((0, 0), (0, 6)))
+        with BagWriter(tmp_path, "sqlite3") as bag:
+            changes = {"step": padded.shape[1], "data": padded.ravel()}
+            message = bag.image(pixels, encoding, START_NS, **changes)
+            raw = bag.raw(message)
+            bag.write("/x", message, START_NS)
+        tmp_path = tmp_path / "next"
+        tmp_path.mkdir()
+        picture = read_picture(Message("/image", message.__msgtype__, START_NS, raw, is_ros1=False))
+        found = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
+        if encoding.startswith(("yuv", "uyvy", "yuyv")):
+            np.testing.assert_allclose(found, expected, atol=1.01)
+        elif encoding.startswith("bayer"):
+            for row, column in ((3, 3), (3, 11), (11, 3), (11, 11)):
+                np.testing.assert_array_equal(found[row, column], expected[row, column])
+        else:
+            np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize(("encode", "suffix"), [(png, ".png"), (jpeg, ".jpg")])
+def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str, tmp_path: Path) -> None:
+    content = encode(COLORS)
+    with BagWriter(tmp_path, "ros1") as bag:
+        message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
+        raw = bag.raw(message)
+        bag.write("/x", message, START_NS)
+    picture = read_picture(Message("/image", message.__msgtype__, START_NS, raw, is_ros1=True))
+    assert picture == (content, suffix, (16, 16))
+
+
+def test_points_without_a_range_have_no_times(tmp_path: Path) -> None:
+    records = np.ones(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("timestamp", "<f8")])
+    records["timestamp"] = SECONDS + STAMP_S
+    records["x"][4], records["timestamp"][4] = np.nan, 0.0
+    with BagWriter(tmp_path, "sqlite3") as bag:
+        sweep = sweep_of(bag, bag.cloud(records, START_NS))
+        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    assert sweep.times.reference == "absolute"
+    assert sweep.times.ends_s == pytest.approx((0.0, 0.09), abs=1e-6)
+
+
+CLOUD_LIES: dict[str, Any] = {
+    "point_step": ({"point_step": 14}, "up to byte 16, but point_step 14"),
+    "point_step huge": ({"point_step": 1 << 30}, "point_step 1,073,741,824"),
+    "row_step": ({"row_step": 3, "height": 2, "width": 10}, "found row_step 3, needed 160"),
+    "data": ({"data": np.zeros(5, np.uint8)}, "found 5 bytes of points, needed 320"),
+    "width": ({"width": 4_000_000_000}, "found 4,000,000,000 points"),
+    "empty": ({"width": 0}, "found a cloud without points"),
+    "fields": ({"fields": []}, "found the fields none, needed x, y and z"),
+}
+
+
+IMAGE_LIES: dict[str, Any] = {
+    "no bytes": ({"data": np.zeros(0, np.uint8)}, "found 0 bytes of pixels, needed 768"),
+    "step": ({"step": 7}, "found step 7, needed 48"),
+    "size": ({"width": 0}, "found a picture of 0 x 16 pixels"),
+    "huge": ({"width": 1 << 31, "height": 1 << 31}, "needed at most 100,000,000"),
+    "encoding": ({"encoding": "32FC1"}, "found encoding '32FC1', needed one of: mono8"),
+    "other size": ({"width": 8, "step": 24}, "found a picture of 8 x 16 pixels, needed 16 x 16"),
+}
+
+
+@pytest.mark.parametrize("lie", CLOUD_LIES)
+def test_a_sweep_that_lies_gets_one_line(lie: str, tmp_path: Path) -> None:
+    changes, expected = CLOUD_LIES[lie]
+    small = Small(tmp_path)
+    path = small.write(points=lambda bag, index, stamp: bag.cloud(small.records, stamp, **changes))
+    assert expected in refused(path, tmp_path / "drive")
+
+
+@pytest.mark.parametrize("lie", IMAGE_LIES)
+def test_a_picture_that_lies_gets_one_line(lie: str, tmp_path: Path) -> None:
+    changes, expected = IMAGE_LIES[lie]
+    path = Small(tmp_path).write(
+        image=lambda bag, index, stamp: bag.image(COLORS, stamp_ns=stamp, **{"encoding": "bgr8"} | changes)
+    )
+    assert expected in refused(path, tmp_path / "drive")
+
+
+@pytest.mark.parametrize("content", [b"", b"RIFF1234WEBP", b"\xff\xd8\xff\xe0", b"\x89PNG\r\n\x1a\n"])
+def test_a_compressed_picture_that_is_none_gets_one_line(content: bytes, tmp_path: Path) -> None:
+    path = Small(tmp_path).write(image=lambda bag, index, stamp: bag.compressed(content, "jpeg", stamp))
+    assert f"found {len(content)} bytes of" in refused(path, tmp_path / "drive")
+
+
+def test_one_bad_message_is_left_out_and_counted(tmp_path: Path) -> None:
+    small = Small(tmp_path)
+    path = small.write(
+        points=lambda bag, index, stamp: bag.cloud(
+            small.records, stamp, **({"point_step": 3} if index == 2 else {})
+        )
+    )
+    done = import_bag(Request([path]), tmp_path / "drive")
+    assert done.written.num_frames == 5
+    assert done.left_out.total() == 1
+
+
+def test_cameras_that_are_none_and_topics_that_are_missing(tmp_path: Path) -> None:
+    small = Small(tmp_path / "zeros")
+    path = small.write(info=lambda bag, index, stamp: bag.camera_info(small.camera, stamp, K=np.zeros(9)))
+    assert "/cam/camera_info: K: found zeros only, needed a calibrated camera" in refused(
+        path, tmp_path / "a"
+    )
+    small = Small(tmp_path / "lens")
+    path = small.write(
+        info=lambda bag, index, stamp: bag.camera_info(small.camera, stamp, distortion_model="odd")
+    )
+    assert "/cam/camera_info: distortion_model: found 'odd', needed one of: plumb_bob" in refused(
+        path, tmp_path / "b"
+    )
+    path = Small(tmp_path / "none").write(info=lambda *_: None)
+    assert "found no topic of intrinsics (CameraInfo), needed one, or --intrinsics FILE" in refused(
+        path, tmp_path / "c"
+    )
+    file = tmp_path / "info.yaml"
+    file.write_text(
+        "{image_width: 16, image_height: 16, distortion_model: plumb_bob, distortion_coefficients: [],"
+        " camera_matrix: [9, 0, 8, 0, 9, 8, 0, 0, 1]}"
+    )
+    assert imported(path, tmp_path / "d", intrinsics=file)["camera"]["width"] == 16
+    path = Small(tmp_path / "no_image").write(image=lambda *_: None)
+    assert "found no topic of pictures (Image, CompressedImage), only" in refused(path, tmp_path / "e")
+    small = Small(tmp_path / "two")
+    path = small.write(rear=lambda bag, index, stamp: bag.cloud(small.records, stamp))
+    message = refused(path, tmp_path / "f")
+    assert message.startswith("--points: found 2 topics of sweeps")
+    assert message.endswith("needed one of: /points, /rear")
+    assert len(imported(path, tmp_path / "g", points="/rear")["frames"]) == 6
+    assert "found no topic '/front' of sweeps" in refused(path, tmp_path / "h", points="/front")
+
+
+def test_messages_too_short_for_a_header() -> None:
+    for raw in (b"", b"\0", b"\0\1\0\0\0\0"):
+        message = Message("/x", "sensor_msgs/msg/PointCloud2", 1, raw, is_ros1=False)
+        for read in (
+            lambda message: message.header_ns,
+            lambda message: message.frame_id,
+            lambda m: read_sweep(m, 1),
+        ):
+            with pytest.raises(MessageError):
+                read(message)

@@ -1,0 +1,177 @@
+"""Recordings of ROS become drives: every storage, and recordings that are damaged or have no index."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from bag_imports import T_MOUNT, Small, imported, refused, run_cli
+from bags import KINDS, NS, START_NS, BagWriter, cut, write_drive_as_bag
+from conftest import run
+from mcap.writer import IndexType
+
+from semcal_cli.bags.bag import Bag
+from semcal_cli.bags.importing import import_bag
+from semcal_cli.bags.topics import Request
+from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.reading import read_clouds
+from semcal_cli.files.images import read_image
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_drive_comes_back_from_each_storage(kind: str, synthetic: Drive, tmp_path: Path) -> None:
+    path = write_drive_as_bag(synthetic, tmp_path, kind, T_camera_lidar=T_MOUNT)
+    imported(path, tmp_path / "drive")
+    drive = read_drive(tmp_path / "drive")
+    assert drive.camera == synthetic.camera
+    np.testing.assert_allclose(drive.T_camera_lidar or 0, T_MOUNT, atol=1e-12)
+    assert len(drive.frames) == len(synthetic.frames)
+    for mine, theirs in zip(read_clouds(drive), read_clouds(synthetic), strict=True):
+        np.testing.assert_array_equal(mine.points, theirs.points)
+    for index, (mine, theirs) in enumerate(zip(drive.frames, synthetic.frames, strict=True)):
+        assert mine.points_stamp == pytest.approx(START_NS / NS + index / 10, abs=1e-6)
+        assert mine.image_stamp == pytest.approx(mine.points_stamp + 0.01, abs=1e-6)
+        pictures = (
+            read_image(read_drive.resolve(each.image))
+            for read_drive, each in ((drive, mine), (synthetic, theirs))
+        )
+        np.testing.assert_array_equal(*pictures)
+
+
+@pytest.mark.parametrize(
+    ("kind", "compression"),
+    [("ros1", "LZ4"), ("ros1", "BZ2"), ("mcap library", "LZ4"), ("mcap library", "ZSTD"), ("sqlite3", "MESSAGE"),
+     ("mcap", "MESSAGE"), ("sqlite3", "FILE"), ("mcap", "FILE"), ("mcap", "STORAGE")],
+)  # fmt: skip
+def test_compressed_recordings(kind: str, compression: str, synthetic: Drive, tmp_path: Path) -> None:
+    path = write_drive_as_bag(synthetic, tmp_path, kind, compression=compression)
+    assert len(imported(path, tmp_path / "drive")["frames"]) == len(synthetic.frames)
+
+
+def test_the_pose_is_that_of_the_drive_itself(synthetic: Drive, tmp_path: Path) -> None:
+    """Import, take over the labels, calibrate: the same pose to 1e-9."""
+    path = write_drive_as_bag(synthetic, tmp_path, "mcap library")
+    document = imported(path, tmp_path / "drive")
+    first = yaml.safe_load(synthetic.path.read_text())
+    for mine, theirs in zip(document["frames"], first["frames"], strict=True):
+        for side in ("image_labels", "point_labels"):
+            mine[side] = str(synthetic.resolve(theirs[side]).absolute())
+    document |= {key: first[key] for key in ("classes", "ignore", "lidar") if key in first}
+    (tmp_path / "drive/drive.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+    found = []
+    for drive in (tmp_path / "drive", synthetic.path):
+        out = tmp_path / f"{len(found)}.yaml"
+        run_cli("calibrate", drive, "-o", out, code=None)
+        found.append(np.array(yaml.safe_load(out.read_text())["T_camera_lidar"]))
+    np.testing.assert_allclose(*found, atol=1e-9)
+
+
+def test_the_parts_of_a_recording_are_one(synthetic: Drive, tmp_path: Path) -> None:
+    paths = []
+    for name, chosen in (("a", slice(0, 3)), ("b", slice(3, 6))):
+        (tmp_path / name).mkdir()
+        part = synthetic.model_copy(update={"frames": synthetic.frames[chosen]})
+        paths.append(write_drive_as_bag(part, tmp_path / name, "ros1"))
+    # The stamps of both parts are the same: a second part that begins again is told by its stamps.
+    done = import_bag(Request(paths), tmp_path / "drive")
+    assert done.written.num_frames == 3
+    assert sum(done.left_out.values()) == 3
+
+
+def test_an_index_without_those_of_messages(tmp_path: Path) -> None:
+    with BagWriter(tmp_path, "mcap library", index_types=IndexType.ALL & ~IndexType.MESSAGE) as bag:
+        small = Small(tmp_path / "unused")
+        small.bag.write("/x", small.bag.camera_info(small.camera, START_NS), START_NS)
+        small.bag.__exit__(None, None, None)
+        small.bag = bag
+        path = small.write()
+    assert len(imported(path, tmp_path / "drive")["frames"]) == 6
+
+
+def test_a_database_that_was_not_closed_says_so(tmp_path: Path) -> None:
+    path = Small(tmp_path).write()
+    file = next(path.glob("*.db3"))
+    file.with_name(f"{file.name}-wal").write_bytes(bytes(5000))
+    done = import_bag(Request([path]), tmp_path / "drive")
+    assert any(
+        "bag.db3-wal, 5,000 bytes: the recording was not closed" in each for each in done.written.remarks
+    )
+
+
+def test_ten_thousand_topics_and_unknown_types(tmp_path: Path) -> None:
+    small = Small(tmp_path, "mcap library")
+    for index in range(10_000):
+        small.bag.write_raw(f"/odd/{index:05d}", "odd_msgs/msg/Odd", b"\0\1\0\0\7", START_NS)
+    path = small.write()
+    assert len(imported(path, tmp_path / "drive")["frames"]) == 6
+    done = run_cli("import", "bag", path, "--list")
+    assert len(done.stdout.splitlines()) == 10_004
+
+
+@pytest.mark.parametrize("kind", ["ros1", "mcap library", "sqlite3"])
+def test_a_recording_that_is_cut_off_gives_what_is_whole(
+    kind: str, synthetic: Drive, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = write_drive_as_bag(synthetic, tmp_path, kind, T_camera_lidar=T_MOUNT)
+    file = next(path.glob("*.db3")) if path.is_dir() else path
+    counts = []
+    for tenth in range(10):
+        part = cut(file, tenth / 10 + 0.05, tmp_path / f"{tenth}{file.suffix}")
+        code, _, stderr = run(capfd, "import", "bag", part, "-o", tmp_path / f"drive{tenth}")
+        if code == 0:
+            counts.append(len(read_drive(tmp_path / f"drive{tenth}").frames))
+            assert "damaged" in stderr
+        else:
+            counts.append(0)
+            assert (code, len(stderr.splitlines())) == (1, 1)
+            assert str(part) in stderr
+    assert counts == sorted(counts)
+    assert counts[0] == 0
+    assert counts[-1] >= len(synthetic.frames) - 1
+
+
+@pytest.mark.parametrize(
+    ("kind", "compression"), [("ros1", "BZ2"), ("mcap library", "LZ4"), ("mcap library", "")]
+)
+def test_damage_in_the_middle_costs_what_lies_there(
+    kind: str, compression: str, synthetic: Drive, tmp_path: Path
+) -> None:
+    """Bzip2 and MCAP have checksums; without one, nobody can tell."""
+    path = write_drive_as_bag(synthetic, tmp_path, kind, compression=compression)
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 2
+    content[middle : middle + 64] = bytes(64)
+    path.write_bytes(content)
+    done = import_bag(Request([path]), tmp_path / "drive")
+    assert 1 <= done.written.num_frames < len(synthetic.frames)
+    assert any("damaged data, left out" in remark for remark in done.written.remarks)
+
+
+def test_a_recording_without_its_metadata(synthetic: Drive, tmp_path: Path) -> None:
+    path = write_drive_as_bag(synthetic, tmp_path, "mcap")
+    (path / "metadata.yaml").unlink()
+    assert len(imported(path, tmp_path / "drive")["frames"]) == len(synthetic.frames)
+    (path / "metadata.yaml").write_text("rosbag2_bagfile_information: [")
+    assert len(imported(path, tmp_path / "again")["frames"]) == len(synthetic.frames)
+
+
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("a.bag", b""), ("a.bag", b"#ROSBAG V2.0\n"), ("a.bag", b"#ROSBAG V1.2\n"), ("a.mcap", b"\x89MCAP0\r\n"),
+     ("a.db3", b"SQLite format 3\0"), ("a.db3", b"SQLite format 3\0" + bytes(4096)), ("a.txt", b"hello"),
+     ("a.mcap", b"\x89MCAP0\r\n\x01" + b"\xff" * 30)],
+)  # fmt: skip
+def test_a_file_that_is_no_recording_gets_one_line(name: str, content: bytes, tmp_path: Path) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert str(tmp_path / name) in refused(tmp_path / name, tmp_path / "drive")
+    assert "no such file" in refused(tmp_path / "missing.bag", tmp_path / "drive")
+
+
+def test_bags_are_read_in_the_order_of_receipt(synthetic: Drive, tmp_path: Path) -> None:
+    path = write_drive_as_bag(synthetic, tmp_path, "mcap")
+    with Bag([path]) as bag:
+        times = [message.received_ns for message in bag.messages(bag.topics)]
+    assert times == sorted(times)
+    assert len(times) == 3 * len(synthetic.frames)

@@ -1,0 +1,136 @@
+"""The end of a batch on the terminal: verdicts, drives that need a look, the agreed pose, and what is next."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fleets import TRUTH, fleet
+from rich.console import Console
+
+from semcal_cli.batch.summary import write_summary
+from semcal_cli.batch.tasks import Outcome, failed
+from semcal_cli.cli.batch_end import MAX_NAMED, WIDTH, print_end
+from semcal_cli.cli.batch_progress import BatchProgress
+from semcal_cli.config import Limits
+from semcal_cli.fleet.combination import combine_drives
+from semcal_cli.fleet.members import read_members
+from semcal_cli.geometry.poses import camera_center
+
+
+def trusted_drives(count: int) -> list[Outcome]:
+    """Drives of one rig that scatter as they say."""
+    poses, covariances, _ = fleet(np.random.default_rng(4), count)
+    return [
+        Outcome(
+            f"drives/{number:03d}",
+            "trusted",
+            0,
+            T_camera_lidar=tuple(map(tuple, T.tolist())),
+            covariance=tuple(map(tuple, covariance.tolist())),
+            camera="one",
+            result=f"drives/{number:03d}/calibration.yaml",
+        )
+        for number, (T, covariance) in enumerate(zip(poses, covariances, strict=True))
+    ]
+
+
+def bad(number: int, reason: str = "the pose is determined in no direction") -> Outcome:
+    return Outcome(
+        f"drives/bad_{number:02d}", "not_trusted", 3, (reason,), T_camera_lidar=tuple(map(tuple, TRUTH))
+    )
+
+
+def end_of(
+    outcomes: list[Outcome], folder: Path, capsys: pytest.CaptureFixture[str], **console: bool
+) -> list[str]:
+    folder.mkdir(exist_ok=True)
+    write_summary(outcomes, folder)
+    print_end(Console(highlight=False, soft_wrap=True, **console), outcomes, folder)
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_end_names_what_matters(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    reason = "drives/broken/points/000000.bin: found 1,921 bytes, needed a multiple of 16, which is what a point takes"
+    outcomes = [*trusted_drives(6), bad(1), failed("drives/broken", reason)]
+    lines = end_of(outcomes, Path("out"), capsys)
+    assert lines[:6] == [
+        "8 of 8 drives: 1 failed, 1 not trusted, 6 trusted",
+        "failed        drives/broken",
+        "              points/000000.bin: found 1,921 bytes, needed a multiple of 16,",
+        "              which is what a point takes",
+        "not trusted   drives/bad_01",
+        "              the pose is determined in no direction",
+    ]
+    found = combine_drives([each for each in read_members([Path("out")]) if each.left_out is None], Limits())
+    half = found.parts[-1].half_widths
+    assert lines[6] == (
+        f"agreed pose      of 6 trusted drives: +- {1000 * half[:3].max():.1f} mm, "
+        f"+- {half[3:].max():.3f} degrees (95 %)"
+    )
+    place = lines[7].removeprefix("camera at").removesuffix("m in the LiDAR frame").split()
+    np.testing.assert_allclose(list(map(float, place)), camera_center(found.T_camera_lidar), atol=1e-6)
+    assert np.linalg.norm(camera_center(found.T_camera_lidar) - camera_center(TRUTH)) < 0.01
+    assert lines[-2:] == [
+        "summary          out/summary.csv, out/summary.jsonl",
+        "next             semcal fleet out --report fleet.html",
+    ]
+    assert max(map(len, lines)) <= WIDTH
+    assert "nats" not in "\n".join(lines)
+
+
+def test_most_of_many_bad_drives_are_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = end_of([bad(number) for number in range(30)], tmp_path / "out", capsys)
+    assert lines[0] == "30 of 30 drives: 30 not trusted"
+    assert sum(line.startswith("not trusted") for line in lines) == MAX_NAMED
+    assert f"and {30 - MAX_NAMED} more: see {tmp_path}/out/summary.csv" in lines
+    assert not any(line.startswith(("agreed pose", "next")) for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("count", "change", "expected"),
+    [
+        (1, {}, None),
+        (2, {}, "note             2 of 2 drives can be used, needed 3 to tell how they scatter"),
+        (3, {"camera": "two"}, "agreed pose      none: the trusted drives have 2 different cameras"),
+        (3, {"covariance": ((0.0,) * 6,) * 6}, "agreed pose      none:"),
+    ],
+)
+def test_a_pose_that_drives_do_not_agree_on(
+    count: int, change: dict, expected: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    *others, last = trusted_drives(count)
+    lines = end_of([*others, replace(last, **change)], tmp_path / "out", capsys)
+    if expected is None:
+        assert not any("agreed" in line for line in lines)
+    else:
+        assert any(line.startswith(expected) for line in lines)
+
+
+def test_colours_are_for_terminals(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    outcomes = [*trusted_drives(1), bad(1, "[red]no markup[/red]")]
+    colored = "\n".join(
+        end_of(outcomes, tmp_path / "out", capsys, force_terminal=True, color_system="standard")
+    )
+    assert "\x1b[1;31m1 not trusted\x1b[0m, \x1b[1;32m1 trusted\x1b[0m" in colored
+    assert "[red]no markup[/red]" in colored
+    assert "\x1b" not in "\n".join(end_of(outcomes, tmp_path / "out", capsys))
+
+
+def test_the_progress_names_running_and_finished_drives() -> None:
+    show = BatchProgress(5, 2, quiet=True)
+    for name in ("drives/000", "drives/bad_01", "drives/003"):
+        show.begin(name)
+    show.tell(trusted_drives(1)[0], True)
+    show.tell(bad(1), True)
+    show.tell(replace(bad(2), drive="drives/before"), False)
+    lines = [line.plain for line in show._lines()]
+    assert lines == [
+        "3 of 5 drives   2 not trusted, 1 trusted   about 1 s left",
+        "      0:00  drives/003",
+        "trusted       drives/000",
+        "not trusted   drives/bad_01: the pose is determined in no direction",
+    ]
