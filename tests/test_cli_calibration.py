@@ -300,6 +300,79 @@ def test_a_calibration_in_the_format_of_another_tool(
     )
 
 
+@pytest.mark.parametrize("command", ["calibrate", "initialize", "refine"])
+def test_the_result_as_json_on_standard_output(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
+) -> None:
+    """The same bytes as those of a JSON file; -o is written as well, in its own format."""
+    for name in ("c.json", "c.yaml"):
+        output = tmp_path / name
+        code, out, err = run(capfd, command, street, "--init", street, "--json", "-o", output, "-q")
+        assert (code, err) == (0, "")
+        assert read_document(output) == json.loads(out)
+        if name == "c.json":
+            assert output.read_text() == out
+    code, out, _ = run(capfd, command, street, "--init", street, "-o", "-", "-q")
+    assert code == 0
+    assert yaml.safe_load(out)["T_camera_lidar"] == read_document(tmp_path / "c.yaml")["T_camera_lidar"]
+
+
+def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    start = tmp_path / "T.txt"
+    np.savetxt(start, inverse(street_truth))
+    for command in ("calibrate", "initialize", "refine"):
+        code, _, err = run(capfd, command, street, "--init", start)
+        assert code == EXIT_FAILURE
+        assert err == (
+            f"semcal: error: {start}: found a transform of no stated direction, needed --init-direction "
+            "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar\n"
+        )
+    options = ["--init", start, "--init-direction", "camera-to-lidar", "--json", "-q"]
+    code, out, _ = run(capfd, "refine", street, *options)
+    assert code == 0
+    found = json.loads(out)
+    assert found["settings"]["options"]["init_direction"] == "camera-to-lidar"
+    assert compare_poses(np.array(found["T_camera_lidar"]), street_truth).rotation_deg < 0.2
+    code, _, err = run(capfd, "refine", street, "--init", street, "--init-direction", "lidar-to-camera")
+    assert code == EXIT_FAILURE
+    assert err == (
+        "semcal: error: --init-direction: found 'lidar-to-camera', needed nothing: semcal files leave that not open\n"
+    )
+
+
+def test_a_start_is_no_stream(street: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for name in ("-", "/dev/stdin"):
+        code, _, err = run(capfd, "calibrate", street, "--init", name)
+        assert code == EXIT_FAILURE
+        assert err == (
+            f"semcal: error: {name}: found standard input, needed a file: the result names and hashes it\n"
+        )
+
+
+@pytest.mark.parametrize("command", ["calibrate", "initialize", "refine"])
+def test_figures_for_experts_are_on_request(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
+) -> None:
+    said = {}
+    for option in ("--log", "--verbose"):
+        given = [option, tmp_path / "log.json"] if option == "--log" else [option]
+        code, _, said[option] = run(
+            capfd, command, street, "--init", street, "-o", tmp_path / "c.yaml", *given
+        )
+        assert code == 0
+        assert all(len(line) <= 80 for line in said[option].splitlines() if "written to" not in line)
+    for word in ("nats", "MI ", "points agree"):
+        assert word not in said["--log"]
+        assert word in said["--verbose"]
+    if command != "initialize":
+        assert "held out" not in said["--log"]
+        assert "held out" in " ".join(said["--verbose"].split())
+    lines = said["--log"].splitlines()
+    assert lines[-1 if command != "initialize" else -2].startswith("verdict          ")
+
+
 def test_other_seeds_lead_to_the_same_place(
     street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

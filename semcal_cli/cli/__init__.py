@@ -123,7 +123,7 @@ def _order(arguments: Sequence[str]) -> str:
             break
         command = command.commands[name]
         words.append(name)
-    needed = [each for each in command.params if each.required]
+    needed = [each for each in command.params if each.required or isinstance(each, click.Argument)]
     if not any(each.name == "drive" for each in needed):
         return ""
     with click.Context(command) as context:

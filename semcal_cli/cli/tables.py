@@ -138,7 +138,7 @@ def hypothesis_lines(hypotheses: Sequence[Hypothesis], *, verbose: bool = False)
     """
     axes = f"{'looks along (LiDAR frame)':<27}{'covers':>7}"
     if verbose:
-        head = f"      {axes}{'MI, nats':>12}{'pairs':>16}{'inliers':>9}"
+        head = f"      {axes}{'MI, nats':>12}{'pairs':>18}{'inliers':>10}"
     else:
         head = f"      {axes}{'turned by':>14}{'behind the best':>18}"
     best = hypotheses[0]
@@ -169,7 +169,7 @@ def _expert_figures(hypothesis: Hypothesis) -> str:
 
 
 def _count(number: int | None) -> str:
-    return f"{'-' if number is None else format(number, ','):>9}"
+    return f"{'-' if number is None else format(number, ','):>10}"
 
 
 def error_lines(error: PoseError) -> list[str]:
