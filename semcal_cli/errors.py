@@ -20,6 +20,10 @@ class InputError(SemcalError):
     """A file or an option is wrong, and the user can mend it."""
 
 
+class MisplacedError(InputError):
+    """A file stands where another kind of file belongs, as of arguments the wrong way round."""
+
+
 class CalibrationError(SemcalError):
     """The data cannot give an answer."""
 

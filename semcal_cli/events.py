@@ -28,11 +28,13 @@ class StageDone:
     seconds: float
     """Time that the stage took."""
     note: str
-    """What is worth telling of it."""
+    """What the stage did, in words for anybody; empty if its movement says it all."""
     agreement: _core.Agreement | None = None
     """Agreement of the labels at the stage's pose; None for a stage without labels."""
     moved: PoseError | None = None
     """Difference of the stage's pose from its start."""
+    details: str = ""
+    """What else an expert wants to know of it."""
 
 
 Event: TypeAlias = Progress | StageDone

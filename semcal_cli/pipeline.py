@@ -14,7 +14,7 @@ from itertools import accumulate, pairwise
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli import _core
+from semcal_cli import _core, stage_words
 from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.assess import compare_frames
 from semcal_cli.assessment.fusion import Fused
@@ -37,7 +37,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, about
-from semcal_cli.events import Listener, Progress, StageDone, ignore
+from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -51,7 +51,7 @@ from semcal_cli.refinement.pyramid import refine as refine_pose
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
-from semcal_cli.result.stage import StageResult
+from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.stages import Stages
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
@@ -148,10 +148,8 @@ def initialize(
     T_given = None if initial_pose is None else initial_pose.T_camera_lidar
     with about(data.drive.path):
         found = search(data.for_search, config, seed, T_given, is_possible)
-    note = f"{len(found.hypotheses)} hypotheses" if len(found.hypotheses) > 1 else "1 hypothesis"
-    if found.runner_up_margin is not None:
-        note += f", runner-up {found.runner_up_margin:.1f} standard errors behind"
-    on_event(StageDone("initial", perf_counter() - start, note, found.agreement))
+    is_searched = initial_pose is None or config.search_deg is not None
+    on_event(stage_words.initial(found, perf_counter() - start, is_searched=is_searched))
     return found
 
 
@@ -159,7 +157,7 @@ def start_at(data: LoadedDrive, initial_pose: InitialPose, on_event: Listener = 
     """Use a given pose as the result of the initial calibration."""
     start, T = perf_counter(), initial_pose.T_camera_lidar
     found = StageResult(T_camera_lidar=T, agreement=_core.agreement(data.observations.core, T))
-    on_event(StageDone("initial", perf_counter() - start, f"from {initial_pose.name}", found.agreement))
+    on_event(stage_words.started(found, perf_counter() - start, initial_pose.name))
     return found
 
 
@@ -226,19 +224,13 @@ def refine(
 
     def on_level(level: Level, num_levels: int) -> None:
         moved = compare_poses(level.T_camera_lidar, T_init)
-        doing = (
-            f"refining: {level.factor}-pixel blocks done, {level.information_nats:.4f} {data.observations.unit}, moved "
-            f"{moved.rotation_deg:.3f} deg, {moved.camera_center_cm:.2f} cm"
-        )
-        on_event(Progress(doing))
+        on_event(Progress(f"refining: {level.factor}-pixel blocks done, {stage_words.movement(moved)}"))
 
     with about(data.drive.path):
         found = refine_pose(
             data.observations, T_init, estimator, pyramid, on_level, lambda pose: clamp(pose, priors)
         )
-    settled = "settled" if found.converged else "not settled"
-    note = f"{config.estimator}, {len(found.levels)} levels, {settled}"
-    _tell("refined", start, found, T_init, note, on_event)
+    on_event(stage_words.refined(found, perf_counter() - start, T_init, config.estimator))
     return replace(found, settings={"refinement": {**found.settings, **settings}})
 
 
@@ -249,10 +241,7 @@ def polish(
     on_event(Progress("polishing"))
     start = perf_counter()
     found = polish_pose(data.observations, T_refined, _polish_config(config))
-    verdict = "accepted" if found.is_accepted else "rejected, the refined pose stays"
-    gain, sigma = found.held_out.held_out_gain_nats, found.held_out.held_out_sigma_nats
-    note = f"{verdict}: held out {gain:+.4f} +- {math.inf if sigma is None else sigma:.4f} {data.observations.unit}"
-    _tell("polished", start, found, T_refined, note, on_event)
+    on_event(stage_words.polished(found, perf_counter() - start, T_refined, data.observations.unit))
     return found
 
 
@@ -267,7 +256,7 @@ def fuse(
     on_event(Progress("weighing what is known"))
     start = perf_counter()
     found = fuse_pose(data.observations, T_polished, priors, edge_band_px=config.edge_band_px)
-    _tell("fused", start, found, T_polished, ", ".join(prior.name for prior in priors), on_event)
+    on_event(stage_words.fused(found, perf_counter() - start, T_polished, priors))
     return found
 
 
@@ -297,10 +286,9 @@ def assess(
         found = assess_pose(
             data, T_camera_lidar, agreement, polish_config, stages.fused, with_label_bleed=with_label_bleed
         )
-    count = len(found.findings)
-    note = f"{count} findings" if count > 1 else "1 finding" if count else "no findings"
-    on_event(StageDone("assessed", perf_counter() - start, note))
-    return replace(stages, assessment=found)
+    stages = replace(stages, assessment=found)
+    on_event(stage_words.assessed(_findings(stages, config), perf_counter() - start))
+    return stages
 
 
 def repeat(
@@ -323,7 +311,7 @@ def repeat(
         except CalibrationError:
             others.append(None)
     repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty)
-    on_event(StageDone("repeated", perf_counter() - start, f"{config.num_seeds} seeds"))
+    on_event(stage_words.repeated(config.num_seeds, findings, perf_counter() - start))
     return replace(stages, repeatability=repeatability, of_comparison=findings)
 
 
@@ -339,14 +327,11 @@ def make_calibration(
 ) -> Calibration:
     """Check the last pose and make the calibration; arguments are those of `calibrate`."""
     poses, initial = stages.poses, stages.initial
-    *_, last = poses.values()
-    # Other methods have no limit of the distance in their search, and check the distance themselves.
-    limit_m = config.refinement.max_baseline_m if isinstance(stages.refined, Refinement) else math.inf
     searched = initial if isinstance(initial, Initialization) else None
     source = None if initial_pose is None else initial_pose.source
     return assemble(
         poses,
-        (*stages.findings, *check_pose(last.T_camera_lidar, last.agreement, limit_m)),
+        _findings(stages, config.refinement),
         settings=_settings(data, stages, config, initial_pose, priors),
         seed=config.seed,
         num_frames=len(data.drive.frames),
@@ -362,6 +347,14 @@ def make_calibration(
     )
 
 
+def _findings(stages: Stages, config: RefinementConfig) -> tuple[Finding, ...]:
+    """List all that speaks against the pose of the last stage."""
+    *_, last = stages.poses.values()
+    # Other methods have no limit of the distance in their search, and check the distance themselves.
+    limit_m = config.max_baseline_m if isinstance(stages.refined, Refinement) else math.inf
+    return (*stages.findings, *check_pose(last.T_camera_lidar, last.agreement, limit_m))
+
+
 def _settings(
     data: LoadedDrive,
     stages: Stages,
@@ -375,6 +368,8 @@ def _settings(
         settings["cues"] = describe_cues(data.cues)
     if initial_pose is not None and initial_pose.source is None:
         settings["given"] = initial_pose.name
+    if initial_pose is not None and initial_pose.direction is not None:
+        settings["init_direction"] = initial_pose.direction
     for name, stage in stages.poses.items():
         settings |= stage.settings
         if name == "refined" and priors:
@@ -392,8 +387,3 @@ def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:
 
 def _polish_config(config: RefinementConfig) -> PolishConfig:
     return PolishConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-
-
-def _tell(name: str, start: float, found: StageResult, T_before: Pose, note: str, on_event: Listener) -> None:
-    moved = compare_poses(found.T_camera_lidar, T_before)
-    on_event(StageDone(name, perf_counter() - start, note, found.agreement, moved))

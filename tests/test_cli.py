@@ -17,6 +17,7 @@ import pytest
 import yaml
 from conftest import run
 from hostile_drives import HOSTILE, Edit, break_drive
+from test_calibration import POSE, make_calibration
 
 from semcal_cli.cli import EXIT_FAILURE, semcal
 from semcal_cli.cli.sections import SECTIONS
@@ -25,6 +26,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
+from semcal_cli.result.calibration import write_calibration
 
 EXIT_USAGE = 2
 
@@ -103,6 +105,13 @@ def test_what_is_wrong_is_said_before_the_work_begins(
         "initialize d --max-baseline-m inf",
         "calibrate d --seed -1",
         "refine d",
+        "calibrate d --init-direction lidar-to-camera",
+        "calibrate d --json -o -",
+        "calibrate d --json --to text",
+        "calibrate d --json --log -",
+        "calibrate d --json --report /dev/stdout",
+        "initialize d --json -o /dev/stdout",
+        "refine d --init t --json --log /dev/stdout",
         "refine d --init t --edge-band -1",
         "calibrate d --device cuda",
         "calibrate d --max-frames 0",
@@ -134,7 +143,7 @@ def test_results_go_to_standard_output_and_all_else_to_standard_error(
     code, out, err = run(capfd, "initialize", street, "--log", tmp_path / "log.json")
     assert code == 0
     assert yaml.safe_load(out)["status"] == "not_assessed"
-    assert "hypotheses" in err
+    assert "mountings compared" in err
     assert [stage["name"] for stage in json.loads((tmp_path / "log.json").read_text())["stages"]] == [
         "load",
         "initial",
@@ -199,7 +208,7 @@ def commands(
 
 def test_every_command_stands_in_one_section_with_a_whole_line(capfd: pytest.CaptureFixture[str]) -> None:
     listed = [name for section in SECTIONS.values() for name in section]
-    assert sorted(listed) == sorted(semcal.commands)
+    assert sorted(listed) == sorted(name for name, each in semcal.commands.items() if not each.hidden)
     code, out, _ = run(capfd, "--help")
     assert code == 0
     assert max(map(len, out.splitlines())) <= 80
@@ -219,6 +228,56 @@ def test_help_names_only_options_that_the_command_has(path: tuple[str, ...], com
         assert set(re.findall(r"(?<![\w-])--[a-z][\w-]*", others)) <= known
     with click.Context(command) as context:
         assert "None]" not in command.get_help(context)
+
+
+@pytest.mark.parametrize(
+    ("command", "order"),
+    [
+        ("calibrate C", "semcal calibrate DRIVE"),
+        ("inspect C", "semcal inspect DRIVE"),
+        ("refine C --init D", "semcal refine DRIVE --init FILE"),
+        ("verify C D", "semcal verify DRIVE CALIBRATION"),
+        ("report C D -o O.html", "semcal report DRIVE CALIBRATION -o FILE"),
+        ("overlay C D -o O", "semcal overlay DRIVE CALIBRATION -o DIR"),
+        ("export rerun C D -o O.rrd", "semcal export rerun DRIVE [CALIBRATION] -o FILE"),
+    ],
+)
+def test_a_calibration_where_the_drive_belongs(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str, order: str
+) -> None:
+    given = tmp_path / "c.yaml"
+    write_calibration(make_calibration(POSE), given)
+    words = {
+        "C": given,
+        "D": street,
+        "O": tmp_path / "o",
+        "O.html": tmp_path / "o.html",
+        "O.rrd": tmp_path / "o.rrd",
+    }
+    code, out, err = run(capfd, *(words.get(word, word) for word in command.split()))
+    assert (code, out) == (EXIT_FAILURE, "")
+    assert err == (
+        f"semcal: error: {given}: found a calibration where the drive belongs; the order is `{order}`\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("command", "order"),
+    [("compare C D", ""), ("verify C D", "; the order is `semcal verify DRIVE CALIBRATION`")],
+)
+def test_a_drive_without_a_reference_is_no_transform(
+    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str, order: str
+) -> None:
+    document = read_document(drive / DRIVE_FILE)
+    del document["T_camera_lidar"]
+    write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
+    given = tmp_path / "c.yaml"
+    write_calibration(make_calibration(POSE), given)
+    words = {"C": given, "D": drive}
+    code, _, err = run(capfd, *(words.get(word, word) for word in command.split()))
+    assert code == EXIT_FAILURE
+    needed = "needed a transform, or a drive with T_camera_lidar"
+    assert err == f"semcal: error: {drive / DRIVE_FILE}: found a drive without a reference, {needed}{order}\n"
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -31,6 +31,20 @@ NOT_LABELLED = 0
 """The id that synthetic drives ignore."""
 
 
+def told(lines: list[str], label: str) -> list[str]:
+    """The texts under a label of a summary, each put together again from its lines."""
+    texts: list[str] = []
+    is_inside = False
+    for line in lines:
+        head, text = line[:17].strip(), line[17:]
+        is_inside = head == label or (is_inside and not head)
+        if head == label:
+            texts.append(text)
+        elif is_inside:
+            texts[-1] += f" {text}"
+    return texts
+
+
 def test_a_mounting_measured_by_hand_narrows_or_replaces_the_search(
     street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -82,14 +96,21 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
     assert calibration.status == "not_trusted"
-    told = f"::error title=semcal initialize::fail; not_trusted interval not known; {calibration.reasons[0]}"
-    assert stderr.startswith(told.replace("%", "%25"))
+    annotation = (
+        f"::error title=semcal initialize::fail; not_trusted interval not known; {calibration.reasons[0]}"
+    )
+    assert stderr.startswith(annotation.replace("%", "%25"))
     code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
-    *_, doubts, _, verdict = [line for line in stderr.splitlines() if not line.startswith("::")]
-    assert doubts == f"doubts           {calibration.reasons[-1]}"
-    assert verdict == "verdict          not trusted"
+    lines = [line for line in stderr.splitlines() if not line.startswith("::")]
+    *_, written_to, verdict, next_step = lines
+    assert told(lines, "doubt") == [*calibration.reasons]
+    assert written_to == f"written to       {tmp_path / 'out.yaml'}"
+    assert verdict == "verdict          not trusted: 1 doubt, see above"
+    assert next_step == "next             semcal inspect DRIVE finds faults, semcal view DRIVE moves it"
     assert re.fullmatch(
-        r"visible labelled points cover \d\.\d% of the picture, needed at least 3%", calibration.reasons[0]
+        r"visible labelled points cover \d\.\d% of the picture, needed at least 3%: label more of the points, or "
+        "check which ids the drive ignores",
+        calibration.reasons[0],
     )
 
 
@@ -106,8 +127,8 @@ def test_a_runner_up_that_is_close_is_not_trusted(
     assert code == EXIT_NOT_TRUSTED
     (reason,) = read_calibration(tmp_path / "out.yaml").reasons
     assert re.fullmatch(
-        r"a mounting \d+ degrees away explains the labels almost as well: \d\.\d{4} against \d\.\d{4} nats, "
-        r"\d\.\d\d standard errors apart, needed 2\.00; add frames",
+        r"a mounting \d+ degrees away explains the labels almost as well, \d\.\d\d standard errors apart, needed "
+        r"2\.00: add frames from other places, or give --init with a mounting measured by hand",
         reason,
     )
 
@@ -128,7 +149,7 @@ def test_what_the_polish_did_is_told(street: Path, tmp_path: Path, capfd: pytest
     assert polished.polish.accepted
     assert polished.status == "trusted"
     assert list(polished.stages) == ["initial", "refined", "polished"]
-    assert re.search(r"polished .* accepted: held out [+-]0\.\d{4} \+- 0\.\d{4} nats", err)
+    assert re.search(r"polished +\d+\.\d\d s   moved \d\.\d{3} degrees and \d\.\d\d cm, kept$", err, re.M)
     plain, _ = refine(street, tmp_path / "out.yaml", capfd, "--no-polish")
     assert plain.polish is None
     assert plain.status == "not_assessed"
@@ -152,10 +173,12 @@ def test_a_polish_that_held_out_data_reject_is_undone(
     assert not rejected.polish.accepted
     assert rejected.status == "not_trusted"
     assert any(
-        reason.startswith("the polish was rejected: held-out data agree less after it, by ")
+        reason.startswith("the polish was rejected, held-out data agree less after it by ")
         for reason in rejected.reasons
     )
-    assert "rejected, the refined pose stays" in err
+    assert re.search(r"polished +\d+\.\d\d s   not better, so the pose before it is kept$", err, re.M)
+    assert f"{len(rejected.reasons)} doubts speak against the pose" in err
+    assert told(err.splitlines(), "doubt") == [*rejected.reasons]
     plain, _ = refine(drive, tmp_path / "out.yaml", capfd, "--no-polish")
     np.testing.assert_allclose(rejected.pose, plain.pose, atol=1e-12)
 
@@ -184,7 +207,10 @@ def test_what_is_known_is_weighed_and_said(
     calibration = read_calibration(result)
     assert (code, calibration.status) == (0, "trusted"), err
     assert list(calibration.stages) == ["initial", "refined", "polished", "fused"]
-    assert f"--prior-translation-m {' '.join(f'{float(x):g}' for x in center)} 0.001, --fix ty,rz" in err
+    assert (
+        f"--prior-translation-m {' '.join(f'{float(x):g}' for x in center)} 0.001, --fix ty,rz"
+        in " ".join(err.split())
+    )
     error = compare_poses(calibration.pose, street_truth)
     assert abs(error.camera_center_xyz_cm[1]) < 1e-6
     assert abs(error.rotation_xyz_deg[2]) < 1e-6
@@ -214,7 +240,8 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
     assert check_motion(None) == check_motion(3.0) == ()
     (moved,) = check_motion(7.04)
     assert moved.sentence == (
-        "the LiDAR's motion is not compensated: half of the points are 7.0 pixels off or more, needed at most 3"
+        "the LiDAR's motion is not compensated, half of the points are 7.0 pixels off or more, needed at most 3: give "
+        "motion.poses or motion.twist in the drive, or record at lower speed"
     )
     agreement = _core.agreement(street_observations.core, street_truth)
     T = np.eye(4)
@@ -226,7 +253,7 @@ def test_motion_and_limits_that_hold_a_pose_are_said(
     )
     assert check_distance(T, 1.0) == ()
     (far,) = check_distance(T, 0.8)
-    assert far.sentence == "the camera is 0.9 m from the LiDAR, --max-baseline-m allows 0.8 m"
+    assert far.found == "the camera is 0.9 m from the LiDAR, --max-baseline-m allows 0.8 m"
 
 
 def test_seeds_that_lead_elsewhere_are_said() -> None:
@@ -245,7 +272,7 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
     turned[:3, :3] = Rotation.from_euler("z", 1.5, degrees=True).as_matrix() @ T[:3, :3]
     turned[:3, 3] = -turned[:3, :3] @ camera_center(T)
     found, findings = compare_seeds(T, [moved, None, turned], stated)
-    assert [finding.sentence for finding in findings] == [
+    assert [finding.found for finding in findings] == [
         "1 of 4 seeds gave no answer",
         "1 of 4 seeds lead beyond the 95 % interval, up to 20 cm and 1.5 degrees away",
     ]
@@ -271,6 +298,79 @@ def test_a_calibration_in_the_format_of_another_tool(
     assert err.startswith(
         "semcal: error: --to text: found a transform of no stated direction, needed --to-direction "
     )
+
+
+@pytest.mark.parametrize("command", ["calibrate", "initialize", "refine"])
+def test_the_result_as_json_on_standard_output(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
+) -> None:
+    """The same bytes as those of a JSON file; -o is written as well, in its own format."""
+    for name in ("c.json", "c.yaml"):
+        output = tmp_path / name
+        code, out, err = run(capfd, command, street, "--init", street, "--json", "-o", output, "-q")
+        assert (code, err) == (0, "")
+        assert read_document(output) == json.loads(out)
+        if name == "c.json":
+            assert output.read_text() == out
+    code, out, _ = run(capfd, command, street, "--init", street, "-o", "-", "-q")
+    assert code == 0
+    assert yaml.safe_load(out)["T_camera_lidar"] == read_document(tmp_path / "c.yaml")["T_camera_lidar"]
+
+
+def test_a_matrix_of_no_stated_direction_is_a_start_with_one(
+    street: Path, street_truth: Pose, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    start = tmp_path / "T.txt"
+    np.savetxt(start, inverse(street_truth))
+    for command in ("calibrate", "initialize", "refine"):
+        code, _, err = run(capfd, command, street, "--init", start)
+        assert code == EXIT_FAILURE
+        assert err == (
+            f"semcal: error: {start}: found a transform of no stated direction, needed --init-direction "
+            "lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar\n"
+        )
+    options = ["--init", start, "--init-direction", "camera-to-lidar", "--json", "-q"]
+    code, out, _ = run(capfd, "refine", street, *options)
+    assert code == 0
+    found = json.loads(out)
+    assert found["settings"]["options"]["init_direction"] == "camera-to-lidar"
+    assert compare_poses(np.array(found["T_camera_lidar"]), street_truth).rotation_deg < 0.2
+    code, _, err = run(capfd, "refine", street, "--init", street, "--init-direction", "lidar-to-camera")
+    assert code == EXIT_FAILURE
+    assert err == (
+        "semcal: error: --init-direction: found 'lidar-to-camera', needed nothing: semcal files leave that not open\n"
+    )
+
+
+def test_a_start_is_no_stream(street: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for name in ("-", "/dev/stdin"):
+        code, _, err = run(capfd, "calibrate", street, "--init", name)
+        assert code == EXIT_FAILURE
+        assert err == (
+            f"semcal: error: {name}: found standard input, needed a file: the result names and hashes it\n"
+        )
+
+
+@pytest.mark.parametrize("command", ["calibrate", "initialize", "refine"])
+def test_figures_for_experts_are_on_request(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], command: str
+) -> None:
+    said = {}
+    for option in ("--log", "--verbose"):
+        given = [option, tmp_path / "log.json"] if option == "--log" else [option]
+        code, _, said[option] = run(
+            capfd, command, street, "--init", street, "-o", tmp_path / "c.yaml", *given
+        )
+        assert code == 0
+        assert all(len(line) <= 80 for line in said[option].splitlines() if "written to" not in line)
+    for word in ("nats", "MI ", "points agree"):
+        assert word not in said["--log"]
+        assert word in said["--verbose"]
+    if command != "initialize":
+        assert "held out" not in said["--log"]
+        assert "held out" in " ".join(said["--verbose"].split())
+    lines = said["--log"].splitlines()
+    assert lines[-1 if command != "initialize" else -2].startswith("verdict          ")
 
 
 def test_other_seeds_lead_to_the_same_place(

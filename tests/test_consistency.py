@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -29,7 +30,8 @@ def test_pictures_of_other_frames(street_observations: Observations, street_trut
     exchanged = street_observations.with_images(images[1:] + images[:1])
     found = sentences(exchanged, street_truth)
     assert any(
-        line.startswith("pictures of other frames fit the clouds as well or better: ") for line in found
+        re.match(r"pictures of other frames fit the clouds \d{3}% as well, needed at most 55%: check ", line)
+        for line in found
     )
 
 
@@ -46,7 +48,7 @@ def test_labels_that_tell_no_direction(street_observations: Observations, street
         cloud.with_classes(rng.permutation(cloud.classes)) for cloud in street_observations.clouds
     )
     found = sentences(shuffled, street_truth)
-    assert any("degrees labels fit as well or better: " in line for line in found)
+    assert any(re.search(r"degrees labels fit (\d{3}% as well|better than)", line) for line in found)
 
 
 @pytest.mark.parametrize("scale", [0.9, 1.1])
@@ -61,7 +63,9 @@ def test_wrong_intrinsics_are_named(
     around = around_intrinsics(seen, refined.T_camera_lidar)
     (intrinsics,) = wrong_intrinsics(around, seen.camera)
     right = "shorter" if scale > 1.0 else "longer"
-    assert focal.startswith(f"the focal length looks wrong: labels agree better with fx and fy 7% {right}, ")
+    assert re.match(
+        rf"the focal length looks wrong, labels agree \d+\.\d% better with fx and fy 7% {right}: ", focal
+    )
     assert intrinsics.sentence.startswith("the intrinsics look wrong")
 
 
@@ -90,13 +94,13 @@ def test_wrong_clocks_are_told_from_the_motion(
         seen, street_truth, ExactEstimator(seen, ExactConfig(), 0), PyramidConfig(3.0)
     ).T_camera_lidar
     ended = newton(seen, near, PolishConfig()).T_camera_lidar
-    found = [line for line in sentences(seen, ended) if line.startswith("the clocks look wrong: ")]
+    found = [line for line in sentences(seen, ended) if line.startswith("the clocks look wrong, ")]
     if delay_s == 0.0:
         assert found == []
     else:
         side = "later" if delay_s > 0.0 else "earlier"
         (line,) = found
-        assert line.endswith(f" ms {side} than image_stamp says")
+        assert f" ms {side} than image_stamp says: check the clocks of camera and LiDAR" in line
 
 
 def test_a_steady_motion_tells_nothing_of_clocks(
@@ -115,7 +119,7 @@ def test_one_class_nearly_everywhere(street_observations: Observations, street_t
         for cloud in street_observations.clouds
     )
     found = sentences(seen, street_truth)
-    assert found[0].startswith("points in the picture are nearly all of one class: they vary like 1.")
+    assert found[0].startswith("points in the picture are nearly all of one class, they vary like 1.")
 
 
 def test_nothing_in_the_picture_is_no_crash(street_observations: Observations, street_truth: Pose) -> None:
@@ -123,4 +127,4 @@ def test_nothing_in_the_picture_is_no_crash(street_observations: Observations, s
         image.with_classes(np.full_like(image.classes, NO_CLASS)) for image in street_observations.images
     )
     found = sentences(blank, street_truth)
-    assert found == ["pixels: none is labelled"]
+    assert found == ["none of the pixels are labelled: label them, or check which ids the drive ignores"]

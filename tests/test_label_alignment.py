@@ -90,7 +90,8 @@ def test_labels_of_other_points_are_found(
 ) -> None:
     good = GOOD[noise](street_observations, np.random.default_rng(3))
     (found,) = check_label_alignment(street_drive, with_point_labels_moved(good, entries)).findings
-    assert found.startswith(f"labels of points fit the clouds better shifted by {words} of the file: by ")
+    start = f"labels of points fit the clouds better shifted by {words} of the file, by "
+    assert found.sentence.startswith(start)
 
 
 def test_frames_with_labels_of_other_points_are_named(
@@ -99,7 +100,7 @@ def test_frames_with_labels_of_other_points_are_named(
     (found,) = check_label_alignment(
         street_drive, with_point_labels_moved(street_observations, 5, step=2)
     ).findings
-    assert found.startswith(
+    assert found.sentence.startswith(
         "labels of points of frames 000000 and 000002 fit the clouds better shifted by 5 "
     )
 
@@ -120,7 +121,7 @@ def test_labels_of_other_pixels_are_found(
 ) -> None:
     change, words = MOVES[move]
     (found,) = check_label_alignment(street_drive, with_pixels_moved(street_observations, change)).findings
-    assert found.startswith(f"label images fit their pictures better {words}: by ")
+    assert found.sentence.startswith(f"label images fit their pictures better {words}, by ")
 
 
 def test_frames_with_labels_of_other_pixels_are_named(
@@ -128,7 +129,7 @@ def test_frames_with_labels_of_other_pixels_are_named(
 ) -> None:
     moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=0), step=2)
     (found,) = check_label_alignment(street_drive, moved).findings
-    assert found.startswith(
+    assert found.sentence.startswith(
         "label images of frames 000000 and 000002 fit their pictures better shifted by 4 pixels up"
     )
 
@@ -145,7 +146,7 @@ def test_pictures_that_cannot_be_read_are_left_out(drive: Path, street_observati
     moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=1))
     (drive / "images/000001.png").unlink()
     (finding,), (note,) = check_label_alignment(read_drive(drive), moved)
-    assert finding.startswith("label images fit their pictures better shifted by 4 pixels left")
+    assert finding.sentence.startswith("label images fit their pictures better shifted by 4 pixels left")
     assert note == (
         "whether label images fit their pictures was not tested on all: images/000001.png: no such file or folder"
     )
@@ -195,4 +196,6 @@ def test_labels_of_a_real_frame_belong_to_its_points_and_pixels(rellis3d: Path) 
     observations = load_observations(drive)
     assert check_label_alignment(drive, observations).findings == ()
     (found,) = check_label_alignment(drive, with_point_labels_moved(observations, 1)).findings
-    assert found.startswith("labels of points fit the clouds better shifted by 1 entry towards the start")
+    assert found.sentence.startswith(
+        "labels of points fit the clouds better shifted by 1 entry towards the start"
+    )

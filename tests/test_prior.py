@@ -134,7 +134,8 @@ def test_labels_that_contradict_what_is_known_say_so(
     fused = fuse(street_observations, polished, [prior])
     (finding,) = fused.findings
     assert re.fullmatch(
-        r"--fix ty is 20\.\d cm from where labels alone lead, chi-square \d+ of 1, needed at most \d+",
+        r"--fix ty is 20\.\d cm from where labels alone lead, chi-square \d+ of 1, needed at most \d+: "
+        "measure it again, or state it less exactly",
         finding.sentence,
     )
 

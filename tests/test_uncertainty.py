@@ -130,7 +130,7 @@ def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(
     (found,) = undetermined(vague)
     assert found.sentence == (
         "the pose is determined only up and down to 3.92 m, in pitch to 2.0 degrees (95 %), needed 0.25 m and "
-        "1 degree; add frames"
+        "1 degree: add frames with objects near and far, from a moving car"
     )
 
 

@@ -24,6 +24,8 @@ from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_qua
 from semcal_cli.verification import recognise
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
+GREEN, RED = "\x1b[1;32m", "\x1b[1;31m"
+"""Starts of the lines of verdicts on a terminal."""
 
 
 def write_transform(T: Pose, street: Path, folder: Path) -> Path:
@@ -219,16 +221,38 @@ def test_compare(street: Path, street_truth: Pose, tmp_path: Path) -> None:
     assert report["same"] is True
     assert all(axis["half_width_a"] > 0.0 and axis["half_width_b"] is None for axis in report["axes"])
     both = CliRunner().invoke(semcal, ["compare", str(result), str(result)])
-    assert both.stdout.count("within both") == 6
+    assert both.stdout.count("explained") == 6
     far = write_transform(moved(street_truth, 0.06), street, tmp_path)
     assert "-0.0000" not in both.stdout
-    assert both.stdout.splitlines()[-1] == "within limits"
+    assert both.stdout.splitlines()[-1] == "within limits: 0.0000 degrees and 0.000 cm apart"
     beyond = CliRunner().invoke(semcal, ["compare", str(result), str(far)])
     assert beyond.exit_code == FAIL
-    assert beyond.stdout.splitlines()[-1] == "beyond limits"
-    assert "allowed 5" in beyond.stdout.splitlines()[-2]
+    assert re.fullmatch(r"beyond limits: 6\.\d+ cm, allowed 5", beyond.stdout.splitlines()[-1])
+    assert "more than both" not in both.stdout
+    assert max(map(len, f"{both.stdout}{beyond.stdout}".splitlines())) <= 80
+    terminal = {"FORCE_COLOR": "1", "NO_COLOR": "", "TERM": "xterm"}
+    for other, colour in ((result, GREEN), (far, RED)):
+        colourful = CliRunner().invoke(semcal, ["compare", str(result), str(other)], env=terminal, color=True)
+        *rest, verdict = colourful.stdout.splitlines()
+        assert verdict.startswith(colour)
+        assert not any(line.startswith(colour) for line in rest)
     allowed = ["compare", str(result), str(far), "--max-translation-m", "0.1"]
     assert CliRunner().invoke(semcal, allowed).exit_code == PASS
+
+
+def test_a_matrix_of_no_stated_direction_is_verified_with_one(
+    street: Path, street_truth: Pose, tmp_path: Path
+) -> None:
+    path = tmp_path / "T.txt"
+    np.savetxt(path, np.linalg.inv(street_truth))
+    arguments = ["verify", str(street), str(path), "-q"]
+    refused = CliRunner().invoke(semcal, arguments)
+    assert str(refused.exception) == (
+        f"{path}: found a transform of no stated direction, needed --direction lidar-to-camera (p_camera = T p_lidar) "
+        "or camera-to-lidar"
+    )
+    found = CliRunner().invoke(semcal, [*arguments, "--direction", "camera-to-lidar"])
+    assert found.exit_code == PASS, found.output
 
 
 @pytest.mark.parametrize("value", [-1.0, 1e308])

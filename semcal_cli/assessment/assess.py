@@ -29,8 +29,15 @@ from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
 
-NOTHING = Finding("labels do not determine the pose: information does not fall in every direction")
-TOGETHER = Finding("labels and what is known do not determine the pose together")
+NOTHING = Finding(
+    "labels do not determine the pose, their agreement does not fall in every direction",
+    "record frames with objects near and far, at the left and at the right, or state what is known with "
+    "--prior-translation-m",
+)
+TOGETHER = Finding(
+    "labels and what is known do not determine the pose together",
+    "record frames with objects near and far, or state more with --prior-translation-m and --prior-rotation-deg",
+)
 
 
 @dataclass(frozen=True)
@@ -112,7 +119,7 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
     notes = (*data.notes, *_notes_on_scenes(observations))
     if data.cues[0] in ("labels", "segments"):
         aligned = check_label_alignment(data.drive, data.first_cue)
-        findings += tuple(map(Finding, aligned.findings))
+        findings += aligned.findings
         notes += aligned.notes
     return Assessment(None, findings, notes, check.parts)
 

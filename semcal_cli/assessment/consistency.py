@@ -72,13 +72,13 @@ def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple
         T_camera_lidar: (4, 4) refined pose, metres.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
-    sentences = [
+    findings = [
         *_too_few_classes(few, T_camera_lidar),
         *_wrong_pairing(few, T_camera_lidar),
         *_wrong_azimuth(few, T_camera_lidar),
         *_wrong_model(few, T_camera_lidar),
     ]
-    return tuple(map(Finding, sentences))
+    return tuple(findings)
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:
@@ -107,7 +107,7 @@ def _corrected(agreement: _core.Agreement) -> float:
     return agreement.mutual_information - agreement.bias
 
 
-def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
     """Check that the points in the image and its pixels have enough classes, weighted by their frequency."""
     sides = {}
     if not observations.has_segments:  # Each segment is a class of its own.
@@ -120,22 +120,25 @@ def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[s
     return [line for name, ids in sides.items() for line in _too_few_on_side(name, ids)]
 
 
-def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[str]:
+def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[Finding]:
     counts = np.sum([np.bincount(each, minlength=NO_CLASS + 1) for each in ids], axis=0)[:NO_CLASS]
     if not counts.any():
-        return [f"{name}: none is labelled"]
+        return [
+            Finding(f"none of the {name} are labelled", "label them, or check which ids the drive ignores")
+        ]
     shares = counts[counts > 0] / counts.sum()
     # The number of equally frequent classes that would have the same entropy.
     effective = float(np.exp(-np.sum(shares * np.log(shares))))
     if effective >= MIN_CLASSES:
         return []
-    return [
-        f"{name} are nearly all of one class: they vary like {effective:.2f} equally frequent classes, needed at least "
+    found = (
+        f"{name} are nearly all of one class, they vary like {effective:.2f} equally frequent classes, needed at least "
         f"{MIN_CLASSES:g}"
-    ]
+    )
+    return [Finding(found, "record frames with more kinds of things, or label more classes")]
 
 
-def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
     """Check that clouds agree less well with the label images of other frames."""
     # Pictures are compared by their likeliest classes, their own as well: shares alone tell less.
     images, found = [image.without_shares() for image in observations.images], []
@@ -150,14 +153,12 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[str
             found.append(_information(observations.with_images(others), T_camera_lidar))
     if not found or max(found) <= MAX_EXCHANGED * own:
         return []
-    figures = f"{max(found):.2f} of {own:.2f} {observations.unit}, needed at most {MAX_EXCHANGED:.0%}"
-    return [
-        f"pictures of other frames fit the clouds {_as_well(max(found), own)}: {figures}: sweeps and pictures may not "
-        f"belong together"
-    ]
+    fit = _as_well(max(found), own)
+    sentence = f"pictures of other frames fit the clouds {fit}, needed at most {MAX_EXCHANGED:.0%}"
+    return [Finding(sentence, "check that sweeps and pictures belong together, by their times and names")]
 
 
-def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
     """Check that labels agree less well with the camera turned about the LiDAR's z axis to where points are visible."""
     overlap = _core.agreement(observations.core, T_camera_lidar).overlap
     own = _information(observations, T_camera_lidar)
@@ -170,14 +171,14 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[str
     most = MAX_TURNED_OF_SEGMENTS if observations.has_segments else MAX_TURNED
     if best <= most * own:
         return []
-    return [
-        f"with the camera turned by {best_deg:.0f} degrees labels fit {_as_well(best, own)}: {best:.2f} of {own:.2f} "
-        f"{observations.unit}, needed at most {most:.0%}"
-    ]
+    fit = _as_well(best, own)
+    found = f"with the camera turned by {best_deg:.0f} degrees labels fit {fit}, needed at most {most:.0%}"
+    return [Finding(found, "add frames from other places, or give --init with a mounting measured by hand")]
 
 
 def _as_well(other: float, own: float) -> str:
-    return "almost as well" if other < own else "as well or better"
+    """Say how well another fits, beside one that may not fit at all."""
+    return f"{other / own:.0%} as well" if own > 0.0 else "better than their own, which do not fit at all"
 
 
 def _about_z(angle_deg: float) -> Pose:
@@ -187,7 +188,7 @@ def _about_z(angle_deg: float) -> Pose:
     return T
 
 
-def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
+def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
     """Check that labels agree less well after refinements with other focal lengths and other delays of the images.
 
     All refinements use the same frames and settings. The agreement tells focal lengths apart even with a single frame,
@@ -209,22 +210,24 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[str]:
     own = max(own, _fit(observations, T_camera_lidar))
     zoomed, delayed = others[: len(changes)], others[len(changes) :]
     return [
-        *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True)), observations.unit),
+        *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),
         *_wrong_clocks(own, dict(zip(delays_s, delayed, strict=True))),
     ]
 
 
-def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None], unit: str) -> list[str]:
+def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Finding]:
     best, best_change = own.information, 0.0
     for change, found in others.items():
         if found is not None and found.information > best:
             best, best_change = found.information, change
     if best_change == 0.0:
         return []
-    return [
-        f"the focal length looks wrong: labels agree better with fx and fy {abs(best_change):.0%} "
-        f"{'longer' if best_change > 0.0 else 'shorter'}, {best:.4f} against {own.information:.4f} {unit}"
-    ]
+    better = f"{best / own.information - 1.0:.1%} better" if own.information > 0.0 else "better"
+    sentence = (
+        f"the focal length looks wrong, labels agree {better} with fx and fy {abs(best_change):.0%} "
+        f"{'longer' if best_change > 0.0 else 'shorter'}"
+    )
+    return [Finding(sentence, "check fx and fy of K, and that K is of pictures of this size, or add frames")]
 
 
 def _tells_clocks(observations: Observations) -> bool:
@@ -238,7 +241,7 @@ def _twists_per_s(observations: Observations) -> list[Sequence[float]]:
     return [frame.twist_per_s for frame in observations.frames if frame.twist_per_s is not None]
 
 
-def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[str]:
+def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Finding]:
     best, best_delay_s = MIN_CLOCK_GAIN, 0.0
     for delay_s, found in others.items():
         if found is not None:
@@ -247,10 +250,11 @@ def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[str]:
                 best, best_delay_s = gain, delay_s
     if best_delay_s == 0.0:
         return []
-    return [
-        f"the clocks look wrong: labels agree better, by {best:.1f} standard errors, if pictures are "
+    sentence = (
+        f"the clocks look wrong, labels agree better by {best:.1f} standard errors if pictures are "
         f"{1e3 * abs(best_delay_s):.0f} ms {'later' if best_delay_s > 0.0 else 'earlier'} than image_stamp says"
-    ]
+    )
+    return [Finding(sentence, "check the clocks of camera and LiDAR, and correct image_stamp")]
 
 
 def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:

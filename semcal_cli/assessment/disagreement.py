@@ -92,8 +92,10 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
     parts = _split(observations, whole, T_camera_lidar, suspicion, MAX_PARTS) if suspicion.place else []
     if len(parts) > 1 and all(_is_one(observations, part) for part in parts):
         described = tuple(_describe(parts, names))
-        return FrameCheck((Finding(_moved_sentence(parts, described, names)),), described)
-    return FrameCheck((Finding(_scatter_sentence(suspicion, names)),))
+        advice = "calibrate each part with `semcal calibrate --split`, or record again"
+        return FrameCheck((Finding(_moved_sentence(parts, described, names), advice),), described)
+    advice = "check the times of sweeps and pictures, the motion and the labels, or take these frames out"
+    return FrameCheck((Finding(_scatter_sentence(suspicion, names), advice),))
 
 
 @dataclass(frozen=True)
@@ -263,14 +265,14 @@ def _movement(before: Part, after: Part) -> Movement:
 
 
 def _moved_sentence(parts: Sequence[Part], described: Sequence[DrivePart], names: Sequence[str]) -> str:
-    """Say which frames fit which camera, and ask what happened."""
+    """Say which frames fit which camera, and where it may have been knocked."""
     sentences = []
     moved = [part.moved.words for part in described if part.moved is not None]
     for part, words in zip(parts[1:], moved, strict=True):
         first = frame_name(names, part.frames[0])
         stretch = _stretch(part.frames, names)
-        sentences.append(f"{stretch} fit a camera {words}: was it knocked at {first}?")
-    return "; ".join(sentences) + " `semcal calibrate --split` calibrates each part"
+        sentences.append(f"{stretch} fit a camera {words}, as if it was knocked at {first}")
+    return "; ".join(sentences)
 
 
 def _stretch(frames: range, names: Sequence[str]) -> str:
@@ -292,6 +294,5 @@ def _scatter_sentence(suspicion: _Suspicion, names: Sequence[str]) -> str:
             f"before, needed at most {suspicion.allowed_apart:.1f}"
         )
     if suspicion.outliers:
-        found.append(f"farthest off: {frame_list(names, suspicion.outliers)}")
-    what = "the times of sweeps and pictures, the motion or the labels of some frames may be wrong"
-    return f"frames disagree about the camera: {'; '.join(found)}; {what}"
+        found.append(f"farthest off {frame_list(names, suspicion.outliers)}")
+    return f"frames disagree about the camera, {', '.join(found)}"

@@ -47,7 +47,11 @@ LEAST_BEND = 1e-6
 """Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
 LEAST_INFORMATION = 1e-13
 """Smallest information along a direction, as a share of the best known direction's. Less is rounding."""
-UNSETTLED = Finding("the pose that labels and what is known determine together had not settled")
+UNSETTLED = Finding(
+    f"the pose that labels and what is known determine together had not settled in {MAX_ROUNDS} rounds",
+    "add frames, or start nearer with --init",
+)
+MEASURE_AGAIN = "measure it again, or state it less exactly"
 MANY = 1e6
 """Degrees of freedom of a prior's standard deviations."""
 
@@ -83,7 +87,7 @@ def fuse(
     """
     around = sensitivity(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     is_alone = around is not None and around.is_determined
-    contradictions: dict[str, list[str]] = {}
+    contradictions: dict[str, list[Finding]] = {}
     of_intrinsics = _of_intrinsics(
         observations, T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     )
@@ -99,7 +103,7 @@ def fuse(
     return Fused(
         T_camera_lidar=T,
         agreement=_core.agreement(observations.core, T),
-        findings=(*(() if is_settled else (UNSETTLED,)), *map(Finding, far)),
+        findings=(*(() if is_settled else (UNSETTLED,)), *far),
         uncertainty=None if fit is None else fit.uncertainty(T),
         is_alone=is_alone,
         label_gain=np.eye(6) if fit is None else fit.covariance @ fit.labels.information,
@@ -267,7 +271,7 @@ def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
     return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
 
 
-def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[str]:
+def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     """Compare a prior with the optimum of the labels alone, over all known axes at once."""
     from scipy.special import fdtri
 
@@ -286,23 +290,25 @@ def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
     far = _length(int(np.flatnonzero(stated)[worst]), float(off[worst]))
-    return [
+    found = (
         f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {stated.sum()}, needed at most "
         f"{most:.0f}"
-    ]
+    )
+    return [Finding(found, MEASURE_AGAIN)]
 
 
-def _distance(prior: Prior, T_camera_lidar: Pose) -> list[str]:
+def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     """Compare a prior with the fused pose, axis by axis."""
     deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
     worst = int(deviations.argmax())
     if deviations[worst] <= MAX_SIGMAS:
         return []
     far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))
-    return [
+    found = (
         f"{prior.name} is {far} from the pose that all else leads to, {deviations[worst]:.1f} standard deviations, "
         f"needed at most {MAX_SIGMAS:.0f}"
-    ]
+    )
+    return [Finding(found, MEASURE_AGAIN)]
 
 
 def _length(axis: int, off: float) -> str:

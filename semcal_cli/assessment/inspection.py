@@ -333,7 +333,8 @@ def _check_motion(error_px: float | None) -> list[str]:
 def _check_labels(labelled: Drive) -> Sequence[str]:
     """Check that labels belong to their points and pixels."""
     read = _loaded(labelled) if labelled.frames else None
-    return () if read is None else check_label_alignment(labelled, read).findings
+    found = () if read is None else check_label_alignment(labelled, read).findings
+    return tuple(finding.sentence for finding in found)
 
 
 def _loaded(drive: Drive) -> Observations | None:

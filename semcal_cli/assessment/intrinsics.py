@@ -176,11 +176,12 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Findin
         f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, free.deviations, strict=True) if each > 2.0
     ]
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
-    sentence = (
-        f"the intrinsics look wrong{which}: freed, they would move the points by {free.moved_px:.0f} pixels or more, "
+    found = (
+        f"the intrinsics look wrong{which}, freed they would move the points by {free.moved_px:.0f} pixels or more, "
         f"chi-square {free.chi2:.0f} of 5, needed at most {limit:.0f}"
     )
-    return (Finding(sentence),)
+    advice = "check K and the distortion, and that K is of pictures of this size, or calibrate the lens again"
+    return (Finding(found, advice),)
 
 
 class _Freed(NamedTuple):

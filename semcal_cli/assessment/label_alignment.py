@@ -23,6 +23,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.errors import InputError
+from semcal_cli.result.stage import Finding
 
 MAX_ENTRIES = 32
 """Largest displacement of the labels of points that is tried, in entries."""
@@ -33,8 +34,8 @@ NUM_BLOCKS = 128
 class LabelAlignment(NamedTuple):
     """What labels say of the points and pixels that they belong to."""
 
-    findings: tuple[str, ...]
-    """Sentences about labels that belong to others."""
+    findings: tuple[Finding, ...]
+    """Labels that belong to others."""
     notes: tuple[str, ...] = ()
     """Sentences about pictures that could not be looked at."""
 
@@ -47,20 +48,23 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         observations: Labelled points, in the order of their files, and label images of the same frames.
     """
     names = [frame.points for frame in drive.frames]
-    found, unread = [], list[str]()
+    found, unread = list[Finding](), list[str]()
     points, entries = find_moved_points(observations)
     if points.z > MIN_Z and not observations.has_segments:
         end = "start" if entries < 0 else "end"
         shift = f"{abs(entries)} {'entry' if abs(entries) == 1 else 'entries'} towards the {end} of the file"
-        found.append(
-            f"labels of points{_of(names, points.frames)} fit the clouds better shifted by {shift}: {_by(points)}"
-        )
+        of = _of(names, points.frames)
+        sentence = f"labels of points{of} fit the clouds better shifted by {shift}, {_by(points)}"
+        advice = "check that what wrote them left no point out, and label these sweeps again"
+        found.append(Finding(sentence, advice))
     pixels = find_moved_pixels(observations, partial(_read_picture, drive, unread))
     if pixels is not None and pixels.displaced.z > MIN_Z:
         of = _of(names, pixels.displaced.frames, pixels.num_pictures)
-        found.append(
-            f"label images{of} fit their pictures better {_words(pixels.move)}: {_by(pixels.displaced)}"
+        sentence = (
+            f"label images{of} fit their pictures better {_words(pixels.move)}, {_by(pixels.displaced)}"
         )
+        advice = "check that they were made from these pictures, in their size, and label them again"
+        found.append(Finding(sentence, advice))
     return LabelAlignment(tuple(found), _note(sorted(set(unread))))
 
 

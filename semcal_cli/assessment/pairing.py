@@ -71,12 +71,12 @@ def check_pairs(
     if not wrong:
         return ()
     worst = min(wrong, key=lambda frame: float(own[frame]))
+    as_well = f"{own[worst] / usual:.0%} as well as others" if usual > 0.0 else "worse than others"
     sentence = (
-        f"points and pixels of {frame_list(names, wrong)} may not belong together: at the pose of all frames "
-        f"{frame_name(names, worst)} shares {own[worst]:.2f} {observations.unit}, others {usual:.2f}, needed at "
-        f"least {MIN_INFORMATION:.0%} of that or more than with pictures of other frames"
+        f"points and pixels of {frame_list(names, wrong)} may not belong together, {frame_name(names, worst)} agrees "
+        f"{as_well}, needed at least {MIN_INFORMATION:.0%} or more than with pictures of other frames"
     )
-    return (Finding(sentence),)
+    return (Finding(sentence, "check the times and the names of their files, or take these frames out"),)
 
 
 def information_by_frame(joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]) -> Information:

@@ -12,6 +12,8 @@ from semcal_cli.result.stage import Finding
 
 MAX_MOTION_PX = 3.0
 """Largest median displacement of the points by uncompensated motion without a finding, in pixels."""
+LEAST_BIAS = 1e-12
+"""Smallest information by chance that another is divided by, nats."""
 AT_LIMIT = 0.999
 """Share of the largest allowed distance from which on a camera counts as clamped to it."""
 
@@ -20,11 +22,11 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
     """Check the median displacement of the points by uncompensated motion, in pixels; None if it is unknown."""
     if motion_error_px is None or motion_error_px <= MAX_MOTION_PX:
         return ()
-    sentence = (
-        f"the LiDAR's motion is not compensated: half of the points are {motion_error_px:.1f} pixels off or more, "
+    found = (
+        f"the LiDAR's motion is not compensated, half of the points are {motion_error_px:.1f} pixels off or more, "
         f"needed at most {MAX_MOTION_PX:.0f}"
     )
-    return (Finding(sentence),)
+    return (Finding(found, "give motion.poses or motion.twist in the drive, or record at lower speed"),)
 
 
 def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:
@@ -32,10 +34,8 @@ def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding
     distance_m = baseline_m(T_camera_lidar)
     if distance_m <= max_baseline_m:
         return ()
-    sentence = (
-        f"the camera is {distance_m:.3g} m from the LiDAR, --max-baseline-m allows {max_baseline_m:g} m"
-    )
-    return (Finding(sentence),)
+    found = f"the camera is {distance_m:.3g} m from the LiDAR, --max-baseline-m allows {max_baseline_m:g} m"
+    return (Finding(found, "give a larger --max-baseline-m if it is farther away"),)
 
 
 def check_pose(
@@ -48,19 +48,17 @@ def check_pose(
         agreement: Agreement of the labels at this pose.
         max_baseline_m: Limit of the distance between camera and LiDAR that the refinement respected.
     """
-    sentences = []
+    findings = []
     distance_m = baseline_m(T_camera_lidar)
     if distance_m >= AT_LIMIT * max_baseline_m:
-        sentences.append(
-            f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m: it may be "
-            f"farther away"
-        )
+        found = f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
+        findings.append(Finding(found, "give a larger --max-baseline-m if it is farther away"))
     if agreement.overlap < MIN_OVERLAP:
-        sentences.append(
-            f"visible labelled points cover {agreement.overlap:.1%} of the picture, needed at least {MIN_OVERLAP:.0%}"
-        )
+        covered = f"visible labelled points cover {agreement.overlap:.1%} of the picture"
+        found = f"{covered}, needed at least {MIN_OVERLAP:.0%}"
+        findings.append(Finding(found, "label more of the points, or check which ids the drive ignores"))
     if not agreement.mutual_information > agreement.bias:
-        sentences.append(
-            f"labels share {agreement.mutual_information:.4f} nats, no more than unrelated labels do by chance"
-        )
-    return tuple(map(Finding, sentences))
+        by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
+        found = f"labels agree {by_chance:.0%} as well as unrelated ones do by chance, needed more than 100%"
+        findings.append(Finding(found, "check that the labels are those of these sweeps and pictures"))
+    return tuple(findings)

@@ -40,17 +40,19 @@ def compare_seeds(
         farthest_camera_center_m=float(np.linalg.norm(differences[:, :3], axis=1).max()),
         farthest_rotation_deg=float(np.linalg.norm(differences[:, 3:], axis=1).max()),
     )
-    sentences = []
+    findings = []
     if found.num_failed:
-        sentences.append(f"{found.num_failed} of {found.num_seeds} seeds gave no answer")
+        sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
+        findings.append(Finding(sentence, "add frames from other places"))
     if uncertainty is not None:
         limits = np.array(uncertainty.half_widths) + ROUNDING
         if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
-            sentences.append(
+            sentence = (
                 f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "
                 f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
             )
-    return found, tuple(map(Finding, sentences))
+            findings.append(Finding(sentence, "add frames from other places"))
+    return found, tuple(findings)
 
 
 def _difference(T: Pose, T_reference: Pose) -> np.ndarray:

@@ -60,11 +60,11 @@ def check_rivals(observations: Observations, T_camera_lidar: Pose) -> tuple[Find
         if behind > 0.0
         else f"better, {-behind:.1f} standard errors ahead"
     )
-    sentence = (
-        f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data {how}; "
-        f"needed {MIN_SIGMAS:g} behind; add frames"
+    found = (
+        f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data {how}, "
+        f"needed {MIN_SIGMAS:g} behind"
     )
-    return (Finding(sentence),)
+    return (Finding(found, "add frames from other places, or labels of points"),)
 
 
 def _tops(observations: Observations, T_camera_lidar: Pose) -> list[Pose]:

@@ -51,8 +51,9 @@ def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
     found += [f"{name} to {half:.1f} degrees" for name, half in rotation]
     if not found:
         return ()
-    needed = f"needed {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree; add frames"
-    return (Finding(f"the pose is determined only {', '.join(found)} (95 %), {needed}"),)
+    needed = f"needed {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
+    sentence = f"the pose is determined only {', '.join(found)} (95 %), {needed}"
+    return (Finding(sentence, "add frames with objects near and far, from a moving car"),)
 
 
 def estimate_uncertainty(

@@ -14,14 +14,13 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli import _core
+from semcal_cli import _core, stage_words
 from semcal_cli.assessment.pose_checks import check_motion
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate, register
@@ -111,8 +110,8 @@ def _initialize(data: LoadedDrive, paper: PaperConfig, seed: int, on_event: List
         hypotheses=hypotheses,
         runner_up_margin=None,
     )
-    note = f"the best of {len(hypotheses)} placements, {hypotheses[0].num_inliers} inliers of PnP"
-    on_event(StageDone("initial", perf_counter() - start, note, found.agreement))
+    note, details = f"the best of {len(hypotheses)} placements", f"{hypotheses[0].num_inliers} inliers of PnP"
+    on_event(StageDone("initial", perf_counter() - start, note, found.agreement, details=details))
     return found
 
 
@@ -130,10 +129,8 @@ def _refine(
     start, device = perf_counter(), config.refinement.device
     on_event(Progress("ascending the bound"))
     found = refine(data.observations, T_init, paper, config.seed, device)
-    settled = "settled" if found.converged else "not settled"
-    note = f"mine, {len(found.levels)} levels, bound {found.bound_nats:.4f} nats, {settled}"
-    moved = compare_poses(found.T_camera_lidar, T_init)
-    on_event(StageDone("refined", perf_counter() - start, note, found.agreement, moved))
+    told = stage_words.refined(found, perf_counter() - start, T_init, "mine")
+    on_event(replace(told, details=f"{told.details}, bound {found.bound_nats:.4f} nats"))
     settings = {"paper": {"mine": asdict(paper.mine), "device": device}}
     return replace(found, settings={**found.settings, **settings})
 

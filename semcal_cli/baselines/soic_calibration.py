@@ -73,8 +73,9 @@ def _initialize(
         settings={"soic": asdict(soic.config)},
     )
     origin = "semantic centroids" if initial_pose is None else initial_pose.name
-    note = f"from {origin}, {soic.cost(T):.2f} px"
-    on_event(StageDone("initial", perf_counter() - start, note, found.agreement))
+    details = f"from {origin}, {soic.cost(T):.2f} px"
+    note = "started at semantic centroids" if initial_pose is None else "started at the given transform"
+    on_event(StageDone("initial", perf_counter() - start, note, found.agreement, details=details))
     return found
 
 
@@ -83,12 +84,16 @@ def _minimize(data: LoadedDrive, soic: Soic, T_init: Pose, on_event: Listener) -
     on_event(Progress("moving points to their classes"))
     settled = soic.minimize(T_init)
     T = settled.T_camera_lidar
-    unsettled = Finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
+    unsettled = Finding(
+        f"SOIC had not settled after {soic.config.max_restarts} restarts", "start nearer with --init"
+    )
     found = StageResult(
         T_camera_lidar=T,
         agreement=_core.agreement(data.observations.core, T),
         findings=() if settled.converged else (unsettled,),
     )
-    note = f"soic, {settled.cost_px:.2f} px after {settled.num_evaluations} evaluations"
-    on_event(StageDone("refined", perf_counter() - start, note, found.agreement, compare_poses(T, T_init)))
+    note = "" if settled.converged else "still moving at the end"
+    details = f"soic, {settled.cost_px:.2f} px after {settled.num_evaluations} evaluations"
+    moved = compare_poses(T, T_init)
+    on_event(StageDone("refined", perf_counter() - start, note, found.agreement, moved, details))
     return found

@@ -36,7 +36,7 @@ from semcal_cli.cli.sections import Sections
 from semcal_cli.cli.synth import synth
 from semcal_cli.cli.verify import verify
 from semcal_cli.cli.view import view
-from semcal_cli.errors import InputError, SemcalError
+from semcal_cli.errors import InputError, MisplacedError, SemcalError
 from semcal_cli.files.picture_sizes import MAX_PIXELS
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
@@ -86,6 +86,8 @@ def run(arguments: Sequence[str]) -> Ending:
         failure: Exception = error
         # The message is one line, even if a file's name contains a line break.
         line = " ".join(str(error).splitlines())
+        if isinstance(error, MisplacedError):
+            line += _order(arguments)
     except BrokenPipeError:
         _silence_closed_pipe()
         return Ending(EXIT_FAILURE, "the output was closed before its end")
@@ -111,6 +113,25 @@ def _invoke(arguments: Sequence[str]) -> Ending:
         is_interrupted = isinstance(stop.__cause__, KeyboardInterrupt)
         click.echo("stopped", err=True)
         return Ending(EXIT_STOPPED if is_interrupted else EXIT_FAILURE, "stopped")
+
+
+def _order(arguments: Sequence[str]) -> str:
+    """Say in which order a command takes its drive and what else it needs; nothing for one without a drive."""
+    command: click.Command = semcal
+    words = ["semcal"]
+    for name in arguments:
+        if not isinstance(command, click.Group) or name not in command.commands:
+            break
+        command = command.commands[name]
+        words.append(name)
+    needed = [each for each in command.params if each.required or isinstance(each, click.Argument)]
+    if not any(each.name == "drive" for each in needed):
+        return ""
+    with click.Context(command) as context:
+        for each in needed:
+            words += [each.opts[0]] if isinstance(each, click.Option) else []
+            words.append(each.make_metavar(context))
+    return f"; the order is `{' '.join(words)}`"
 
 
 def _silence_closed_pipe() -> None:

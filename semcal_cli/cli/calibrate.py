@@ -17,6 +17,7 @@ from semcal_cli.cli.options import (
     OUTPUT_FILE,
     PATH,
     ResultOptions,
+    check_json,
     choice_option,
     drive_argument,
     given_parameters,
@@ -37,7 +38,18 @@ if TYPE_CHECKING:
     from semcal_cli.result.calibration import Calibration
 
 WITH_SOIC = (
-    *("drive", "method", "init", "init_rpy_xyz", "to", "to_direction", "to_frame", "to_camera", "to_lidar"),
+    *(
+        "drive",
+        "method",
+        "init",
+        "init_direction",
+        "init_rpy_xyz",
+        "to",
+        "to_direction",
+        "to_frame",
+        "to_camera",
+        "to_lidar",
+    ),
     *(
         "image_model",
         "image_card",
@@ -48,6 +60,8 @@ WITH_SOIC = (
         "output",
         "threads",
         "quiet",
+        "verbose",
+        "as_json",
         "log",
         "max_frames",
         "max_points",
@@ -123,6 +137,8 @@ def calibrate(
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig import calibrate_rig
 
+        if common.as_json:
+            raise click.UsageError("--json: is for one drive: -o takes a folder for the results of a rig")
         if settings.image_labels is not None:
             raise click.UsageError(
                 "--image-model: is for one drive: label those of a rig with `semcal label`"
@@ -172,6 +188,7 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
     options = dict(values)
     is_paper = options["method"] == "paper"
     _check_method(options["method"], options["cues"], given)
+    check_json(options, given)
     image_labels = take_image_labels(options)
     search_config, initial_pose = make_search(options)
     to, format_options = options["to"], take_format_options(options, "to_")
@@ -194,7 +211,8 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
         is_raw=is_paper,
     )
     formatted = None if to is None else (to, format_options)
-    outputs = Outputs(common.output, common.log, formatted, options["page"], options["images"])
+    page, images = options["page"], options["images"]
+    outputs = Outputs(common.output, common.log, formatted, page, images, common.as_json)
     if options["split"]:
         _check_split(outputs, config)
     return Settings(
@@ -229,7 +247,7 @@ def _labelled(drive: Path, labels: ImageLabels, common: ResultOptions) -> Path:
     """Label the pictures of a drive on the way, and return the labelled drive."""
     from semcal_cli.cli.terminal import Terminal
 
-    with Terminal(quiet=common.quiet) as terminal:
+    with Terminal(quiet=common.quiet, verbose=common.verbose) as terminal:
         return label_on_the_way(drive, labels, common.max_frames, common.max_points, terminal)
 
 
@@ -246,9 +264,7 @@ def _calibrate_drive(
 
     with loaded_drive(drive, config, outputs, common, initial_pose) as (data, terminal):
         calibration = run(data, relative_to=outputs.folder, on_event=terminal.on_event)
-    code = outputs.write(calibration, terminal, common.threads)
-    outputs.illustrate(data.drive, calibration, terminal)
-    return code
+    return outputs.write(calibration, terminal, common.threads, data.drive)
 
 
 def _check_method(method: str, cues: tuple[Cue, ...], given: Sequence[click.Parameter]) -> None:

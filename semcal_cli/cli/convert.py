@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from semcal_cli.cli.options import PATH, Command, file_or_stdout
+from semcal_cli.cli.options import INPUT_FILE, PATH, Command, file_or_stdout
 
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
@@ -98,7 +98,7 @@ def _change(path: Path, before: Pose | None, T_camera_lidar: Pose) -> str:
 
 
 @click.command()
-@click.argument("source", metavar="IN", type=PATH)
+@click.argument("source", metavar="IN", type=INPUT_FILE)
 @click.option("--to", type=FormatName(), metavar="FORMAT", help="Format to write; see --formats.")
 @click.option(
     "--from", "from_", type=FormatName(), metavar="FORMAT", help="Format of IN, if its content does not tell."
@@ -130,7 +130,7 @@ def convert(
     repair: bool,
     **options: Any,
 ) -> None:
-    """Convert the transform of IN into another format."""
+    """Convert the transform of IN, or of standard input if it is -, into another format."""
     from dataclasses import replace
 
     from semcal_cli.drive.document import drive_file

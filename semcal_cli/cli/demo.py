@@ -46,11 +46,10 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     config, outputs = CalibrationConfig(seed), Outputs(result, page=page)
     with loaded_drive(drive, config, outputs, RunOptions(threads, quiet)) as (data, terminal):
         calibration = calibrate(data, config, relative_to=outputs.folder, on_event=terminal.on_event)
-    code = outputs.write(calibration, terminal, threads)
     initial = np.array(calibration.stages["initial"].T_camera_lidar)
     poses = {"initial calibration, from nothing": initial, "refined": calibration.pose}
     Overlays(data.drive, data.observations, poses).write(0, picture)
-    outputs.illustrate(data.drive, calibration, terminal)
+    code = outputs.write(calibration, terminal, threads, data.drive)
     console.print("\nerror against the truth, which the calibration never saw:")
     for line in error_lines(compare_poses(calibration.pose, read_transform(drive))):
         console.print(line)

@@ -45,5 +45,5 @@ def loaded_drive(
     spec = read_drive(drive, asked.max_points)
     outputs.check(spec, initial_pose, parts)
     set_num_threads(asked.threads)
-    with Terminal(quiet=asked.quiet) as terminal:
+    with Terminal(quiet=asked.quiet, verbose=asked.verbose) as terminal:
         yield load(spec, config, terminal.on_event), terminal

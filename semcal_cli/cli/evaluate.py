@@ -1,4 +1,4 @@
-"""`semcal evaluate`: the error of a calibration against a reference."""
+"""`semcal evaluate`: the error of a calibration against a reference; kept for scripts, `compare` is its successor."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import click
 from semcal_cli.cli.options import PATH
 
 
-@click.command()
+@click.command(hidden=True)
 @click.argument("calibration", type=PATH)
 @click.option(
     "--reference",
@@ -22,7 +22,7 @@ from semcal_cli.cli.options import PATH
 )
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def evaluate(calibration: Path, reference: Path, as_json: bool) -> None:
-    """Print how far CALIBRATION is from a reference.
+    """Print how far CALIBRATION is from a reference. `semcal compare` tells more.
 
     Rotation in degrees, camera centre in centimetres, along the axes of the camera.
     """

@@ -8,7 +8,14 @@ from typing import Any
 
 import click
 
-from semcal_cli.cli.options import PATH, ResultOptions, drive_argument, result_options
+from semcal_cli.cli.options import (
+    PATH,
+    ResultOptions,
+    check_json,
+    drive_argument,
+    given_parameters,
+    result_options,
+)
 from semcal_cli.cli.search import make_search, search_options
 from semcal_cli.config import CalibrationConfig
 
@@ -38,16 +45,17 @@ def initialize(drive: Path, images: Path | None, **options: Any) -> None:
     from semcal_cli.report.registration import RegistrationPictures
     from semcal_cli.stages import Stages
 
+    check_json(options, given_parameters(click.get_current_context()))
     search_config, initial_pose = make_search(options)
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, search_config)
-    outputs = Outputs(asked.output, asked.log)
+    outputs = Outputs(asked.output, asked.log, as_json=asked.as_json)
     with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
         if images is not None:
             read = [data.drive.path, *map(data.drive.resolve, data.drive.files())]
             check_image_folder(images, MAX_IMAGES, read)
         found = search(data, config.initialization, config.seed, initial_pose, on_event=terminal.on_event)
-        terminal.print(*hypothesis_lines(found.hypotheses))
+        terminal.print(*hypothesis_lines(found.hypotheses, verbose=asked.verbose))
         calibration = make_calibration(
             data,
             Stages(found),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from semcal_cli.config import (
     Cue,
     Limits,
 )
-from semcal_cli.files.streams import STANDARD_OUTPUT, descriptor
+from semcal_cli.files.streams import STANDARD_INPUT, STANDARD_OUTPUT, descriptor
 
 
 class FiniteNumber(click.types.FloatParamType):
@@ -49,6 +49,14 @@ class FiniteRange(click.FloatRange):
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 
+class InputFile(click.Path):
+    """A file to read; `-` is standard input."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Make the path."""
+        return STANDARD_INPUT if value == "-" else super().convert(value, param, ctx)
+
+
 class OutputFile(click.Path):
     """A file to write; `-` is standard output."""
 
@@ -58,6 +66,7 @@ class OutputFile(click.Path):
 
 
 PATH = click.Path(path_type=Path)
+INPUT_FILE = InputFile(path_type=Path)
 OUTPUT_FILE = OutputFile(path_type=Path)
 
 MAX_THREADS = 1024
@@ -130,6 +139,10 @@ output_option = file_or_stdout(
 log_option = click.option(
     "--log", type=OUTPUT_FILE, metavar="FILE", help="Write times, host and threads to a JSON file."
 )
+verbose_option = click.option(
+    "-v", "--verbose", is_flag=True, help="Also print the figures of each stage for experts."
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, also with -o.")
 quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 seed_option = click.option(
     "--seed",
@@ -241,6 +254,8 @@ class RunOptions:
     """Whether only errors are shown."""
     max_points: int = MAX_POINTS
     """Points of the largest sweep that is read."""
+    verbose: bool = False
+    """Whether figures for experts are shown as well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -252,6 +267,30 @@ class ResultOptions(RunOptions):
     seed: int
     max_frames: int
     cues: tuple[Cue, ...]
+    as_json: bool = False
+    """Whether the result is printed as JSON, whatever else it is written to."""
+
+
+def check_json(options: Mapping[str, Any], given: Sequence[click.Parameter]) -> None:
+    """Check that nothing else goes to standard output where --json prints the result.
+
+    Args:
+        options: Values of the command's parameters, by their names.
+        given: The parameters that are given on the command line.
+
+    Raises:
+        click.UsageError: another output goes there.
+    """
+    if not options["as_json"]:
+        return
+    for parameter in given:
+        # Standard output is None as the file of the result, and of the transform that --to writes there instead.
+        is_result = parameter.name in ("output", "to") and options["output"] is None
+        is_other = parameter.name in ("log", "page") and descriptor(options[str(parameter.name)]) == 1
+        if is_result or is_other:
+            name = parameter.opts[0]
+            needed = "give -o a file" if is_result else f"give {name} a file"
+            raise click.UsageError(f"--json, {name}: would both write to standard output: {needed}")
 
 
 def result_options(command: Command) -> Command:
@@ -262,8 +301,10 @@ def result_options(command: Command) -> Command:
         max_frames_option,
         log_option,
         quiet_option,
+        verbose_option,
         threads_option,
         seed_option,
+        json_option,
         output_option,
     ):
         command = option(command)

@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.tables import labelled, summary_lines, verdict_line
+from semcal_cli.cli.tables import labelled, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal, progress_line
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
@@ -50,6 +50,8 @@ class Outputs:
     """File of the report."""
     images: Path | None = None
     """Folder of the overlays."""
+    as_json: bool = False
+    """Whether the result is also printed as JSON, and nothing else on standard output."""
 
     @property
     def folder(self) -> Path:
@@ -90,27 +92,53 @@ class Outputs:
         elif self.output is not None:
             output_format(self.output)
 
-    def write(self, calibration: Calibration, terminal: Terminal, num_threads: int | None) -> int:
-        """Write and summarise a calibration, and return the exit code: 3 if it is not trusted."""
+    def write(
+        self,
+        calibration: Calibration,
+        terminal: Terminal,
+        num_threads: int | None,
+        drive: Drive | None = None,
+    ) -> int:
+        """Write and summarise a calibration, and end with its verdict.
+
+        Args:
+            calibration: The calibration.
+            terminal: Where it is summarised.
+            num_threads: Number of threads that was asked for, for the log.
+            drive: The drive of the frames that it used, if a report or overlays may be requested.
+
+        Returns:
+            The exit code: 3 if it is not trusted.
+        """
         if self.log is not None:
             write_text(json.dumps(terminal.log_document(num_threads), indent=2) + "\n", self.log)
+        self._write_result(calibration)
+        written_to = str(self.output or "standard output")
+        terminal.print(
+            *summary_lines(calibration, verbose=terminal.verbose), labelled("written to", written_to)
+        )
+        if drive is not None and (self.page is not None or self.images is not None):
+            self._illustrate(drive, calibration, terminal)
+        verdict, *next_steps = verdict_lines(calibration)
+        terminal.print_verdict(verdict, calibration.status)
+        terminal.print(*next_steps)
+        _report(calibration, written_to).tell_github()
+        return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
+
+    def _write_result(self, calibration: Calibration) -> None:
+        if self.as_json:
+            click.echo(calibration_text(calibration, "json"), nl=False)
         if self.to is not None:
             content = write_transform(calibration.pose, self.output, *self.to)
             if self.output is None:
                 click.echo(content, nl=False)
-        elif self.output is None:
-            click.echo(calibration_text(calibration, "yaml"), nl=False)
-        else:
+        elif self.output is not None:
             write_calibration(calibration, self.output)
-        terminal.print(*summary_lines(calibration, str(self.output or "standard output")))
-        terminal.print_verdict(verdict_line(calibration), calibration.status)
-        _report(calibration, str(self.output or "standard output")).tell_github()
-        return EXIT_NOT_TRUSTED if calibration.status == "not_trusted" else 0
+        elif not self.as_json:
+            click.echo(calibration_text(calibration, "yaml"), nl=False)
 
-    def illustrate(self, drive: Drive, calibration: Calibration, terminal: Terminal) -> None:
+    def _illustrate(self, drive: Drive, calibration: Calibration, terminal: Terminal) -> None:
         """Write the report and the overlays of a calibration, where requested, from the frames that it used."""
-        if self.page is None and self.images is None:
-            return
         from semcal_cli.report import make_report_input, write_report
 
         with progress_line(terminal.console) as progress:

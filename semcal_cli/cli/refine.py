@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,13 +12,18 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
     ResultOptions,
+    check_json,
     drive_argument,
+    given_parameters,
     max_baseline_option,
     result_options,
 )
 from semcal_cli.cli.refinement import make_refinement, refinement_options
-from semcal_cli.cli.search import read_initial_pose
+from semcal_cli.cli.search import INIT_DIRECTION, init_direction_option, read_initial_pose
 from semcal_cli.config import CalibrationConfig
+
+if TYPE_CHECKING:
+    from semcal_cli.formats.format import Direction
 
 
 @click.command()
@@ -30,21 +35,25 @@ from semcal_cli.config import CalibrationConfig
     required=True,
     help=f"Transform to start at: {KNOWN_TRANSFORMS}.",
 )
+@init_direction_option
 @max_baseline_option
 @refinement_options
 @result_options
-def refine(drive: Path, init: Path, max_baseline_m: float, **options: Any) -> None:
+def refine(
+    drive: Path, init: Path, init_direction: Direction | None, max_baseline_m: float, **options: Any
+) -> None:
     """Refine a transform that is known to 20 degrees or so on DRIVE; by segments, to 6 degrees and 1 m."""
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
 
-    initial_pose = read_initial_pose(init)
+    check_json(options, given_parameters(click.get_current_context()))
+    initial_pose = read_initial_pose(init, init_direction, direction_option=INIT_DIRECTION)
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)
     initial_pose.check_distance(max_baseline_m)
     asked = ResultOptions(**options)
     config = CalibrationConfig(asked.seed, asked.cues, asked.max_frames, refinement=refinement)
-    outputs = Outputs(asked.output, asked.log)
+    outputs = Outputs(asked.output, asked.log, as_json=asked.as_json)
     with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
         on_event = terminal.on_event
         initial = start_at(data, initial_pose, on_event)

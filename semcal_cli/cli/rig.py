@@ -72,7 +72,7 @@ def calibrate_rig(
         _check_outputs(rig, drives, outputs, folder / f"{RESULT}.yaml", options.log)
     set_num_threads(options.threads)
     sweeps, hashes = Sweeps(), dict[str, str]()
-    terminals = {name: Terminal(quiet=options.quiet) for name in drives}
+    terminals = {name: Terminal(quiet=options.quiet, verbose=options.verbose) for name in drives}
     cameras: dict[str, Calibration] = {}
     failures: dict[str, str] = {}
     used = {name: len(drive.frames) for name, drive in drives.items()}

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
+from semcal_cli.cli.convert import DIRECTIONS
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
@@ -17,8 +18,11 @@ from semcal_cli.cli.options import (
     with_options,
 )
 from semcal_cli.config import AlignmentConfig, InitializationConfig, Zoom
+from semcal_cli.errors import InputError
+from semcal_cli.files.streams import descriptor
 
 if TYPE_CHECKING:
+    from semcal_cli.formats.format import Direction
     from semcal_cli.initialization.initial_pose import InitialPose
 
 ALL_ROLLS_DEG = 180.0
@@ -32,6 +36,15 @@ class Roll(FiniteRange):
         return ALL_ROLLS_DEG if value == "any" else super().convert(value, param, ctx)
 
 
+INIT_DIRECTION = "--init-direction"
+
+init_direction_option = click.option(
+    INIT_DIRECTION,
+    type=click.Choice(DIRECTIONS),
+    help="Direction of the matrix in the file of --init, if that does not tell: p_camera = T p_lidar, or p_lidar = T "
+    "p_camera.",
+)
+
 SEARCH_OPTIONS = (
     click.option(
         "--init",
@@ -39,6 +52,7 @@ SEARCH_OPTIONS = (
         metavar="FILE",
         help=f"Start at this transform instead of searching all mounting directions: {KNOWN_TRANSFORMS}.",
     ),
+    init_direction_option,
     click.option(
         "--init-rpy-xyz",
         type=FiniteNumber(),
@@ -83,8 +97,10 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialP
         click.UsageError: two options exclude one another.
         InputError: the file of `--init` is not a transform, or its camera is too far from the LiDAR.
     """
-    names = ("init", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
-    init, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = (options.pop(name) for name in names)
+    names = ("init", "init_direction", "init_rpy_xyz", "search_deg", "roll", "max_baseline_m", "zoom")
+    init, init_direction, init_rpy_xyz, search_deg, roll, max_baseline_m, zoom = map(options.pop, names)
+    if init_direction is not None and init is None:
+        raise click.UsageError(f"{INIT_DIRECTION}: is of the file of --init: give it, too")
     _check_usage(
         init is not None, init_rpy_xyz is not None, search_deg is not None, roll is not None, bool(zoom)
     )
@@ -94,7 +110,7 @@ def make_search(options: dict[str, Any]) -> tuple[InitializationConfig, InitialP
         search_deg=search_deg,
         alignment=AlignmentConfig(max_baseline_m=max_baseline_m),
     )
-    initial_pose = _initial_pose(init, init_rpy_xyz)
+    initial_pose = _initial_pose(init, init_direction, init_rpy_xyz)
     if initial_pose is not None:
         initial_pose.check_distance(max_baseline_m)
     return config, initial_pose
@@ -117,12 +133,14 @@ def _check_usage(init: bool, init_rpy_xyz: bool, search_deg: bool, roll: bool, z
         )
 
 
-def _initial_pose(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> InitialPose | None:
+def _initial_pose(
+    init: Path | None, direction: Direction | None, init_rpy_xyz: tuple[float, ...] | None
+) -> InitialPose | None:
     from semcal_cli.geometry.poses import pose_from_mounting
     from semcal_cli.initialization.initial_pose import InitialPose
 
     if init is not None:
-        return read_initial_pose(init)
+        return read_initial_pose(init, direction, direction_option=INIT_DIRECTION)
     if init_rpy_xyz is not None:
         name = " ".join(map(repr, init_rpy_xyz))
         return InitialPose(
@@ -131,13 +149,25 @@ def _initial_pose(init: Path | None, init_rpy_xyz: tuple[float, ...] | None) -> 
     return None
 
 
-def read_initial_pose(path: Path) -> InitialPose:
+def read_initial_pose(
+    path: Path, direction: Direction | None = None, *, direction_option: str | None = None
+) -> InitialPose:
     """Read the transform to start from, or to verify.
 
+    Args:
+        path: The file.
+        direction: Direction of a matrix whose file does not state it; None if it is not given.
+        direction_option: Name of the command's option for it; None if it has none.
+
     Raises:
-        InputError: the file is not a transform.
+        InputError: the file is not a transform, leaves something open, or is standard input.
     """
     from semcal_cli.formats import read_transform
+    from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
 
-    return InitialPose(read_transform(path), name=str(path), source=path)
+    if path == Path("-") or descriptor(path) == 0:
+        raise InputError(f"{path}: found standard input, needed a file: the result names and hashes it")
+    options = None if direction_option is None else FormatOptions(direction=direction)
+    T_camera_lidar = read_transform(path, None, options, direction_option=direction_option)
+    return InitialPose(T_camera_lidar, name=str(path), source=path, direction=direction)

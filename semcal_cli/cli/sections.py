@@ -21,7 +21,6 @@ SECTIONS: dict[str, dict[str, str]] = {
     "Check": {
         "verify": "Check on a drive whether a transform still holds.",
         "compare": "Tell how two transforms differ, beside what is allowed.",
-        "evaluate": "Print how far a transform is from a reference.",
         "report": "Write a page about a transform, to send around.",
         "overlay": "Draw the points on the pictures.",
         "view": "Move the points on the pictures by hand, and save.",
@@ -38,7 +37,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "experiment": "Measure the figures of the README.",
     },
 }
-"""Line of help of each command, by the headings of the sections."""
+"""Line of help of each command that is not hidden, by the headings of the sections."""
 
 
 class Sections(click.Group):

@@ -53,8 +53,7 @@ def calibrate_parts(
     run = partial(calibrate, relative_to=outputs.folder, hashes={})
     with loaded_drive(drive, config, outputs, options, initial_pose, of_parts) as (data, terminal):
         whole = run(data, on_event=terminal.on_event)
-    code = outputs.write(whole, terminal, options.threads)
-    outputs.illustrate(data.drive, whole, terminal)
+    code = outputs.write(whole, terminal, options.threads, data.drive)
     parts = split(data, whole)
     for earlier in of_parts[len(parts) :]:
         if earlier.output is not None and earlier.output.exists():
@@ -74,7 +73,7 @@ def _calibrate_each(
     """Calibrate and write the parts one after another, and return the worst exit code."""
     code, failures = 0, list[str]()
     for number, (part, outputs) in enumerate(zip(parts, of_parts, strict=True), start=1):
-        terminal = Terminal(quiet=options.quiet)
+        terminal = Terminal(quiet=options.quiet, verbose=options.verbose)
         first, last = part.drive.frames[0].points, part.drive.frames[-1].points
         terminal.print(f"[part {number}: {len(part.drive.frames)} frames, {first} to {last}]")
         try:

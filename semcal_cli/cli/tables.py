@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -12,103 +13,152 @@ from semcal_cli.result.stated import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.geometry.pose_error import PoseError
-    from semcal_cli.result.calibration import Calibration, Repeatability
+    from semcal_cli.result.calibration import Calibration, Quality, Repeatability
     from semcal_cli.result.hypothesis import Hypothesis
     from semcal_cli.result.uncertainty import Uncertainty
 
+Rows: TypeAlias = list[tuple[str, str]]
+"""Labels and texts."""
+COLUMNS = 80
 LABEL_WIDTH = 17
+NEXT_STEPS = {
+    "not_trusted": "semcal inspect DRIVE finds faults, semcal view DRIVE moves it",
+    "initial": "semcal refine DRIVE --init FILE improves and judges it",
+}
+"""What to do about an answer that is not trusted, and about one that was only searched for."""
+WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "nothing tells how sure it is"}
+"""What an answer that was not assessed is worth."""
 
 
-def summary_lines(calibration: Calibration, written_to: str) -> list[str]:
-    """Describe a calibration as lines of text, up to its verdict."""
-    T, quality = calibration.pose, calibration.quality
-    rows = {
-        "T_camera_lidar": matrix_lines(T),
-        "camera at": [f"{row(camera_center(T).tolist())} m in the LiDAR frame"],
-        "looks along": [f"{row(T[2, :3].tolist())} in the LiDAR frame"],
-        "labels": [
-            f"{quality.label_agreement:.1%} of the pairs of {quality.num_points:,} visible points agree",
-            f"they cover {quality.overlap:.0%} of the picture",
-        ],
-        **_uncertainty_rows(calibration.uncertainty),
-        **_repeatability_rows(calibration.repeatability),
-        "note": list(calibration.notes),
-        "doubts": list(calibration.reasons),
-        "written to": [written_to],
-    }
-    return [
-        labelled(label, line)
-        for name, lines in rows.items()
-        for label, line in zip([name, *[""] * len(lines)], lines, strict=False)
+def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[str]:
+    """Describe a calibration as lines of text, up to where it is written.
+
+    Args:
+        calibration: The calibration.
+        verbose: Whether to add figures for experts: how many labels agree.
+    """
+    T = calibration.pose
+    rows = [
+        *zip(["T_camera_lidar", "", "", ""], matrix_lines(T), strict=True),
+        ("camera at", f"{row(camera_center(T).tolist())} m in the LiDAR frame"),
+        ("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
+        *(_label_rows(calibration.quality) if verbose else ()),
+        *_uncertainty_rows(calibration.uncertainty),
+        *_repeatability_rows(calibration.repeatability),
+        *(("note", note) for note in calibration.notes),
+        *(("doubt", reason) for reason in calibration.reasons),
     ]
+    return [line for label, text in rows for line in wrapped(label, text)]
 
 
-def verdict_line(calibration: Calibration) -> str:
-    """State the verdict with the widest 95 % intervals of the pose, and what they are in pixels 10 m away."""
-    verdict = calibration.status.replace("_", " ")
-    uncertainty = calibration.uncertainty
-    if uncertainty is None:
-        return labelled("verdict", verdict)
-    return labelled("verdict", f"{verdict}: {stated_error(uncertainty, calibration.input.camera)}")
+def verdict_lines(calibration: Calibration) -> list[str]:
+    """State the verdict, how sure it is, and what to do next if it is not trusted.
+
+    A trusted pose is told with its widest 95 % intervals, and what they are in pixels 10 m away.
+    """
+    status, doubts = calibration.status, len(calibration.reasons)
+    is_start = status == "not_assessed" and [*calibration.stages] == ["initial"]
+    case = "initial" if is_start else status
+    how_good = WITHOUT_CHECKS.get(case, "")
+    if status == "not_trusted":
+        how_good = f"{doubts} doubt{'s' if doubts > 1 else ''}, see above"
+    elif calibration.uncertainty is not None:
+        how_good = stated_error(calibration.uncertainty, calibration.input.camera)
+    verdict = ": ".join(filter(None, [status.replace("_", " "), how_good]))
+    next_step = NEXT_STEPS.get(case)
+    return [labelled("verdict", verdict), *([labelled("next", next_step)] if next_step else [])]
+
+
+def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:
+    """Put a label before a text and wrap it at `COLUMNS` by words, which are never broken; later lines are indented."""
+    lines = textwrap.wrap(text, COLUMNS - indent, break_long_words=False, break_on_hyphens=False)
+    first, *rest = lines or [""]
+    return [f"{label:<{indent}}{first}".rstrip(), *(f"{'':<{indent}}{line}" for line in rest)]
 
 
 def labelled(label: str, line: str) -> str:
-    """Put a label before a line."""
+    """Put a label before a line that is never wrapped, such as a path."""
     return f"{label:<{LABEL_WIDTH}}{line}"
 
 
-def _uncertainty_rows(uncertainty: Uncertainty | None) -> dict[str, list[str]]:
+def _label_rows(quality: Quality) -> Rows:
+    visible = f"{quality.label_agreement:.1%} of the pairs of {quality.num_points:,} visible points agree"
+    return [("labels", visible), ("", f"they cover {quality.overlap:.0%} of the picture")]
+
+
+def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
     """Describe the uncertainty of the pose; intervals are along the camera's axes."""
     if uncertainty is None:
-        return {}
+        return []
     center, rotation = uncertainty.half_width_95_camera_center_m, uncertainty.half_width_95_rotation_deg
-    lines = [
-        f"camera centre x y z +- {row([100.0 * x for x in center], 3)} cm",
-        f"rotation about them +- {row(rotation, 4)} deg",
-        *(f"weak {direction}" for direction in uncertainty.weak_directions),
+    rows = [
+        ("95 % interval", f"camera centre x y z +- {row([100.0 * x for x in center], 3)} cm"),
+        ("", f"rotation about them +- {row(rotation, 4)} deg"),
+        *(("weak", direction) for direction in uncertainty.weak_directions),
     ]
-    rows = {"95 % interval": lines}
     if uncertainty.label_bleed is not None:
         moved_cm = 100.0 * np.linalg.norm(uncertainty.label_bleed.camera_center_m)
         turned_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
-        rows["labels 1 px off"] = [f"would move it by {moved_cm:.2f} cm and {turned_deg:.3f} deg"]
+        rows.append(("labels 1 px off", f"moves it by {moved_cm:.2f} cm and {turned_deg:.3f} deg"))
     if uncertainty.intrinsics_cost is not None:
         off_m, off_deg = uncertainty.intrinsics_cost.together
-        rows["K a little off"] = [
-            "cx, cy by 1 px and fx, fy by 0.1 % off would move it by "
-            f"{100.0 * off_m:.2f} cm and {off_deg:.3f} deg"
-        ]
+        by = f"cx, cy 1 px, fx, fy 0.1 % off: moves by {100.0 * off_m:.2f} cm and {off_deg:.3f} deg"
+        rows.append(("K a little off", by))
     return rows
 
 
-def _repeatability_rows(found: Repeatability | None) -> dict[str, list[str]]:
+def _repeatability_rows(found: Repeatability | None) -> Rows:
     if found is None or found.spread_camera_center_m is None or found.spread_rotation_deg is None:
-        return {}
+        return []
     center = [100.0 * x for x in found.spread_camera_center_m]
-    lines = [
-        f"camera centre x y z    {row(center, 3)} cm, standard deviation",
-        f"rotation about them    {row(found.spread_rotation_deg, 4)} deg",
+    return [
+        (f"{found.num_seeds} seeds", f"camera centre x y z    {row(center, 3)} cm"),
+        ("", f"rotation about them    {row(found.spread_rotation_deg, 4)} deg"),
+        ("", "standard deviations"),
     ]
-    return {f"{found.num_seeds} seeds": lines}
 
 
-def hypothesis_lines(hypotheses: Sequence[Hypothesis]) -> list[str]:
-    """List the hypotheses of the initial calibration."""
-    head = "            MI, nats          looks along (LiDAR frame)           overlap    pairs  inliers"
-    return [head, *(_hypothesis_line(number, each) for number, each in enumerate(hypotheses, start=1))]
+def hypothesis_lines(hypotheses: Sequence[Hypothesis], *, verbose: bool = False) -> list[str]:
+    """List the hypotheses of the initial calibration, best first.
+
+    Args:
+        hypotheses: The hypotheses.
+        verbose: Whether to list mutual information and matches instead of how far each is from the best.
+    """
+    axes = f"{'looks along (LiDAR frame)':<27}{'covers':>7}"
+    if verbose:
+        head = f"      {axes}{'MI, nats':>12}{'pairs':>18}{'inliers':>10}"
+    else:
+        head = f"      {axes}{'turned by':>14}{'behind the best':>18}"
+    best = hypotheses[0]
+    rows = [_expert_figures(each) if verbose else _figures_beside(best, each) for each in hypotheses]
+    return [
+        head,
+        *(
+            f"  {number:>2}. {_looks_along(each):<27}{each.overlap:>7.0%}{figures}".rstrip()
+            for number, (each, figures) in enumerate(zip(hypotheses, rows, strict=True), start=1)
+        ),
+    ]
 
 
-def _hypothesis_line(number: int, hypothesis: Hypothesis) -> str:
-    looks_along = " ".join(f"{x:8.4f}" for x in hypothesis.T_camera_lidar[2][:3])
+def _looks_along(hypothesis: Hypothesis) -> str:
+    return " ".join(f"{x:8.4f}" for x in hypothesis.T_camera_lidar[2][:3])
+
+
+def _figures_beside(best: Hypothesis, other: Hypothesis) -> str:
+    if other is best:
+        return f"{'-':>14}{'-':>18}"
+    return f"{other.rotation_from_best_deg:10.1f} deg{best.margin(other):12.1f} sigma"
+
+
+def _expert_figures(hypothesis: Hypothesis) -> str:
     sigma = float("inf") if hypothesis.sigma_nats is None else hypothesis.sigma_nats
-    return (
-        f"  {number:>2}.  {hypothesis.mutual_information_nats:8.4f} +- {sigma:6.4f}   {looks_along}   "
-        f"{hypothesis.overlap:7.0%}  {_count(hypothesis.num_pairs)}  {_count(hypothesis.num_inliers)}"
-    )
+    information = f"{hypothesis.mutual_information_nats:.4f} +- {sigma:.4f}"
+    return f"{information:>20}{_count(hypothesis.num_pairs)}{_count(hypothesis.num_inliers)}"
 
 
 def _count(number: int | None) -> str:
-    return f"{'-' if number is None else format(number, ','):>7}"
+    return f"{'-' if number is None else format(number, ','):>10}"
 
 
 def error_lines(error: PoseError) -> list[str]:

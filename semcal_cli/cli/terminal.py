@@ -11,8 +11,12 @@ from rich.console import Console
 from rich.progress import Progress as ProgressBar
 from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from semcal_cli.cli.tables import wrapped
 from semcal_cli.events import Event, Progress, StageDone
+from semcal_cli.stage_words import movement
 
+STAGE_WIDTH = 20
+"""Columns before what a stage did: its name and its time."""
 COLORS = {"trusted": "bold green", "not_trusted": "bold red", "not_assessed": "bold yellow"}
 """Colour of each verdict."""
 
@@ -20,8 +24,9 @@ COLORS = {"trusted": "bold green", "not_trusted": "bold red", "not_assessed": "b
 class Terminal:
     """Shows the events of a calibration on stderr; a context manager that owns the progress line."""
 
-    def __init__(self, *, quiet: bool) -> None:
+    def __init__(self, *, quiet: bool, verbose: bool = False) -> None:
         self.console = make_console(quiet)
+        self.verbose = verbose
         self._stages: list[StageDone] = []
         self._line = ExitStack()
         self._show: Callable[[str], None] = lambda doing: None
@@ -44,10 +49,12 @@ class Terminal:
             self._show(event.doing)
             return
         self._stages.append(event)
-        figures = "" if event.agreement is None else f"MI {event.agreement.mutual_information:.4f} nats   "
-        if event.moved is not None:
-            figures += f"moved {event.moved.rotation_deg:.4f} deg, {event.moved.camera_center_cm:.3f} cm   "
-        self.print(f"{event.name:<8} {event.seconds:6.2f} s   {figures}{event.note}")
+        did = [event.note] if event.moved is None else [movement(event.moved), event.note]
+        if self.verbose:
+            did.append(event.details)
+            did += [] if event.agreement is None else [f"MI {event.agreement.mutual_information:.4f} nats"]
+        head = f"{event.name:<8} {event.seconds:6.2f} s"
+        self.print(*wrapped(head, ", ".join(filter(None, did)), STAGE_WIDTH))
 
     def print(self, *lines: str) -> None:
         """Print lines as they are."""
@@ -60,7 +67,10 @@ class Terminal:
 
     def log_document(self, num_threads: int | None) -> dict[str, object]:
         """Document of times, host and threads."""
-        stages = [{"name": s.name, "seconds": round(s.seconds, 4), "note": s.note} for s in self._stages]
+        stages = [
+            {"name": s.name, "seconds": round(s.seconds, 4), "note": s.note, "details": s.details}
+            for s in self._stages
+        ]
         host = {
             "machine": platform.machine(),
             "system": platform.platform(),

@@ -18,6 +18,7 @@ from semcal_cli.cli.ci import (
     errors_reported,
     inconclusive_option,
 )
+from semcal_cli.cli.convert import DIRECTIONS
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     OUTPUT_FILE,
@@ -53,6 +54,11 @@ if TYPE_CHECKING:
 )
 @drive_argument
 @click.argument("calibration", type=PATH)
+@click.option(
+    "--direction",
+    type=click.Choice(DIRECTIONS),
+    help="Direction of a bare matrix in CALIBRATION: p_camera = T p_lidar, or p_lidar = T p_camera.",
+)
 @limit_options(may_be_zero=False)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
@@ -145,7 +151,8 @@ def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationCon
         )
     config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"])
     limits = Limits(options["max_rotation_deg"], options["max_translation_m"])
-    return read_initial_pose(options["calibration"]), config, limits
+    calibration, direction = options["calibration"], options["direction"]
+    return read_initial_pose(calibration, direction, direction_option="--direction"), config, limits
 
 
 def _print(found: Verification, as_json: bool) -> None:

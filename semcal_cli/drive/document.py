@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.config import MAX_POINTS
+from semcal_cli.drive.other_documents import OF_CALIBRATE, check_is_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.messages import describe, mismatch
@@ -26,9 +27,8 @@ from semcal_cli.files.validation import (
 from semcal_cli.geometry.poses import nearest_rigid
 
 DRIVE_FILE = "drive.yaml"
-RIG_FILE, RIG = "rig.yaml", "semcal_rig"
-"""File and version key of a rig of several cameras; see `semcal_cli.rig`."""
-OF_CALIBRATE = "found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
+RIG_FILE = "rig.yaml"
+"""File of a rig of several cameras; see `semcal_cli.rig`."""
 
 CameraModel: TypeAlias = Literal[
     "plumb_bob",
@@ -393,8 +393,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
         raise InputError(f"{path / RIG_FILE}: {OF_CALIBRATE}")
     document = read_document(file)
-    if RIG in document:
-        raise InputError(f"{file}: {OF_CALIBRATE}")
+    check_is_drive(document, file)
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
     return drive

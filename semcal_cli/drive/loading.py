@@ -116,7 +116,8 @@ def load(
     on_event(Progress(f"reading {len(used.frames)} frames"))
     observations = load_cues(used, config.cues, sweeps, is_raw=config.is_raw)
     data = _without_copies(LoadedDrive(used, observations, config.cues, config.max_frames))
-    on_event(StageDone("load", perf_counter() - start, _describe(data, len(whole.frames))))
+    note, details = _describe(data, len(whole.frames)), _details(data)
+    on_event(StageDone("load", perf_counter() - start, note, details=details))
     return data
 
 
@@ -135,19 +136,23 @@ def _describe(data: LoadedDrive, num_frames: int) -> str:
     observations, num_used = data.observations, len(data.drive.frames)
     num_points = sum(cloud.num_points for cloud in data.first_cue.clouds)
     chosen = f" of {num_frames:,}" if num_used < num_frames else ""
+    frames = "frame" if num_used == num_frames == 1 else "frames"
     note = (
-        f"{num_used}{chosen} frames, {num_points:,} points, {len(observations.point_class_names)} point classes, "
+        f"{num_used}{chosen} {frames}, {num_points:,} points, {len(observations.point_class_names)} point classes, "
         f"{len(observations.image_class_names)} image classes"
     )
     if data.num_copies:
         note += f", {data.num_copies} copies left out"
     if data.cues != LABELS:
         note += f", by {' and '.join(data.cues)}"
-    if observations.speckle > 0.0:
-        note += f", {observations.speckle:.2%} isolated pixels mended"
     if data.drive.motion is not None:
         note += f", motion {_compensation(data.drive.motion, observations.motion_error_px)}"
     return note
+
+
+def _details(data: LoadedDrive) -> str:
+    speckle = data.observations.speckle
+    return f"{speckle:.2%} isolated pixels mended" if speckle > 0.0 else ""
 
 
 def _compensation(motion: Motion, error_px: float | None) -> str:

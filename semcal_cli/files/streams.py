@@ -11,8 +11,9 @@ from pathlib import Path
 from time import monotonic, sleep
 
 from semcal_cli.errors import InputError
+from semcal_cli.files.reading import MAX_DOCUMENT_BYTES, check_size
 
-STANDARD_OUTPUT = Path("/dev/stdout")
+STANDARD_INPUT, STANDARD_OUTPUT = Path("/dev/stdin"), Path("/dev/stdout")
 MAX_LINKS = 40
 PATIENCE_S = 5.0
 """Time that a named pipe has to find its reader: both sides may have been started together."""
@@ -80,6 +81,19 @@ def is_standard_stream(path: Path) -> bool:
         except OSError:
             continue
     return False
+
+
+def read_standard_input() -> bytes:
+    """Read standard input to its end, or to the largest size of a document.
+
+    Raises:
+        InputError: it is not open, or larger.
+    """
+    if sys.stdin is None:
+        raise InputError(f"{STANDARD_INPUT}: found a descriptor that is not open, needed one to read from")
+    content = sys.stdin.buffer.read(MAX_DOCUMENT_BYTES + 1)
+    check_size(STANDARD_INPUT, len(content), MAX_DOCUMENT_BYTES)
+    return content
 
 
 def write_to_descriptor(content: bytes, number: int) -> None:

@@ -62,13 +62,21 @@ DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 
 
-def read_transform(path: Path | str, name: str | None = None, options: FormatOptions | None = None) -> Pose:
+def read_transform(
+    path: Path | str,
+    name: str | None = None,
+    options: FormatOptions | None = None,
+    *,
+    direction_option: str | None = None,
+) -> Pose:
     """Read the transform of a file of any known format, or of a drive's folder.
 
     Args:
         path: The file.
         name: Name of its format; None recognises it by its content.
         options: What the file leaves open.
+        direction_option: Name of the option for the direction of a command that has no other option for what a file
+            leaves open; messages name it.
 
     Returns:
         T_camera_lidar (4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres.
@@ -87,10 +95,12 @@ def read_transform(path: Path | str, name: str | None = None, options: FormatOpt
     except RecursionError:
         raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
     except InputError as error:
-        if options is None and OPTION.search(str(error)):
-            # Commands that read a transform as one input of several have no such options.
-            raise InputError(f"{error}; `semcal convert` takes it") from None
-        raise
+        if options is not None and direction_option is None:
+            raise
+        # Commands that read a transform as one input of several have at most one of these options.
+        before, found, after = str(error).partition("--direction" if direction_option else "\0")
+        convert = "; `semcal convert` takes it" if OPTION.search(before + after) else ""
+        raise type(error)(f"{before}{found and direction_option}{after}{convert}") from None
 
 
 def find_format(name: str) -> Format:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -16,6 +17,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import parse_any
 from semcal_cli.files.reading import read_bytes
+from semcal_cli.files.streams import STANDARD_INPUT, read_standard_input
 from semcal_cli.formats.names import (
     cameras_among,
     check_two,
@@ -72,12 +74,12 @@ class Source:
 
     @classmethod
     def read(cls, path: Path) -> Source:
-        """Read a file.
+        """Read a file, or standard input by the name of `STANDARD_INPUT`.
 
         Raises:
             InputError: the file is missing, or too large to hold a transform.
         """
-        return cls(path, read_bytes(path))
+        return cls(path, read_standard_input() if path == STANDARD_INPUT else read_bytes(path))
 
     @property
     def text(self) -> str:
@@ -102,6 +104,10 @@ class Source:
             raise InputError(
                 f"{self.path}: found {len(self.content):,} bytes of YAML, needed at most {MAX_YAML_BYTES:,}"
             )
+        if self.path == STANDARD_INPUT and self.text.lstrip().startswith(("{", "[")):
+            # It has no suffix. What is no JSON may be YAML in braces.
+            with suppress(InputError):
+                return parse_any(self.text, self.path.with_suffix(".json"))
         return parse_any(self.text, self.path)
 
     @cached_property

@@ -11,6 +11,7 @@ from typing import Any
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import listed
+from semcal_cli.files.streams import STANDARD_INPUT
 from semcal_cli.formats.format import Format, FormatOptions, Source, from_quaternion, no_new_file, wxyz, xyz
 from semcal_cli.formats.values import numbers_in
 from semcal_cli.geometry.poses import Pose, inverse
@@ -21,7 +22,7 @@ KEYS = {"token", "sensor_token", "translation", "rotation"}
 def _channels(table: Path) -> dict[Any, Any]:
     """Names of sensors by token, if their table lies beside the table of poses."""
     path = table.with_name("sensor.json")
-    if not path.is_file():
+    if table == STANDARD_INPUT or not path.is_file():
         return {}
     records = [record for record in read_list(path) if isinstance(record.get("token"), str)]
     return {record["token"]: record.get("channel") for record in records}
@@ -37,9 +38,9 @@ def _record(
     if len(found) != 1:
         known = listed(channel or token for token, channel in map(names, records))
         problem = "nothing of that name" if wanted and not found else f"{len(found) or len(records)} sensors"
-        raise InputError(
-            f"{where}: found {problem}, needed {option} with the token or channel of one of: {known}"
-        )
+        # Channels are told by another table beside this one.
+        key = "token" if Path(where) == STANDARD_INPUT else "token or channel"
+        raise InputError(f"{where}: found {problem}, needed {option} with the {key} of one of: {known}")
     return found[0]
 
 

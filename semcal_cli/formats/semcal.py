@@ -12,7 +12,7 @@ import numpy as np
 from pydantic import model_validator
 
 from semcal_cli.drive.document import Drive, drive_file
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, MisplacedError
 from semcal_cli.files.validation import (
     StatedTransform,
     StrictModel,
@@ -104,8 +104,8 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     if DRIVE in source.mapping:
         drive = validate(Drive, source.document, source.path)
         if drive.T_camera_lidar is None:
-            needed = "needed the drive's reference transform"
-            raise InputError(f"{source.path}: T_camera_lidar: found nothing, {needed}")
+            needed = "needed a transform, or a drive with T_camera_lidar"
+            raise MisplacedError(f"{source.path}: found a drive without a reference, {needed}")
         return np.array(drive.T_camera_lidar)
     if FLEET in source.mapping:
         return orthonormal(np.array(_Fleet.read(source).T_camera_lidar))

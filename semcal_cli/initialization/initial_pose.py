@@ -19,6 +19,8 @@ class InitialPose:
     """Name in messages."""
     source: Path | None = None
     """File of the transform; None if it was typed."""
+    direction: str | None = None
+    """Direction of the matrix in the file, where the user had to state it."""
 
     def check_distance(self, max_baseline_m: float) -> None:
         """Check that the camera is at most `max_baseline_m` from the LiDAR.

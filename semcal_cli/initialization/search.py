@@ -24,7 +24,10 @@ from semcal_cli.result.stage import Finding, StageResult
 MIN_RUNNER_UP_MARGIN = 2.0
 """Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
 
-NO_OTHER = Finding("no other mounting was left to compare with: nothing tells that this one is right")
+NO_OTHER = Finding(
+    "no other mounting was left to compare with, needed one that is worse",
+    "add frames from other places, or give --init with a mounting measured by hand",
+)
 
 FARTHEST_M = 1.0
 """Largest distance from a given pose of one that ground and objects lead to. Two classes hardly tell distances: with a
@@ -115,12 +118,11 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
     """Check that the runner-up is far enough behind the best hypothesis."""
     if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:
         return ()
-    sentence = (
-        f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well: "
-        f"{other.corrected_nats:.4f} against {best.corrected_nats:.4f} nats, "
-        f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}; add frames"
+    found = (
+        f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well, "
+        f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}"
     )
-    return (Finding(sentence),)
+    return (Finding(found, "add frames from other places, or give --init with a mounting measured by hand"),)
 
 
 class _Scored(NamedTuple):

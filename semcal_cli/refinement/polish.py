@@ -22,6 +22,8 @@ from semcal_cli.result.stage import Finding, StageResult
 
 HELD_OUT = 3
 """One of this many frames, or regions of the pictures, is held out."""
+LEAST_SIGMA = 1e-12
+"""Smallest standard error that a loss is divided by, nats."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,11 +70,11 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     return Polish(
         T_camera_lidar=T_polished,
         agreement=_core.agreement(observations.core, T_polished),
-        findings=_rejected(check, observations.unit)
+        findings=_rejected(check, config.max_loss)
         if not is_accepted
         else ()
         if is_settled
-        else _unsettled(moved_px),
+        else _unsettled(moved_px, config.settled_px),
         settings={"polish": asdict(config)},
         held_out=check,
         is_settled=is_settled,
@@ -94,18 +96,28 @@ def _held_out_gain(
     return _core.held_out_gain(kept.core, held_out.core, T_before, T_after)
 
 
-def _rejected(check: HeldOut, unit: str) -> tuple[Finding, ...]:
+def _rejected(check: HeldOut, max_loss: float) -> tuple[Finding, ...]:
     if check.held_out_sigma_nats is None:
-        return (Finding("the polish was rejected: held-out data say nothing of it"),)
-    by = f"{-check.held_out_gain_nats:.4f} +- {check.held_out_sigma_nats:.4f} {unit}"
-    return (Finding(f"the polish was rejected: held-out data agree less after it, by {by}"),)
+        found = "the polish was rejected, too few pixels were held out to test it"
+        return (Finding(found, "add frames, or label more of the pictures"),)
+    by = -check.held_out_gain_nats / max(check.held_out_sigma_nats, LEAST_SIGMA)
+    found = (
+        f"the polish was rejected, held-out data agree less after it by {by:.1f} standard errors, needed at most "
+        f"{max_loss:g}"
+    )
+    advice = "check with `semcal inspect` that sweeps, pictures and labels belong together, or add frames"
+    return (Finding(found, advice),)
 
 
-def _unsettled(moved_px: float) -> tuple[Finding, ...]:
+def _unsettled(moved_px: float, most_px: float) -> tuple[Finding, ...]:
     if not math.isfinite(moved_px):
-        return (Finding("the polish found no direction in which the pose changes the labels' agreement"),)
-    sentence = f"the polish had not settled: its last round still moved points by {moved_px:.2f} pixels"
-    return (Finding(sentence),)
+        found = "the polish found no direction in which the pose changes the labels' agreement"
+        return (Finding(found, "record frames with more classes, such as poles, cars and kerbs"),)
+    found = (
+        f"the polish had not settled, its last round still moved points by {moved_px:.2f} pixels, needed at most "
+        f"{most_px:g}"
+    )
+    return (Finding(found, "add frames, or start nearer with --init"),)
 
 
 def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:

@@ -114,7 +114,7 @@ def refine(
         T_camera_lidar=pose,
         agreement=_core.agreement(observations.core, pose),
         bound_nats=levels[-1].information_nats if optimizer.gives_bound else None,
-        findings=() if converged else (_not_settled(levels[-1]),),
+        findings=() if converged else (_not_settled(levels[-1], config.max_final_drift),),
         settings={"pyramid": asdict(config)},
         levels=tuple(levels),
         converged=converged,
@@ -130,11 +130,12 @@ def _check_overlap(observations: Observations, level: Level, min_points: int) ->
         )
 
 
-def _not_settled(finest: Level) -> Finding:
-    return Finding(
-        f"the refinement had not settled: the pose still moved points by {finest.drift:.1f} pixels over the last "
-        f"quarters of the finest level"
+def _not_settled(finest: Level, most: float) -> Finding:
+    found = (
+        f"the refinement had not settled, the pose still moved points by {finest.drift:.1f} pixels over the last "
+        f"quarters of the finest level, needed at most {most:g}"
     )
+    return Finding(found, "add frames, or start nearer with --init")
 
 
 def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:

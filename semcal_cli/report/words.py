@@ -71,7 +71,9 @@ def verdict_of(record: Calibration) -> Verdict:
         sentence = (
             f"This is SOIC's answer, made to be compared with; it cannot tell how sure it is. {sentence}"
         )
-    figures = "" if record.uncertainty is None else stated_error(record.uncertainty, record.input.camera)
+    figures = ""
+    if record.uncertainty is not None and record.status == "trusted":  # a doubted interval misleads
+        figures = stated_error(record.uncertainty, record.input.camera)
     return Verdict(record.status, TITLES[record.status], sentence, figures, record.reasons)
 
 

@@ -13,8 +13,15 @@ from semcal_cli.geometry.poses import Pose
 class Finding(NamedTuple):
     """Something that speaks against a pose. The absence of findings does not prove that a pose is right."""
 
-    sentence: str
-    """Sentence that says what was found, with its figure."""
+    found: str
+    """What was found, with its figure and what was needed."""
+    advice: str
+    """What to do about it, as an order: record, check, give or the like."""
+
+    @property
+    def sentence(self) -> str:
+        """The sentence for a person: what was found, and what to do about it."""
+        return f"{self.found}: {self.advice}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,0 +1,125 @@
+"""A calibration in the terminal: lines of 80 columns, the verdict at the end, figures for experts on request."""
+
+import re
+
+import pytest
+from test_calibration import POSE, make_calibration
+
+from semcal_cli.cli.tables import COLUMNS, hypothesis_lines, summary_lines, verdict_lines, wrapped
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.hypothesis import Hypothesis
+
+LONG = (
+    "a mounting 30 degrees away explains the labels almost as well, 1.82 standard errors apart, needed 2.00: "
+    * 3
+)
+PATH = "/".join(["a-folder-of-a-long-name"] * 6)
+EXPERTS = re.compile(r"\bnats\b|MI\b|held out|points agree")
+
+
+def with_words(**values: object) -> Calibration:
+    return make_calibration(POSE).model_copy(update=values)
+
+
+@pytest.mark.parametrize("label", ["doubt", "note", "95 % interval", ""])
+def test_long_texts_are_wrapped_by_words_under_their_label(label: str) -> None:
+    first, *rest = wrapped(label, LONG)
+    assert first.startswith(f"{label:<17}a mounting 30")
+    assert rest
+    assert all(line[:17] == " " * 17 and line[17] != " " for line in rest)
+    assert all(len(line) <= COLUMNS for line in (first, *rest))
+    assert " ".join(line[17:] for line in (first, *rest)) == LONG.strip()
+
+
+def test_paths_are_never_broken() -> None:
+    assert wrapped("note", f"{PATH} is missing") == [f"{'note':<17}{PATH}", f"{'':<17}is missing"]
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) -> None:
+    calibration = with_words(reasons=(LONG, LONG), notes=(LONG,), status="not_trusted")
+    lines = summary_lines(calibration, verbose=verbose)
+    assert max(map(len, lines)) <= COLUMNS
+    assert any(EXPERTS.search(line) for line in lines) == verbose
+    labels = [line[:17].strip() for line in lines]
+    assert labels.count("doubt") == 2
+    assert labels.index("note") < labels.index("doubt")
+
+
+@pytest.mark.parametrize(
+    ("status", "reasons", "uncertain", "lines"),
+    [
+        (
+            "trusted",
+            0,
+            True,
+            ["verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0018 px at 10 m"],
+        ),
+        (
+            "not_trusted",
+            1,
+            True,
+            [
+                "verdict          not trusted: 1 doubt, see above",
+                "next             semcal inspect DRIVE finds faults, semcal view DRIVE moves it",
+            ],
+        ),
+        (
+            "not_trusted",
+            3,
+            False,
+            [
+                "verdict          not trusted: 3 doubts, see above",
+                "next             semcal inspect DRIVE finds faults, semcal view DRIVE moves it",
+            ],
+        ),
+        (
+            "not_assessed",
+            0,
+            False,
+            [
+                "verdict          not assessed: a rough start, not refined yet",
+                "next             semcal refine DRIVE --init FILE improves and judges it",
+            ],
+        ),
+    ],
+)
+def test_the_verdict_says_how_good_and_what_to_do_next(
+    status: str, reasons: int, uncertain: bool, lines: list[str]
+) -> None:
+    calibration = with_words(status=status, reasons=(LONG,) * reasons)
+    if not uncertain:
+        calibration = calibration.model_copy(update={"uncertainty": None})
+    assert verdict_lines(calibration) == lines
+    assert max(map(len, lines)) <= COLUMNS
+
+
+def test_an_answer_that_no_check_applies_to_says_so() -> None:
+    stage = make_calibration(POSE).stages["initial"]
+    refined = with_words(stages={"initial": stage, "refined": stage}, uncertainty=None)
+    assert verdict_lines(refined) == ["verdict          not assessed: nothing tells how sure it is"]
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_hypotheses_fit(verbose: bool) -> None:
+    best = Hypothesis(
+        T_camera_lidar=POSE.tolist(),
+        mutual_information_nats=2.0,
+        bias_nats=0.0,
+        sigma_nats=0.3,
+        overlap=0.75,
+        num_pairs=1_234_567,
+        num_inliers=None,
+        rotation_from_best_deg=0.0,
+    )
+    other = best.model_copy(
+        update={"mutual_information_nats": 1.0, "rotation_from_best_deg": 173.4, "sigma_nats": 0.4}
+    )
+    head, first, second = hypothesis_lines([best, other], verbose=verbose)
+    assert max(map(len, (head, first, second))) <= COLUMNS
+    assert ("nats" in head) == verbose
+    if verbose:
+        assert "2.0000 +- 0.3000" in first
+        assert first.split()[-2:] == ["1,234,567", "-"]
+    else:
+        assert second.endswith("173.4 deg         2.0 sigma")
