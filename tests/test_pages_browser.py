@@ -1,8 +1,15 @@
 """Every page in a browser: what it holds that someone could not see, read or use."""
 
+from pathlib import Path
+
 import pytest
+from click.testing import CliRunner
+from fleets import line, series_of, write_summary
 from pages import serious_findings, show
 from selenium import webdriver
+from selenium.webdriver.common.by import By
+
+from semcal_cli.cli import semcal
 
 SOUND = """<!doctype html><html lang="en"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>sound</title><body style="background: #fff; color: #333"><p>Text</p>
@@ -45,3 +52,42 @@ def test_what_is_wrong_is_found(content: str, finding: str | None, browser: webd
         assert found == []
     else:
         assert any(finding in each for each in found), found
+
+
+def fleet_page(folder: Path, kind: str, count: int = 24, **changes: object) -> Path:
+    """The page of a fleet to which something happened; every drive is changed as said."""
+    drives = series_of(kind, count)
+    lines = [line(drive) | changes for drive in drives]
+    lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "exit_code": 3}
+    page = folder / "fleet.html"
+    command = ["fleet", str(write_summary(folder / "batch", lines)), "--report", str(page)]
+    found = CliRunner().invoke(semcal, command)
+    assert found.exit_code in (0, 3), found.output
+    return page
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "changes"),
+    [
+        ("change", 24, {}),
+        ("drift", 24, {"stamp": None}),
+        ("outlier", 3000, {}),
+    ],
+)
+def test_a_fleet_is_read_without_trouble(
+    kind: str, count: int, changes: dict[str, object], browser: webdriver.Chrome, tmp_path: Path
+) -> None:
+    page = fleet_page(tmp_path, kind, count, **changes)
+    assert page.stat().st_size < 5e6
+    browser.get("about:blank")
+    browser.get_log("browser")
+    browser.get(page.as_uri())
+    assert serious_findings(browser) == []
+    drawings = browser.find_elements(By.CSS_SELECTOR, "figure svg")
+    assert len(drawings) == 6
+    # Each change is a line in each drawing.
+    assert len(browser.find_elements(By.CSS_SELECTOR, "figure line.change")) == (6 if kind == "change" else 0)
+    if kind == "change":
+        labels = [each.text for each in browser.find_elements(By.CSS_SELECTOR, "figure text.name")]
+        sizes = [float(label.removeprefix("015: ")) for label in labels if label.startswith("015: ")]
+        assert sizes == pytest.approx([-80.0, 0.6], rel=0.1)  # up, and yaw
