@@ -36,7 +36,7 @@ MAY_IMPORT = {
     "report": "verification",
     "jobs": "files",
     "batch": "verification jobs",
-    "rig": "verification",
+    "rig": "report",
     "fleet": "batch report",
     "experiments": "jobs baselines datasets report",
     "schemas": "batch rig fleet labelling",

@@ -3,11 +3,13 @@
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 from fleets import line, series_of, write_summary
 from pages import serious_findings, show
 from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
 
 from semcal_cli.cli import semcal
 
@@ -91,3 +93,21 @@ def test_a_fleet_is_read_without_trouble(
         labels = [each.text for each in browser.find_elements(By.CSS_SELECTOR, "figure text.name")]
         sizes = [float(label.removeprefix("015: ")) for label in labels if label.startswith("015: ")]
         assert sizes == pytest.approx([-80.0, 0.6], rel=0.1)  # up, and yaw
+
+
+def test_a_rig_is_read_without_trouble(
+    rig: Path, rig_results: tuple[Result, Path], browser: webdriver.Chrome
+) -> None:
+    assert rig_results[0].exit_code in (0, 3), rig_results[0].output
+    browser.get("about:blank")
+    browser.get_log("browser")
+    browser.get((rig.parents[1] / "rig.html").as_uri())
+    assert serious_findings(browser) == []
+    labels = browser.find_elements(By.CSS_SELECTOR, ".cloud-label")
+    assert [label.get_attribute("textContent") for label in labels] == ["camera_0", "camera_1"]
+    canvas = browser.find_element(By.ID, "cloud-view")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
+    before = [label.location for label in labels if label.is_displayed()]
+    assert len(before) == 2
+    ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(60, 10).release().perform()
+    WebDriverWait(browser, 10).until(lambda _: [label.location for label in labels] != before)

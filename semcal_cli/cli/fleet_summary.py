@@ -8,7 +8,8 @@ from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from semcal_cli.cli.tables import LABEL_WIDTH, labelled, matrix_lines
-from semcal_cli.fleet.words import figures, intervals, subject_of, title, total
+from semcal_cli.fleet.words import figures, subject_of, title, total
+from semcal_cli.result.intervals import intervals
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -52,7 +53,7 @@ def summary_lines(fleet: Fleet, written: Sequence[Path]) -> list[str]:
         *_rows("reasons", fleet.reasons),
         *_rows("T_camera_lidar", matrix_lines(fleet.T_camera_lidar)),
         *_rows("holds", [f"at {last.last}" if fleet.drift is not None else f"from {last.first} on"]),
-        *_rows("95 % interval", intervals(last.half_widths)),
+        *_rows("95 % interval", intervals(last.half_widths.tolist())),
         *_rows("written to", map(str, written)),
     ]
 

@@ -28,7 +28,10 @@ from semcal_cli.geometry.poses import nearest_rigid
 DRIVE_FILE = "drive.yaml"
 RIG_FILE, RIG = "rig.yaml", "semcal_rig"
 """File and version key of a rig of several cameras; see `semcal_cli.rig`."""
-OF_CALIBRATE = "found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
+OF_RIG = (
+    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the drive of one of "
+    "its cameras"
+)
 
 CameraModel: TypeAlias = Literal[
     "plumb_bob",
@@ -391,10 +394,10 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     path = Path(path)
     file = drive_file(path)
     if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
-        raise InputError(f"{path / RIG_FILE}: {OF_CALIBRATE}")
+        raise InputError(f"{path / RIG_FILE}: {OF_RIG}")
     document = read_document(file)
     if RIG in document:
-        raise InputError(f"{file}: {OF_CALIBRATE}")
+        raise InputError(f"{file}: {OF_RIG}")
     drive = validate(Drive, document, file)
     drive._path, drive._max_points = file, max_points
     return drive

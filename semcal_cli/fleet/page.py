@@ -12,11 +12,12 @@ from semcal_cli.assessment.limits import Check
 from semcal_cli.fleet.course import Kind, course_of, kind_of
 from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Part
 from semcal_cli.fleet.panels import BOX, panels
-from semcal_cli.fleet.words import SIGNS, figures, intervals, sentences, subject_of, title
+from semcal_cli.fleet.words import SIGNS, figures, sentences, subject_of, title
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import Notation, notations
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict
+from semcal_cli.result.intervals import intervals
 from semcal_cli.result.provenance import versions
 
 KINDS: dict[Kind, str] = {
@@ -99,8 +100,8 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         ),
         notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
-        known=intervals(fleet.parts[-1].half_widths),
-        scatter=intervals(fleet.scatter),
+        known=intervals(fleet.parts[-1].half_widths.tolist()),
+        scatter=intervals(fleet.scatter.tolist()),
         course=course,
         panels=panels(course),
         box=BOX,
@@ -118,7 +119,9 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
 
 def _part_row(part: Part) -> PartRow:
     notation = notations(part.T_camera_lidar)[0]
-    return PartRow(_cut(part.first), _cut(part.last), part.num_drives, intervals(part.half_widths), notation)
+    return PartRow(
+        _cut(part.first), _cut(part.last), part.num_drives, intervals(part.half_widths.tolist()), notation
+    )
 
 
 def _check_row(check: Check) -> CheckRow:

@@ -163,7 +163,7 @@ def _change_labels(
 
 def _x_ticks(course: Course, places: Sequence[float]) -> tuple[Label, ...]:
     """Name as many drives as there is room for, evenly spaced, the first and the last among them."""
-    width = LETTER * (max(map(len, course.labels)) + 1)
+    width = LETTER * (max(map(len, course.labels)) + 2)
     # The last name ends at the edge, and so takes half of its room from the one before it.
     room = places[-1] - places[0] - width / 2.0
     wanted = np.linspace(places[0], places[-1], max(2, 1 + int(room / width)))

@@ -8,7 +8,8 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
+
+from semcal_cli.result.intervals import widest
 
 if TYPE_CHECKING:
     from semcal_cli.fleet.fleet import Fleet, Offset, Part
@@ -76,25 +77,6 @@ def total(offset: Offset) -> str:
     return f"{1000.0 * np.linalg.norm(offset.center_m):.1f} mm and {np.linalg.norm(offset.rotation_deg):.3f} degrees"
 
 
-def intervals(half_widths: npt.NDArray[np.float64]) -> tuple[str, str]:
-    """Tell the 95 % interval of the camera's place along x, y and z, and of pitch, yaw and roll.
-
-    Args:
-        half_widths: (6,), metres and degrees.
-    """
-    center, rotation = (1000.0 * half_widths[:3]).tolist(), half_widths[3:].tolist()
-    return (
-        f"x y z +- {' '.join(f'{half:.1f}' for half in center)} mm",
-        f"pitch yaw roll +- {' '.join(f'{half:.3f}' for half in rotation)} degrees",
-    )
-
-
-def widest(half_widths: npt.NDArray[np.float64]) -> str:
-    """Tell the widest of the 95 % intervals (6,), metres and degrees, of the place and of the rotation."""
-    center_mm, rotation_deg = 1000.0 * float(half_widths[:3].max()), float(half_widths[3:].max())
-    return f"+- {center_mm:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
-
-
 def change_lines(parts: Sequence[Part], cut: int | None = None) -> list[str]:
     """Tell each change: between which drives, and what it was.
 
@@ -147,7 +129,7 @@ def _fails(fleet: Fleet, subject: str) -> bool:
 def sentences(fleet: Fleet) -> list[str]:
     """Say what holds now, what that means, and what to do."""
     last, num_used = fleet.parts[-1], len(fleet.drives)
-    known = widest(last.half_widths)
+    known = widest(last.half_widths.tolist())
     if fleet.drift is not None:
         found = [
             f"The transform below holds at the last drive, {last.last}, to {known}.",

@@ -99,7 +99,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     progress("writing the page")
     return ENVIRONMENT.get_template("report/page.html").render(
         style=source("page.css"),
-        script=source("copy.js", "page.js"),
+        script=source("copy.js", "cloud.js", "page.js"),
         report=report,
         record=record,
         verdict=verdict(report),
