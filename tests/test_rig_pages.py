@@ -70,6 +70,9 @@ def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
     worse = RigCalibration({"camera_0": trusted, "camera_1": doubted}, {}, found.pairs, 3)
     verdict = rig_verdict(worse)
     assert (verdict.status, verdict.title) == ("not_trusted", "1 of 2 cameras is not trusted")
+    assert verdict.sentence == (
+        "These can be used: camera_0. Do not use these, for the reasons below: camera_1."
+    )
     assert verdict.reasons == ("camera_1: overlap",)
     page = rig_page_html(worse, drives, ("rig", "result"))
     assert re.findall(r"</i>(camera_\d): <span", page) == ["camera_1", "camera_0"]

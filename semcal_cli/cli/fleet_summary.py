@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 MAX_LINES = 20
 """Largest number of drives or checks of one kind that the terminal names; files name all."""
 COLUMNS = 80
+NO_BREAK = "\u00a0"
+"""Space at which no line is broken."""
 COLORS = {"pass": "bold green", "fail": "bold red", "inconclusive": "bold yellow"}
 """Colour of each verdict."""
 
@@ -77,7 +79,7 @@ def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
     for check in shown[:MAX_LINES]:
         subject, quantity = subject_of(check.name)
         if subject != last:
-            yield from wrap(subject, COLUMNS, break_long_words=False, break_on_hyphens=False)
+            yield from _wrapped(subject, COLUMNS)
         last = subject
         scale, unit, least = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "deg", 3)
         found, half = figures(scale * check.offset, scale * (check.half_width or 0.0), least)
@@ -98,14 +100,16 @@ def _rows(label: str, lines: Iterable[str]) -> Iterator[str]:
     """Label the first of some lines, each broken to the width of a terminal; names stay whole."""
     for line in lines:
         is_text = len(line) > COLUMNS - LABEL_WIDTH
-        pieces = (
-            wrap(line, COLUMNS - LABEL_WIDTH, break_long_words=False, break_on_hyphens=False)
-            if is_text
-            else [line]
-        )
-        for piece in pieces:
+        for piece in _wrapped(line, COLUMNS - LABEL_WIDTH) if is_text else [line]:
             yield labelled(label, piece)
             label = ""
+
+
+def _wrapped(line: str, columns: int) -> list[str]:
+    """Break a line between words; names, and intervals with their signs, stay whole."""
+    whole = line.replace("+- ", f"+-{NO_BREAK}")
+    pieces = wrap(whole, columns, break_long_words=False, break_on_hyphens=False)
+    return [piece.replace(NO_BREAK, " ") for piece in pieces]
 
 
 def _printable(line: str) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from semcal_cli.drive.document import Drive
+from semcal_cli.files.messages import listed
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.colors import Legend, hex_color
 from semcal_cli.report.frames import MAX_BYTES, MAX_TOTAL_BYTES, data_uri
@@ -116,25 +117,20 @@ def rig_verdict(found: RigCalibration) -> Verdict:
         known = [
             each.uncertainty.half_widths for each in found.cameras.values() if each.uncertainty is not None
         ]
-        sure = (
-            f"; each is known to {widest([max(axis) for axis in zip(*known, strict=True)])}, or better"
-            if known
-            else ""
-        )
+        widths = [max(axis) for axis in zip(*known, strict=True)]
+        sure = f"; each is known to {widest(widths)}, or better" if known else ""
         return Verdict("trusted", "The rig is trusted", f"All {num_cameras} cameras are trusted{sure}.")
-    verb = "is" if len(worst) == 1 else "are"
-    bad = "failed" if found.status == "failed" else f"{verb} {STATUSES[found.status]}"
-    others = [
-        f"{', '.join(each)}: {STATUSES[status]}"
-        for status, each in names.items()
-        if each and status != found.status
-    ]
-    sentence = f"{', '.join(worst)}: {STATUSES[found.status]}. " + ". ".join(others)
+    verb = "is " if len(worst) == 1 else "are "
+    title = f"{len(worst)} of {num_cameras} cameras {'' if found.status == 'failed' else verb}{STATUSES[found.status]}"
+    sentences = []
+    if names["trusted"]:
+        sentences.append(f"These can be used: {listed(names['trusted'])}.")
+    if names["not_assessed"]:
+        sentences.append(f"Nothing tells how sure these are: {listed(names['not_assessed'])}.")
+    if bad := names["failed"] + names["not_trusted"]:
+        sentences.append(f"Do not use these, for the reasons below: {listed(bad)}.")
     status = "fail" if found.status == "failed" else found.status
-    reasons = found.reasons
-    return Verdict(
-        status, f"{len(worst)} of {num_cameras} cameras {bad}", sentence.strip().rstrip(".") + ".", reasons
-    )
+    return Verdict(status, title, " ".join(sentences), found.reasons)
 
 
 def _statuses(found: RigCalibration) -> dict[str, str]:
