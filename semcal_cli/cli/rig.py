@@ -13,7 +13,7 @@ import click
 
 from semcal_cli.cli.options import ResultOptions, given_parameters
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page
-from semcal_cli.cli.tables import labelled, matrix_lines, row
+from semcal_cli.cli.tables import labelled, matrix_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
@@ -23,6 +23,7 @@ from semcal_cli.files.reading import is_folder
 from semcal_cli.files.writing import make_folder, write_text
 from semcal_cli.jobs.threads import set_num_threads
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.intervals import intervals
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
@@ -196,17 +197,15 @@ def _check_outputs(
 
 def _pair_lines(pair: Pair) -> list[str]:
     """Describe a pair of cameras as lines of text."""
-    lines = [f"T_{pair.a}_{pair.b}", *(f"{'':<17}{line}" for line in matrix_lines(pair.T_a_b))]
+    lines = [f"T_{pair.a}_{pair.b}", *(labelled("", line) for line in matrix_lines(pair.T_a_b))]
     if pair.uncertainty is not None:
-        half = pair.uncertainty.half_widths
-        center_cm = row([100.0 * x for x in half[:3]], 3)
-        lines.append(labelled("95 % interval", f"+- {center_cm} cm, {row(half[3:], 4)} deg"))
+        center, rotation = intervals(pair.uncertainty.half_widths)
+        lines += [labelled("95 % interval", center), labelled("", rotation)]
     if pair.reference is not None and pair.error is not None:
-        verdict = {None: "", True: ": within the uncertainty", False: ": more than chance explains"}[
-            pair.is_explained
-        ]
+        off = f"{10.0 * pair.error.camera_center_cm:.1f} mm and {pair.error.rotation_deg:.3f} degrees"
+        lines.append(labelled("reference", f"{off} from {pair.reference.source}"))
+    if pair.is_explained is not None:
         lines.append(
-            f"{'reference':<17}{pair.error.camera_center_cm:.3f} cm and {pair.error.rotation_deg:.4f} deg from "
-            f"{pair.reference.source}{verdict}"
+            labelled("", "within the uncertainty" if pair.is_explained else "more than chance explains")
         )
     return lines
