@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from semcal_cli.drive.document import Drive
     from semcal_cli.geometry.poses import Pose
     from semcal_cli.report.overlay import Coloring
+    from semcal_cli.rig.calibration import RigCalibration
 
 
 def report_rig(
@@ -44,20 +45,15 @@ def report_rig(
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.files.writing import write_text
     from semcal_cli.jobs.threads import set_num_threads
-    from semcal_cli.rig.document import read_rig
     from semcal_cli.rig.page import rig_page_html
-    from semcal_cli.rig.result import read_rig_result, result_file
 
-    _refuse_against(rig_file, against)
-    rig, file = read_rig(rig_file), result_file(result)
     check_page(output)
-    drives = rig.read_drives(max_points)
-    check_outputs([*_files_of(drives.values()), rig.path, file], [output])
-    found = read_rig_result(rig, drives, file)
+    found, drives, read = _read(rig_file, result, against, max_points)
+    check_outputs(read, [output])
     set_num_threads(threads)
     console = make_console(quiet)
     with progress_line(console) as progress:
-        write_text(rig_page_html(found, drives, (str(rig_file), str(file)), progress), output)
+        write_text(rig_page_html(found, drives, (str(rig_file), str(read[-1])), progress), output)
     console.print(str(output), markup=False)
 
 
@@ -93,14 +89,8 @@ def overlay_rig(
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.files.writing import make_folder
-    from semcal_cli.rig.document import read_rig
-    from semcal_cli.rig.result import read_rig_result, result_file
 
-    _refuse_against(rig_file, against)
-    rig, file = read_rig(rig_file), result_file(result)
-    drives = rig.read_drives(max_points)
-    read = [*_files_of(drives.values()), rig.path, file]
-    found = read_rig_result(rig, drives, file)
+    found, drives, read = _read(rig_file, result, against, max_points)
     for name, drive in drives.items():
         frames = evenly_spaced(drive.frames, max_frames)
         check_image_folder(output / name, len(frames), read)
@@ -167,13 +157,22 @@ def inspect_rig(rig_file: Path, with_frames: bool, as_json: bool, max_points: in
         print_content(console, report, with_frames=with_frames)
 
 
-def _refuse_against(rig_file: Path, against: Path | None) -> None:
+def _read(
+    rig_file: Path, result: Path, against: Path | None, max_points: int
+) -> tuple[RigCalibration, dict[str, Drive], list[Path]]:
+    """Read the result of a rig.
+
+    Returns:
+        The result, the drive of each camera, and all files that no output may replace, the result's own last.
+    """
+    from semcal_cli.rig.document import read_rig
+    from semcal_cli.rig.result import read_rig_result, result_file
+
     if against is not None:
         raise click.UsageError(f"--against: is of one camera, and {rig_file} is a rig")
-
-
-def _files_of(drives: Iterable[Drive]) -> list[Path]:
-    """List the files of drives, which no output may replace."""
-    return [
-        path for drive in drives for path in (drive.path, *(drive.resolve(name) for name in drive.files()))
-    ]
+    rig, file = read_rig(rig_file), result_file(result)
+    drives = rig.read_drives(max_points)
+    found = read_rig_result(rig, drives, file)
+    read = [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
+    calibrations = [file.with_name(f"{name}.yaml") for name in found.cameras]
+    return found, drives, [*read, rig.path, *calibrations, file]
