@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from click.testing import CliRunner, Result
 from hypothesis import settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
@@ -24,7 +24,7 @@ from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
-from semcal_cli.synthetic.synthesis import synthesize
+from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
 settings.register_profile("semcal", deadline=None)  # a busy machine is no failure
 settings.load_profile("semcal")
@@ -166,6 +166,29 @@ def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = CliRunner().invoke(semcal, command)
     assert result.exit_code in (0, 3), result.output
     return folder
+
+
+SMALL = SynthConfig(
+    num_frames=3, seed=5, channels=32, columns=500, width=480, height=270, camera_roll_deg=0.0
+)
+NAMES = ("camera_0", "camera_1")
+"""Cameras of the rig."""
+
+
+@pytest.fixture(scope="session")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig of two cameras, which tests do not write to."""
+    out = tmp_path_factory.mktemp("rigs") / "rig"
+    synthesize_rig(SMALL, len(NAMES), out)
+    return out / "rig.yaml"
+
+
+@pytest.fixture(scope="session")
+def rig_results(rig: Path) -> tuple[Result, Path]:
+    """What `semcal calibrate` makes of the rig, with its page and its log beside the folder of the results."""
+    beside = rig.parents[1]
+    options = ["-o", beside / "results", "--log", beside / "log.json", "--report", beside / "rig.html"]
+    return CliRunner().invoke(semcal, ["calibrate", *map(str, [rig, *options])]), beside / "results"
 
 
 @pytest.fixture(scope="session")

@@ -1,5 +1,8 @@
 """Calibrations of one rig that scatter as they say, and to which something happened."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 from conftest import make_pose
 
@@ -43,3 +46,20 @@ def series_of(kind: str, count: int = 24, seed: int = 8) -> list[Member]:
     if kind == "small change":
         series[15:, 4] += np.radians(0.22)
     return members([pose_at(TRUTH, each) for each in series], covariances)
+
+
+def line(member: Member, **changes: object) -> dict:
+    """A line of a batch's summary."""
+    assert member.T_camera_lidar is not None
+    assert member.covariance is not None
+    found = {"drive": f"drives/{member.drive}", "status": "trusted", "exit_code": 0, "reasons": []}
+    found |= {"stamp": member.stamp, "T_camera_lidar": member.T_camera_lidar.tolist()}
+    found |= {"covariance": member.covariance.tolist(), "mutual_information_nats": 1.5}
+    found |= {"camera": "a", "result": f"{member.drive}/calibration.yaml"}
+    return found | changes
+
+
+def write_summary(folder: Path, lines: list[dict]) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / "summary.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
+    return folder

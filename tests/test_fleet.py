@@ -1,5 +1,6 @@
 """Many calibrations of one rig: their mean, who disagrees, and when the rig changed."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,10 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.fleet.changes import ALPHA, change_points, drift
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
+from semcal_cli.fleet.fleet import Offset
 from semcal_cli.fleet.record import describe_fleet
-from semcal_cli.geometry.poses import camera_center
+from semcal_cli.fleet.words import SIGNS, motions
+from semcal_cli.geometry.poses import camera_center, inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 
 MANY = 1e6
@@ -201,7 +204,10 @@ def test_what_happened_is_told(kind: str, verdict: str, num_parts: int, has_drif
     assert disagreeing == (["009"] if kind == "outlier" else [])
     if kind == "change":
         assert found.parts[1].first == "015"
-        assert found.reasons[0].startswith("changed at 015 by ")
+        assert re.fullmatch(
+            r"changed between 014 and 015: 8\d mm up \(\+- \d\), \+0\.6\d degrees yaw \(\+- 0\.0\d\)",
+            found.reasons[0],
+        )
     (off,) = local_coordinates([found.T_camera_lidar], TRUTH)
     now = {
         "change": [0, 0.08, 0, 0, 0.6, 0],
@@ -258,3 +264,39 @@ def test_names_that_differ_in_zeros_keep_their_order() -> None:
     ]
     one, other = combine_drives(drives, Limits()), combine_drives(drives[::-1], Limits())
     assert one.T_camera_lidar.tolist() == other.T_camera_lidar.tolist()
+
+
+@pytest.mark.parametrize(
+    ("axis", "off", "half_width", "words"),
+    [
+        (0, 0.0803, 0.0041, "80 mm to the right (+- 4)"),
+        (0, -0.0803, 0.0014, "80.3 mm to the left (+- 1.4)"),
+        (1, 0.02, 0.0004, "20.0 mm down (+- 0.4)"),
+        (2, -0.02, 0.004, "20 mm back (+- 4)"),
+        (3, 0.6, 0.021, "+0.60 degrees pitch (+- 0.02)"),
+        (4, -0.6, 0.0149, "-0.600 degrees yaw (+- 0.015)"),
+        (5, 0.601, 0.3, "+0.60 degrees roll (+- 0.30)"),
+    ],
+)
+def test_an_offset_in_words(axis: int, off: float, half_width: float, words: str) -> None:
+    offsets, half_widths = np.zeros(6), np.full(6, 1.0)
+    offsets[axis], half_widths[axis] = off, half_width
+    assert motions(Offset(offsets[:3], offsets[3:], half_widths)) == words
+
+
+def test_what_chance_may_explain_is_told_only_if_nothing_else_is() -> None:
+    half_widths = np.full(6, 0.01)
+    both = Offset(np.array([0.02, 0.0, 0.03]), np.zeros(3), half_widths)
+    assert motions(both) == "30 mm forward (+- 10), 20 mm to the right (+- 10)"
+    neither = Offset(np.array([0.002, 0.0, 0.003]), np.zeros(3), half_widths)
+    assert motions(neither) == "3 mm forward (+- 10)"
+
+
+def test_signs_of_rotations_are_those_that_the_page_states() -> None:
+    """A positive pitch moves what is ahead up, a positive yaw to the right; a roll turns what is at the right down."""
+    assert "pitch moves what the camera sees up" in SIGNS
+    ahead, aside = (inverse(TRUTH) @ point for point in ([0.0, 0.0, 10.0, 1.0], [1.0, 0.0, 10.0, 1.0]))
+    turned = [pose_at(TRUTH, np.eye(6)[axis] * 0.01) for axis in (3, 4, 5)]
+    assert (turned[0] @ ahead)[1] == pytest.approx(-0.1, rel=1e-3)
+    assert (turned[1] @ ahead)[0] == pytest.approx(0.1, rel=1e-3)
+    assert (turned[2] @ aside)[1] == pytest.approx(0.01, rel=1e-3)

@@ -9,31 +9,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from click.testing import CliRunner, Result
-from fleets import series_of
+from fleets import line, series_of, write_summary
 
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
-from semcal_cli.fleet.members import Member, _Line
+from semcal_cli.fleet.members import _Line
 from semcal_cli.formats import read_transform
-
-
-def line(member: Member, **changes: object) -> dict:
-    """A line of a batch's summary."""
-    assert member.T_camera_lidar is not None
-    assert member.covariance is not None
-    found = {"drive": f"drives/{member.drive}", "status": "trusted", "exit_code": 0, "reasons": []}
-    found |= {"stamp": member.stamp, "T_camera_lidar": member.T_camera_lidar.tolist()}
-    found |= {"covariance": member.covariance.tolist(), "mutual_information_nats": 1.5}
-    found |= {"camera": "a", "result": f"{member.drive}/calibration.yaml"}
-    return found | changes
-
-
-def write_summary(folder: Path, lines: list[dict]) -> Path:
-    folder.mkdir(exist_ok=True)
-    (folder / "summary.jsonl").write_text("".join(json.dumps(each) + "\n" for each in lines))
-    return folder
 
 
 def run(*arguments: object) -> Result:
@@ -49,8 +32,9 @@ def test_the_command(tmp_path: Path) -> None:
     extra = ["--report", tmp_path / "f.html", "--plot", tmp_path / "f.svg", "--junit", tmp_path / "f.xml"]
     found = run(batch, "-o", out, *extra)
     assert found.exit_code == 3, found.output
-    assert "drives/003: left out: not trusted; overlap 3 %" in found.stderr
-    assert found.stderr.endswith("fail\n")
+    assert "left out         drives/003: not trusted; overlap 3 %" in found.stderr
+    assert found.stderr.endswith("verdict          fail: the rig changed\n")
+    assert max(map(len, found.stderr.splitlines())) <= 80 + len(str(tmp_path))
     document = read_document(out)
     assert document["status"] == "fail"
     assert [d["drive"] for d in document["drives"] if d["status"] == "left_out"] == [
@@ -59,8 +43,8 @@ def test_the_command(tmp_path: Path) -> None:
     ]
     assert read_transform(out) == pytest.approx(np.array(document["T_camera_lidar"]))
     page = (tmp_path / "f.html").read_text()
-    assert "The rig does not hold" in page
-    assert "changed at drives/015" in page
+    assert "<h1>The rig changed</h1>" in page
+    assert "changed between drives/014 and drives/015: " in page
     assert "://" not in page
     first = {name: (tmp_path / name).read_bytes() for name in ("fleet.yaml", "f.html", "f.svg", "f.xml")}
     assert run(batch, "-o", out, *extra).exit_code == 3
@@ -110,9 +94,7 @@ def test_wrong_lines_are_named(changes: dict, complaint: str | None, tmp_path: P
     found = run(write_summary(tmp_path / "batch", lines))
     if complaint is None:
         assert found.exit_code == 0
-        assert ("drives/001: left out: nothing is known of its error" in found.stderr) == (
-            "covariance" in changes
-        )
+        assert ("drives/001: nothing is known of its error" in found.stderr) == ("covariance" in changes)
     else:
         assert isinstance(found.exception, InputError)
         assert complaint in str(found.exception)
@@ -131,6 +113,37 @@ def test_what_is_no_result_is_named(tmp_path: Path) -> None:
     for option in ("-o", "--report", "--plot"):
         assert "found suffix '.txt'" in str(run(tmp_path, option, tmp_path / "out.txt").exception)
     assert "reads or writes" in str(run(tmp_path, "--junit", tmp_path / "summary.jsonl").exception)
+
+
+def test_the_result_as_json(tmp_path: Path) -> None:
+    batch = write_summary(tmp_path / "batch", [line(member) for member in series_of("nothing")])
+    out = tmp_path / "fleet.yaml"
+    alone, beside = run(batch, "--json"), run(batch, "--json", "-o", out)
+    assert json.loads(alone.stdout)["status"] == "pass"
+    assert json.loads(beside.stdout) == json.loads(json.dumps(read_document(out)))
+    for option in ("-o", "--report", "--plot", "--junit"):
+        found = run(batch, "--json", option, "-")
+        assert found.exit_code == 2
+        assert f"--json, {option}: would both write to standard output" in found.output
+
+
+def test_what_is_worst_stands_first(tmp_path: Path) -> None:
+    """In the page's tables: drives surely beyond, then those in the order of time; checks that fail, then the rest."""
+    lines = [line(member) for member in series_of("outlier")]
+    lines[9]["drive"] = "drives/zz"
+    page = tmp_path / "f.html"
+    run(write_summary(tmp_path / "batch", lines), "--report", page, "--max-rotation-deg", "0.015")
+    rows = re.findall(
+        r'<tr class="(\w+)">\s*<td class="verdict-cell">([^<]*)</td><td class="drive">([^<]*)<',
+        page.read_text(),
+    )
+    drives = [(kind, drive) for kind, _, drive in rows if drive.startswith("drives/")]
+    assert drives[0] == ("beyond", "drives/zz")
+    assert {kind for kind, _ in drives} == {"beyond", "disagrees", "agrees"}
+    assert drives == sorted(drives, key=lambda row: (["beyond", "disagrees", "agrees"].index(row[0]), row[1]))
+    checks = [kind for kind, _, drive in rows if not drive.startswith("drives/")]
+    assert set(checks) >= {"inconclusive", "pass"}
+    assert checks == sorted(checks, key=["fail", "inconclusive", "pass"].index)
 
 
 def test_copies_count_once(tmp_path: Path) -> None:

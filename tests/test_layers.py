@@ -38,7 +38,7 @@ MAY_IMPORT = {
     "view": "report",
     "jobs": "files",
     "batch": "verification jobs",
-    "rig": "verification",
+    "rig": "report",
     "fleet": "batch report",
     "experiments": "jobs baselines datasets report",
     "schemas": "batch rig fleet labelling",

@@ -1,8 +1,17 @@
 """Every page in a browser: what it holds that someone could not see, read or use."""
 
+from pathlib import Path
+
 import pytest
+from click.testing import CliRunner, Result
+from fleets import line, series_of, write_summary
 from pages import serious_findings, show
 from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.support.ui import WebDriverWait
+
+from semcal_cli.cli import semcal
 
 SOUND = """<!doctype html><html lang="en"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>sound</title><body style="background: #fff; color: #333"><p>Text</p>
@@ -45,3 +54,65 @@ def test_what_is_wrong_is_found(content: str, finding: str | None, browser: webd
         assert found == []
     else:
         assert any(finding in each for each in found), found
+
+
+def fleet_page(folder: Path, kind: str, count: int, prefix: str, has_stamps: bool) -> Path:
+    """The page of a fleet to which something happened."""
+    lines = []
+    for drive in series_of(kind, count):
+        lines.append(line(drive, drive=f"{prefix}{drive.drive}"))
+        lines[-1]["stamp"] = drive.stamp if has_stamps else None
+    lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "exit_code": 3}
+    page = folder / "fleet.html"
+    command = ["fleet", str(write_summary(folder / "batch", lines)), "--report", str(page)]
+    found = CliRunner().invoke(semcal, command)
+    assert found.exit_code in (0, 3), found.output
+    return page
+
+
+@pytest.mark.parametrize(
+    ("kind", "count", "prefix", "has_stamps"),
+    [
+        ("change", 24, "drives/", True),
+        ("change", 24, "a/name_that_is_far_too_long_for_a_telephone_<b>/drive_of_a_rig_", False),
+        ("drift", 24, "", False),
+        ("outlier", 3000, "", True),
+    ],
+)
+def test_a_fleet_is_read_without_trouble(
+    kind: str, count: int, prefix: str, has_stamps: bool, browser: webdriver.Chrome, tmp_path: Path
+) -> None:
+    page = fleet_page(tmp_path, kind, count, prefix, has_stamps)
+    assert page.stat().st_size < 5e6
+    browser.get("about:blank")
+    browser.get_log("browser")
+    browser.get(page.as_uri())
+    assert serious_findings(browser) == []
+    drawings = browser.find_elements(By.CSS_SELECTOR, "figure svg")
+    assert len(drawings) == 6
+    # Each change is a line in each drawing.
+    assert len(browser.find_elements(By.CSS_SELECTOR, "figure line.change")) == (6 if kind == "change" else 0)
+    if kind == "change":
+        labels = [each.text for each in browser.find_elements(By.CSS_SELECTOR, "figure text.name")]
+        # A short name, or else the number of the drive, one of which is left out.
+        name = "015" if prefix == "drives/" else "15"
+        sizes = [float(label.removeprefix(f"{name}: ")) for label in labels if label.startswith(f"{name}: ")]
+        assert sizes == pytest.approx([-80.0, 0.6], rel=0.1)  # up, and yaw
+
+
+def test_a_rig_is_read_without_trouble(
+    rig: Path, rig_results: tuple[Result, Path], browser: webdriver.Chrome
+) -> None:
+    assert rig_results[0].exit_code in (0, 3), rig_results[0].output
+    browser.get("about:blank")
+    browser.get_log("browser")
+    browser.get((rig.parents[1] / "rig.html").as_uri())
+    assert serious_findings(browser) == []
+    labels = browser.find_elements(By.CSS_SELECTOR, ".cloud-label")
+    assert [label.get_attribute("textContent") for label in labels] == ["camera_0", "camera_1"]
+    canvas = browser.find_element(By.ID, "cloud-view")
+    browser.execute_script("arguments[0].scrollIntoView({block: 'center'})", canvas)
+    before = [label.location for label in labels if label.is_displayed()]
+    assert len(before) == 2
+    ActionChains(browser).move_to_element(canvas).click_and_hold().move_by_offset(60, 10).release().perform()
+    WebDriverWait(browser, 10).until(lambda _: [label.location for label in labels] != before)

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner, Result
-from conftest import make_pose
+from conftest import NAMES, SMALL, make_pose
 from scipy.linalg import expm
 
 from semcal_cli.cli import semcal
-from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError, InputError
@@ -25,11 +24,6 @@ from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.rig.document import find_rig, read_rig
 from semcal_cli.rig.pairs import Reference, adjoint, make_pair
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
-
-SMALL = SynthConfig(
-    num_frames=3, seed=5, channels=32, columns=500, width=480, height=270, camera_roll_deg=0.0
-)
-NAMES = ("camera_0", "camera_1")
 
 
 def exp(xi: np.ndarray) -> Pose:
@@ -44,21 +38,6 @@ def twist(T: Pose) -> np.ndarray:
     """A small transform as a twist, to first order."""
     R = T[:3, :3] - T[:3, :3].T
     return np.array([*T[:3, 3], *(0.5 * np.array([R[2, 1], R[0, 2], R[1, 0]]))])
-
-
-@pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A rig of two cameras, which tests do not write to."""
-    out = tmp_path_factory.mktemp("rigs") / "rig"
-    synthesize_rig(SMALL, len(NAMES), out)
-    return out / "rig.yaml"
-
-
-@pytest.fixture(scope="module")
-def results(rig: Path) -> tuple[Result, Path]:
-    """What the command makes of it."""
-    out = rig.parents[1] / "results"
-    return run(rig, "-o", out, "--log", rig.parents[1] / "log.json"), out
 
 
 def run(*arguments: object) -> Result:
@@ -77,10 +56,10 @@ def test_the_adjoint_carries_a_twist_over() -> None:
     assert T @ exp(xi) == pytest.approx(exp(adjoint(T) @ xi) @ T, abs=1e-12)
 
 
-def test_the_covariance_of_a_pair_is_that_of_its_scatter(results: tuple[Result, Path]) -> None:
+def test_the_covariance_of_a_pair_is_that_of_its_scatter(rig_results: tuple[Result, Path]) -> None:
     """Both cameras are moved as their covariances say; the pair scatters as its own does."""
     rng = np.random.default_rng(4)
-    a, b = (read_calibration(results[1] / f"{name}.yaml") for name in NAMES)
+    a, b = (read_calibration(rig_results[1] / f"{name}.yaml") for name in NAMES)
     roots = [1e-3 * rng.standard_normal((6, 6)) for _ in range(2)]
     covariances = [root @ root.T for root in roots]
     T_a, T_b = make_pose((0.3, -0.2, 0.1), (0.4, -0.2, 0.7)), make_pose((-0.8, 0.4, 1.0), (2.0, 0.3, -0.4))
@@ -104,8 +83,8 @@ def test_the_covariance_of_a_pair_is_that_of_its_scatter(results: tuple[Result, 
     assert (of_pair <= sum(known)).all()
 
 
-def test_a_pair_is_compared_with_its_reference(results: tuple[Result, Path]) -> None:
-    a, b = (read_calibration(results[1] / f"{name}.yaml") for name in NAMES)
+def test_a_pair_is_compared_with_its_reference(rig_results: tuple[Result, Path]) -> None:
+    a, b = (read_calibration(rig_results[1] / f"{name}.yaml") for name in NAMES)
     T = a.pose @ inverse(b.pose)
     near, far = T.copy(), T.copy()
     far[0, 3] += 1.0
@@ -116,9 +95,9 @@ def test_a_pair_is_compared_with_its_reference(results: tuple[Result, Path]) -> 
     assert pair.error.camera_center_cm == pytest.approx(100.0)
 
 
-def test_a_rig_is_calibrated_as_its_cameras_are_alone(rig: Path, results: tuple[Result, Path]) -> None:
+def test_a_rig_is_calibrated_as_its_cameras_are_alone(rig: Path, rig_results: tuple[Result, Path]) -> None:
     """The same bytes, and each sweep is read once."""
-    found, out = results
+    found, out = rig_results
     assert found.exit_code in (0, 3), found.output
     document = read_document(out / "rig_calibration.yaml")
     assert document["num_sweeps"] == SMALL.num_frames
@@ -172,9 +151,10 @@ def test_a_rig_is_known_by_its_content(text: str, tmp_path: Path) -> None:
 
 def test_other_commands_want_the_drive_of_one_camera(rig: Path, tmp_path: Path) -> None:
     for given in (rig, rig.parent):
-        found = CliRunner().invoke(semcal, ["inspect", str(given)])
+        found = CliRunner().invoke(semcal, ["verify", str(given), str(rig.parent / "camera_0")])
         assert str(found.exception) == (
-            f"{rig}: found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
+            f"{rig}: found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the "
+            "drive of one of its cameras"
         )
 
 

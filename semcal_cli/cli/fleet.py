@@ -6,7 +6,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,7 +14,6 @@ from semcal_cli.cli.ci import (
     Case,
     CiReport,
     Inconclusive,
-    check_line,
     errors_reported,
     inconclusive_option,
 )
@@ -22,19 +21,16 @@ from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     OUTPUT_FILE,
     PATH,
+    given_parameters,
     limit_options,
     output_option,
     quiet_option,
 )
 
 if TYPE_CHECKING:
-    from rich.console import Console
-
     from semcal_cli.files.dialect import Format
     from semcal_cli.fleet.fleet import Fleet
 
-MAX_LINES = 20
-"""Largest number of disagreeing or left-out drives that the terminal names; files name all."""
 PLOTS = (".png", ".svg")
 
 
@@ -62,6 +58,7 @@ PLOTS = (".png", ".svg")
 @click.option(
     "--plot", type=OUTPUT_FILE, metavar="FILE", help="Also write the page's plot on its own: .png or .svg."
 )
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 @click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
 @inconclusive_option
 @quiet_option
@@ -73,31 +70,37 @@ def fleet(
     max_translation_m: float,
     page: Path | None,
     plot: Path | None,
+    as_json: bool,
     junit: Path | None,
     inconclusive: Inconclusive,
     quiet: bool,
 ) -> None:
     """Combine the drives of a rig."""
     from semcal_cli.batch.summary import JSONL
+    from semcal_cli.cli.fleet_summary import print_fleet
     from semcal_cli.cli.outputs import check_outputs, folder_of
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.config import Limits
     from semcal_cli.drive.document import drive_file
+    from semcal_cli.files.dialect import document_text
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.reading import is_folder
     from semcal_cli.files.writing import write_bytes, write_text
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members
+    from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats import read_transform
     from semcal_cli.result.provenance import hash_files
 
     read = [path / JSONL if is_folder(path) else path for path in results]
     read += [drive_file(reference)] if reference is not None else []
     outputs = [path for path in (output, page, plot, junit) if path is not None]
+    if as_json:
+        _check_stdout_is_free()
     subject = ", ".join(map(str, results))
     with errors_reported("fleet", subject, junit, read):
         check_outputs(read, outputs)
-        form = "yaml" if output is None else output_format(output)
+        form = ("json" if as_json else "yaml") if output is None else output_format(output)
         _check_suffixes(page, plot)
         T_reference = None if reference is None else read_transform(reference)
         limits = Limits(max_rotation_deg, max_translation_m)
@@ -107,17 +110,18 @@ def fleet(
     )
     place = folder_of(output)
     reference_name = None if reference is None else os.path.relpath(drive_file(reference), place)
-    text = _result_text(found, hash_files(read, place), reference_name, form, output)
+    document = describe_fleet(found, hash_files(read, place), reference_name)
+    text = _result_text(document, form, output)
     # All content is made before anything is written, and the result is written last.
     for path, content in _other_files(found, [str(path) for path in results], page, plot):
         write_bytes(content, path)
     if junit is not None:
         write_text(report.junit(), junit)
-    if output is None:
-        click.echo(text, nl=False)
-    else:
+    if output is not None:
         write_text(text, output)
-    _summarise(found, make_console(quiet))
+    if output is None or as_json:
+        click.echo(document_text(document, "json") if as_json else text, nl=False)
+    print_fleet(found, outputs, make_console(quiet))
     report.tell_github()
     sys.exit(report.exit_code)
 
@@ -137,9 +141,27 @@ def _check_suffixes(page: Path | None, plot: Path | None) -> None:
         raise InputError(f"{plot}: found suffix {plot.suffix!r}, needed {' or '.join(PLOTS)}")
 
 
-def _result_text(
-    found: Fleet, hashes: Mapping[str, str], reference: str | None, form: Format, output: Path | None
-) -> str:
+def _check_stdout_is_free() -> None:
+    """Check that no file goes to standard output, where the JSON goes.
+
+    Raises:
+        click.UsageError: one does.
+    """
+    from semcal_cli.files.streams import descriptor
+
+    context = click.get_current_context()
+    for parameter in given_parameters(context):
+        path = context.params[str(parameter.name)]
+        is_file = parameter.name in ("output", "page", "plot", "junit")
+        # An output that is given and goes to standard output has become None.
+        if is_file and (path is None or descriptor(path) == 1):
+            option = parameter.opts[0]
+            raise click.UsageError(
+                f"--json, {option}: would both write to standard output: give {option} a file"
+            )
+
+
+def _result_text(document: Mapping[str, Any], form: Format, output: Path | None) -> str:
     """Format the result as YAML or JSON.
 
     Raises:
@@ -147,10 +169,9 @@ def _result_text(
     """
     from semcal_cli.errors import InputError
     from semcal_cli.files.dialect import document_text
-    from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats.format import MAX_YAML_BYTES
 
-    text = document_text(describe_fleet(found, hashes, reference), form)
+    text = document_text(document, form)
     if output is not None and form == "yaml" and len(text) > MAX_YAML_BYTES:
         raise InputError(
             f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"
@@ -175,36 +196,12 @@ def _other_files(
 
 def _cases(found: Fleet) -> list[Case]:
     """Make a test case of each check, of each drive, and of the verdict on all."""
+    from semcal_cli.fleet.words import total
+
     cases = [Case.of_check(check) for check in found.checks]
     for drive in found.drives:
         # A drive whose pose is uncertain is no reason to distrust the rig; a drive that seems far off is.
         verdict = drive.verdict if drive.is_far else "pass"
-        cases.append(Case(f"drive {drive.member.drive}", verdict, f"{drive.offset.words} off"))
+        cases.append(Case(f"drive {drive.member.drive}", verdict, f"{total(drive.offset)} off"))
     # The file has the same verdict as the exit code, whatever decides it.
     return [*cases, Case("all together", found.verdict, f"{len(found.drives):,} drives")]
-
-
-def _summarise(found: Fleet, console: Console) -> None:
-    width = max(len(check.name) for check in found.checks) + 2
-    shown = [check for check in found.checks if check.name.endswith(" in all") or check.verdict != "pass"]
-    lines: list[str] = []
-    checks = [check_line(check, width) for check in shown]
-    off = [
-        f"{drive.member.drive}: {drive.offset.words} off"
-        for drive in found.drives
-        if drive.disagrees or drive.is_far
-    ]
-    out = [f"{member.drive}: left out: {member.left_out}" for member in found.left_out]
-    for each in (checks, off, out):
-        lines += each[:MAX_LINES]
-        lines += [f"and {len(each) - MAX_LINES:,} more"] if len(each) > MAX_LINES else []
-    num_all = len(found.drives) + len(found.left_out)
-    lines += [
-        f"{len(found.drives):,} of {num_all:,} drives used",
-        *found.notes,
-        *found.reasons,
-        found.verdict,
-    ]
-    for line in lines:
-        # Names of drives may contain markup.
-        console.print("".join(c if c.isprintable() else "?" for c in line), markup=False)

@@ -14,6 +14,7 @@ from semcal_cli.cli.options import PATH, max_points_option
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from rich.console import Console
     from rich.table import Table
 
     from semcal_cli.assessment.inspection import DriveReport
@@ -44,7 +45,7 @@ COLUMNS = (
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @max_points_option
 def inspect(drive: Path, with_frames: bool, as_json: bool, max_points: int) -> None:
-    """Show what DRIVE holds, and what looks wrong with it.
+    """Show what DRIVE holds, and what looks wrong with it. Of a rig.yaml, the drive of each camera is shown.
 
     Among others it looks for mirrored clouds, a K of another picture size, labels that are shifted against their points
     or pictures, and frames with the same files.
@@ -54,7 +55,13 @@ def inspect(drive: Path, with_frames: bool, as_json: bool, max_points: int) -> N
     from semcal_cli.assessment.inspection import inspect as look_through
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import read_drive
+    from semcal_cli.rig.document import find_rig
 
+    if (rig := find_rig(drive)) is not None:
+        from semcal_cli.cli.rig_pages import inspect_rig
+
+        inspect_rig(rig, with_frames, as_json, max_points)
+        return
     with progress_line(make_console(quiet=as_json)) as progress:
         progress(f"looking through {drive}")
         report = look_through(read_drive(drive, max_points))
@@ -66,21 +73,44 @@ def inspect(drive: Path, with_frames: bool, as_json: bool, max_points: int) -> N
 
 def _print(report: DriveReport, *, with_frames: bool) -> None:
     """Print what is suspicious, what the drive holds, and the frames if they are wanted."""
+    console = make_printer()
+    found = findings(report)
+    if all(label != "suspicious" for label, _ in found):
+        found.insert(0, ("suspicious", "nothing"))
+    for label, line in found:
+        print_labelled(console, label, line)
+    print_content(console, report, with_frames=with_frames)
+
+
+def make_printer() -> Console:
+    """Make a console on stdout that cuts lines to the width of a terminal; a pipe gets them whole."""
     from rich.console import Console
 
-    # Lines are cut to the width of the terminal; a pipe gets them whole.
     console = Console(highlight=False, soft_wrap=True)
     if not console.is_terminal:
         console.width = WIDE
-    suspicions = [*_grouped(report), *report.suspicions]
-    lines = [("suspicious", line) for line in suspicions or ["nothing"]]
-    lines += [("too little", line) for line in report.advice]
-    for name, line in (*lines, *_content(report)):
-        console.print(f"{name:<{LABEL_WIDTH}}{line}", markup=False)
+    return console
+
+
+def findings(report: DriveReport) -> list[tuple[str, str]]:
+    """List what is suspicious, and then what there is too little of, each after its label."""
+    suspicions = [("suspicious", line) for line in (*_grouped(report), *report.suspicions)]
+    return [*suspicions, *(("too little", line) for line in report.advice)]
+
+
+def print_labelled(console: Console, label: str, line: str) -> None:
+    """Print a line after its label."""
+    console.print(f"{label:<{LABEL_WIDTH}}{line}", markup=False)
+
+
+def print_content(console: Console, report: DriveReport, *, with_frames: bool) -> None:
+    """Print what a drive holds, and its frames if they are wanted."""
+    for label, line in _content(report):
+        print_labelled(console, label, line)
     if with_frames:
         console.print(_table(report))
     else:
-        console.print(f"{'frames':<{LABEL_WIDTH}}see --frames", markup=False)
+        print_labelled(console, "frames", "see --frames")
 
 
 def _grouped(report: DriveReport) -> list[str]:

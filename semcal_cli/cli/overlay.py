@@ -26,7 +26,8 @@ WITHOUT_LABELS = ("depth", "segment")
 
 @click.command(
     help=f"Draw the points of DRIVE on its pictures, as CALIBRATION puts them: {KNOWN_TRANSFORMS}. Points that the "
-    "camera cannot see are left out, or grey with --by agreement."
+    "camera cannot see are left out, or grey with --by agreement. Of a rig.yaml, CALIBRATION is the folder that semcal "
+    "calibrate wrote, and each camera has a folder of pictures."
 )
 @click.argument("drive", type=PATH)
 @click.argument("calibration", type=PATH)
@@ -70,8 +71,14 @@ def overlay(
     from semcal_cli.drive.reading import load_points
     from semcal_cli.formats import read_transform
     from semcal_cli.report.overlay import Overlays
+    from semcal_cli.rig.document import find_rig
 
     by = by or ("class" if against is None else "agreement")
+    if (rig := find_rig(drive)) is not None:
+        from semcal_cli.cli.rig_pages import overlay_rig
+
+        overlay_rig(rig, calibration, output, against, by, cues, max_frames, max_points, quiet)
+        return
     given = [path for path in (against, calibration) if path is not None]
     poses = {str(path): read_transform(path) for path in given}
     paths = map(drive_file, given)

@@ -19,7 +19,8 @@ from semcal_cli.cli.options import (
 
 @click.command(
     help=f"Write a page about the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}. One HTML file with all "
-    "that is known about it, readable without a network."
+    "that is known about it, readable without a network. Of a rig.yaml, CALIBRATION is the folder that "
+    "semcal calibrate wrote."
 )
 @drive_argument
 @click.argument("calibration", type=PATH)
@@ -50,7 +51,13 @@ def report(
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.report import read_report_input, write_report
+    from semcal_cli.rig.document import find_rig
 
+    if (rig := find_rig(drive)) is not None:
+        from semcal_cli.cli.rig_pages import report_rig
+
+        report_rig(rig, calibration, output, against, max_points, threads, quiet)
+        return
     spec = read_drive(drive, max_points)
     given = [drive_file(path) for path in (calibration, against) if path is not None]
     check_page(output)

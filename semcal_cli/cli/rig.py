@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import click
 
 from semcal_cli.cli.options import ResultOptions, given_parameters
-from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs
-from semcal_cli.cli.tables import labelled, matrix_lines, row
+from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page
+from semcal_cli.cli.tables import labelled, matrix_lines
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.loading import load
 from semcal_cli.errors import CalibrationError, InputError, SemcalError
@@ -23,6 +23,7 @@ from semcal_cli.files.reading import is_folder
 from semcal_cli.files.writing import make_folder, write_text
 from semcal_cli.jobs.threads import set_num_threads
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.intervals import intervals
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 
 OF_ONE_CAMERA = (
     *("init", "init_rpy_xyz", "search_deg", "fix", "prior_translation_m", "prior_rotation_deg"),
-    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "page", "images", "split"),
+    *("to", "to_direction", "to_frame", "to_camera", "to_lidar", "images", "split"),
 )
 """Parameters of `calibrate` that would have another meaning for each camera."""
 SUFFIXES = (".yaml", ".yml", ".json")
@@ -60,6 +61,7 @@ def calibrate_rig(
         CalibrationError: a camera has no answer; the results of the others are written.
     """
     _check_options(path)
+    page: Path | None = click.get_current_context().params["page"]
     folder = options.output
     if folder is None:
         raise click.UsageError(
@@ -69,7 +71,7 @@ def calibrate_rig(
     drives = rig.read_drives(options.max_points)
     outputs = {name: Outputs(folder / f"{name}.yaml") for name in drives}
     with _made(folder):
-        _check_outputs(rig, drives, outputs, folder / f"{RESULT}.yaml", options.log)
+        _check_outputs(rig, drives, outputs, folder / f"{RESULT}.yaml", options.log, page)
     set_num_threads(options.threads)
     sweeps, hashes = Sweeps(), dict[str, str]()
     terminals = {name: Terminal(quiet=options.quiet, verbose=options.verbose) for name in drives}
@@ -95,7 +97,11 @@ def calibrate_rig(
     if options.log is not None:
         logs = {name: terminal.log_document(options.threads) for name, terminal in terminals.items()}
         write_text(json.dumps(logs, indent=2) + "\n", options.log)
-    Terminal(quiet=options.quiet).print(*_lines(rig_calibration, sum(used.values()), folder))
+    terminal = Terminal(quiet=options.quiet)
+    terminal.print(*_lines(rig_calibration, sum(used.values()), folder))
+    if page is not None:
+        _write_page(rig_calibration, drives, (str(path), str(folder / f"{RESULT}.yaml")), page, terminal)
+    _print_verdict(rig_calibration, terminal)
     if failures:
         raise CalibrationError(_sentence(failures, len(drives)))
     return EXIT_NOT_TRUSTED if rig_calibration.status == "not_trusted" else 0
@@ -117,10 +123,31 @@ def _lines(found: RigCalibration, num_frames: int, folder: Path) -> list[str]:
     return [
         *(line for pair in found.pairs for line in _pair_lines(pair)),
         labelled("sweeps", f"{found.num_sweeps:,} for {num_frames:,} frames"),
-        labelled("rig", found.status),
-        labelled("written to", str(folder / f"{RESULT}.yaml")),
         *(labelled("note", note) for note in found.notes),
+        labelled("written to", str(folder / f"{RESULT}.yaml")),
     ]
+
+
+def _print_verdict(found: RigCalibration, terminal: Terminal) -> None:
+    """Print the verdict on a rig with the cameras that it is due to."""
+    if found.status == "trusted":
+        terminal.print_verdict(labelled("rig", "trusted"), "trusted")
+        return
+    worst = found.failures or [name for name, each in found.cameras.items() if each.status == found.status]
+    line = labelled("rig", f"{found.status.replace('_', ' ')}: {', '.join(worst)}")
+    terminal.print_verdict(line, "not_trusted" if found.status == "failed" else found.status)
+
+
+def _write_page(
+    found: RigCalibration, drives: Mapping[str, Drive], given: tuple[str, str], page: Path, terminal: Terminal
+) -> None:
+    """Write the page about a rig."""
+    from semcal_cli.cli.terminal import progress_line
+    from semcal_cli.rig.page import rig_page_html
+
+    with progress_line(terminal.console) as progress:
+        write_text(rig_page_html(found, drives, given, progress), page)
+    terminal.print(labelled("report", str(page)))
 
 
 def _sentence(failures: Mapping[str, str], num_cameras: int) -> str:
@@ -155,30 +182,30 @@ def _made(folder: Path) -> Iterator[None]:
 
 
 def _check_outputs(
-    rig: Rig, drives: Mapping[str, Drive], outputs: Mapping[str, Outputs], result: Path, log: Path | None
+    rig: Rig, drives: Mapping[str, Drive], outputs: Mapping[str, Outputs], *others: Path | None
 ) -> None:
-    """Check that no result overwrites a file that is read for any camera."""
+    """Check that no result, the last of which is the page, overwrites a file that is read for any camera."""
+    if others[-1] is not None:
+        check_page(others[-1])
     read = [rig.path, *(drive.path for drive in drives.values())]
     read += [drive.resolve(name) for drive in drives.values() for name in drive.files()]
-    written = [each.output for each in outputs.values()]
-    check_outputs(read, [path for path in (*written, result, log) if path is not None])
+    written = [*(each.output for each in outputs.values()), *others]
+    check_outputs(read, [path for path in written if path is not None])
     for name, drive in drives.items():
         outputs[name].check(drive)
 
 
 def _pair_lines(pair: Pair) -> list[str]:
     """Describe a pair of cameras as lines of text."""
-    lines = [f"T_{pair.a}_{pair.b}", *(f"{'':<17}{line}" for line in matrix_lines(pair.T_a_b))]
+    lines = [f"T_{pair.a}_{pair.b}", *(labelled("", line) for line in matrix_lines(pair.T_a_b))]
     if pair.uncertainty is not None:
-        half = pair.uncertainty.half_widths
-        center_cm = row([100.0 * x for x in half[:3]], 3)
-        lines.append(labelled("95 % interval", f"+- {center_cm} cm, {row(half[3:], 4)} deg"))
+        center, rotation = intervals(pair.uncertainty.half_widths)
+        lines += [labelled("95 % interval", center), labelled("", rotation)]
     if pair.reference is not None and pair.error is not None:
-        verdict = {None: "", True: ": within the uncertainty", False: ": more than chance explains"}[
-            pair.is_explained
-        ]
+        off = f"{10.0 * pair.error.camera_center_cm:.1f} mm and {pair.error.rotation_deg:.3f} degrees"
+        lines.append(labelled("reference", f"{off} from {pair.reference.source}"))
+    if pair.is_explained is not None:
         lines.append(
-            f"{'reference':<17}{pair.error.camera_center_cm:.3f} cm and {pair.error.rotation_deg:.4f} deg from "
-            f"{pair.reference.source}{verdict}"
+            labelled("", "within the uncertainty" if pair.is_explained else "more than chance explains")
         )
     return lines

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.drive.other_documents import OF_CALIBRATE, check_is_drive
+from semcal_cli.drive.other_documents import OF_RIG, check_is_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.messages import describe, mismatch
@@ -391,7 +391,7 @@ def read_drive(path: Path | str, max_points: int = MAX_POINTS) -> Drive:
     path = Path(path)
     file = drive_file(path)
     if is_folder(path) and not file.exists() and (path / RIG_FILE).exists():
-        raise InputError(f"{path / RIG_FILE}: {OF_CALIBRATE}")
+        raise InputError(f"{path / RIG_FILE}: {OF_RIG}")
     document = read_document(file)
     check_is_drive(document, file)
     drive = validate(Drive, document, file)

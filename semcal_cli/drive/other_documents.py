@@ -12,7 +12,10 @@ RIG = "semcal_rig"
 """Version key of a rig of several cameras; see `semcal_cli.rig`."""
 CALIBRATIONS = {"semcal_calibration", "semcal_transform", "semcal_fleet", "semcal_rig_calibration"}
 """Version keys of files with a transform."""
-OF_CALIBRATE = "found a rig, which only `semcal calibrate` takes, needed the drive of one of its cameras"
+OF_RIG = (
+    "found a rig, which only `semcal calibrate`, `inspect`, `report` and `overlay` take, needed the drive of one of "
+    "its cameras"
+)
 
 
 def check_is_drive(document: Mapping[str, Any], path: Path) -> None:
@@ -23,6 +26,6 @@ def check_is_drive(document: Mapping[str, Any], path: Path) -> None:
         InputError: it is a rig.
     """
     if RIG in document:
-        raise InputError(f"{path}: {OF_CALIBRATE}")
+        raise InputError(f"{path}: {OF_RIG}")
     if CALIBRATIONS & document.keys():
         raise MisplacedError(f"{path}: found a calibration where the drive belongs")

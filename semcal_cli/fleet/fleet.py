@@ -27,12 +27,6 @@ class Offset:
     half_widths: npt.NDArray[np.float64]
     """(6,) half widths of the 95 % intervals, metres and degrees."""
 
-    @property
-    def words(self) -> str:
-        """Total offset as text."""
-        center_cm, rotation_deg = 100.0 * np.linalg.norm(self.center_m), np.linalg.norm(self.rotation_deg)
-        return f"{center_cm:.2f} cm and {rotation_deg:.3f} deg"
-
     def judge(self, limits: Limits) -> tuple[Check, ...]:
         """Judge the offset along and about each axis, and in all."""
         return judge(self.center_m.tolist(), self.rotation_deg.tolist(), self.half_widths.tolist(), limits)

@@ -2,29 +2,52 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-from semcal_cli.config import Limits
-from semcal_cli.fleet.fleet import ComparedDrive, Fleet
-from semcal_cli.fleet.plot import plot_fleet
+from markupsafe import Markup
+
+from semcal_cli.assessment.limits import Check
+from semcal_cli.fleet.course import Kind, course_of, kind_of
+from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Part
+from semcal_cli.fleet.panels import BOX, panels
+from semcal_cli.fleet.words import SIGNS, figures, sentences, subject_of, title
 from semcal_cli.geometry.poses import camera_center
-from semcal_cli.report.notations import notations
+from semcal_cli.report.notations import Notation, notations
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict
+from semcal_cli.result.intervals import intervals
 from semcal_cli.result.provenance import versions
 
-TITLES = {
-    "pass": "The rig holds",
-    "fail": "The rig does not hold",
-    "inconclusive": "The drives cannot decide",
+KINDS: dict[Kind, str] = {
+    "beyond": "drive surely beyond what is allowed",
+    "disagrees": "drive that disagrees, or is perhaps beyond what is allowed",
+    "agrees": "drive",
 }
-SENTENCES = {
-    "pass": "No change, no drift and no drive is beyond what is allowed.",
-    "fail": "Something is surely beyond what is allowed.",
-    "inconclusive": "Nothing is surely beyond what is allowed, and not all is surely within.",
-}
+"""Meaning of the dots, the worst first."""
+ROWS: dict[Kind, str] = {"beyond": "surely beyond", "disagrees": "disagrees", "agrees": "agrees"}
+"""Verdicts in the table of drives."""
+VERDICTS = ("fail", "inconclusive", "pass")
+MAX_ROWS = 1000
+"""Largest number of rows of a table; the result file has all."""
+MAX_PARTS = 100
+"""Largest number of parts of the history that the page shows, the last ones."""
+MAX_LETTERS = 200
+"""Largest number of letters of a name or a sentence; with more of them the page would not stay small."""
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """A row of the table of checks, as text."""
+
+    subject: str
+    quantity: str
+    found: str
+    half_width: str
+    allowed: str
+    unit: str
+    verdict: str
 
 
 @dataclass(frozen=True)
@@ -37,7 +60,19 @@ class DriveRow:
     center_half: str
     rotation: str
     rotation_half: str
+    kind: Kind
     verdict: str
+
+
+@dataclass(frozen=True)
+class PartRow:
+    """A stretch of time, what held in it, and how well that is known."""
+
+    first: str
+    last: str
+    num_drives: int
+    intervals: tuple[str, str]
+    notation: Notation
 
 
 def page_html(fleet: Fleet, given: Sequence[str]) -> str:
@@ -47,40 +82,86 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         fleet: Combined result that the page shows.
         given: Names of the inputs that it was computed from.
     """
-    known, scatter = fleet.parts[-1].half_widths, fleet.scatter
+    course = course_of(fleet)
+    checks = sorted(fleet.checks, key=lambda check: VERDICTS.index(check.verdict))
+    rows = sorted(_drive_rows(fleet), key=lambda row: list(KINDS).index(row.kind))
     return ENVIRONMENT.get_template("fleet/page.html").render(
         style=source("page.css"),
+        own_style=Markup((Path(__file__).parent / "fleet.css").read_text()),
         script=source("copy.js"),
         version=versions()["semcal"],
         fleet=fleet,
         given=given,
         verdict=Verdict(
-            fleet.verdict, TITLES[fleet.verdict], SENTENCES[fleet.verdict], reasons=fleet.reasons
+            fleet.verdict,
+            title(fleet),
+            " ".join(map(_cut, sentences(fleet))),
+            reasons=tuple(map(_cut, fleet.reasons)),
         ),
         notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
-        known_cm=(100.0 * known[:3]).tolist(),
-        known_deg=known[3:].tolist(),
-        scatter_cm=(100.0 * scatter[:3]).tolist(),
-        scatter_deg=scatter[3:].tolist(),
-        plot=base64.b64encode(plot_fleet(fleet, "svg")).decode(),
+        known=intervals(fleet.parts[-1].half_widths.tolist()),
+        scatter=intervals(fleet.scatter.tolist()),
+        course=course,
+        panels=panels(course),
+        box=BOX,
+        kinds=KINDS,
+        signs=SIGNS,
         notations=notations(fleet.T_camera_lidar),
-        rows=[_row(drive, fleet.limits) for drive in fleet.drives],
+        parts=[_part_row(part) for part in fleet.parts[-MAX_PARTS:]],
+        checks=[_check_row(check) for check in checks[:MAX_ROWS]],
+        num_checks=len(checks),
+        rows=rows[:MAX_ROWS],
+        left_out=[(_cut(m.drive), _cut(m.left_out or "")) for m in fleet.left_out[:MAX_ROWS]],
+        num_hidden=max(len(rows) - MAX_ROWS, 0) + max(len(fleet.left_out) - MAX_ROWS, 0),
     )
 
 
-def _row(compared: ComparedDrive, limits: Limits) -> DriveRow:
-    center, rotation = (check for check in compared.offset.judge(limits) if check.name.endswith("in all"))
+def _part_row(part: Part) -> PartRow:
+    notation = notations(part.T_camera_lidar)[0]
+    return PartRow(
+        _cut(part.first), _cut(part.last), part.num_drives, intervals(part.half_widths.tolist()), notation
+    )
+
+
+def _check_row(check: Check) -> CheckRow:
+    subject, quantity = subject_of(check.name)
+    scale, unit, least = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "degrees", 3)
+    assert check.half_width is not None
+    found, half_width = figures(scale * check.offset, scale * check.half_width, least)
+    return CheckRow(
+        _cut(subject), quantity, found, half_width, f"{scale * check.allowed:g}", unit, check.verdict
+    )
+
+
+def _drive_rows(fleet: Fleet) -> list[DriveRow]:
+    return [_drive_row(drive, label, fleet) for drive, label in zip(fleet.drives, _times(fleet), strict=True)]
+
+
+def _times(fleet: Fleet) -> list[str]:
+    """Times of all drives as text: days since the first, or numbers."""
+    if fleet.order == "stamp":
+        return [f"{drive.time:.2f}" for drive in fleet.drives]
+    return [str(number) for number in range(1, len(fleet.drives) + 1)]
+
+
+def _drive_row(compared: ComparedDrive, time: str, fleet: Fleet) -> DriveRow:
+    center, rotation = (
+        check for check in compared.offset.judge(fleet.limits) if check.name.endswith("in all")
+    )
     assert center.half_width is not None
     assert rotation.half_width is not None
-    beyond = "farther off than is allowed" if compared.is_far else ""
-    surely = "surely " if compared.verdict == "fail" else ""
+    kind = kind_of(compared)
+    verdict = "perhaps beyond" if compared.is_suspect else ROWS[kind]
     return DriveRow(
-        drive=compared.member.drive,
-        time=f"{compared.time:g}",
-        center=f"{center.offset:.3f}",
-        center_half=f"{center.half_width:.3f}",
-        rotation=f"{rotation.offset:.4f}",
-        rotation_half=f"{rotation.half_width:.4f}",
-        verdict=surely + beyond or ("disagrees, within what is allowed" if compared.disagrees else "agrees"),
+        _cut(compared.member.drive),
+        time,
+        *figures(10.0 * center.offset, 10.0 * center.half_width, 1),
+        *figures(rotation.offset, rotation.half_width, 3),
+        kind,
+        verdict,
     )
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= MAX_LETTERS else f"{text[: MAX_LETTERS - 3]}..."

@@ -1,4 +1,4 @@
-"""The drives of a fleet over time, axis by axis."""
+"""The course of a fleet as one picture, for documents and for the eye."""
 
 from __future__ import annotations
 
@@ -6,21 +6,22 @@ import io
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from semcal_cli.fleet.course import Axis, Course, Kind, course_of
 from semcal_cli.fleet.fleet import Fleet
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-TITLES = (
-    *("camera centre x, cm", "camera centre y, cm", "camera centre z, cm"),
-    *("rotation about x, deg", "rotation about y, deg", "rotation about z, deg"),
-)
-UNITS = np.array([100.0] * 3 + [1.0] * 3)
-"""Factors from metres and degrees to the drawn units, centimetres and degrees."""
-AGREES, DISAGREES, EXPECTED = "#0072b2", "#d55e00", "#444444"
+STYLES: dict[Kind, tuple[str, str, str]] = {
+    "agrees": ("#0072b2", "o", "drives, with 95 % intervals"),
+    "disagrees": ("#8a5a00", "s", "drives that disagree"),
+    "beyond": ("#b34700", "D", "drives surely beyond what is allowed"),
+}
+"""Colour, marker and meaning of each kind of drive, the page's own."""
+EXPECTED, CHANGED = "#1b1f24", "#5b6470"
+MAX_TICKS = 6
 
 
 def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
@@ -32,43 +33,42 @@ def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
         mpl.rcdefaults()
         mpl.rcParams.update({"svg.hashsalt": "semcal", "svg.fonttype": "path"})
         buffer = io.BytesIO()
-        _draw(fleet).savefig(
+        _draw(course_of(fleet)).savefig(
             buffer, format=format, dpi=120, metadata={"Date": None} if format == "svg" else None
         )
     return buffer.getvalue()
 
 
-def _draw(fleet: Fleet) -> Figure:
+def _draw(course: Course) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 8.0), layout="constrained")
     all_axes = figure.subplots(3, 2, sharex=True)
-    for index, title in enumerate(TITLES):
+    for index, axis in enumerate(course.axes):
         axes = all_axes[index % 3][index // 3]
-        _draw_expected(axes, fleet, index)
-        _draw_drives(axes, fleet, index)
-        axes.set_title(title, fontsize=10, loc="left")
+        _draw_expected(axes, course, axis)
+        _draw_drives(axes, course, axis)
+        _draw_changes(axes, course, index)
+        axes.set_title(f"{axis.name}, {axis.unit}", fontsize=10, loc="left")
         axes.grid(alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
-    for axes in all_axes[-1]:
-        axes.set_xlabel("days since the first" if fleet.order == "stamp" else "drives, by name")
+    _name_drives(all_axes[-1], course)
     handles, labels = all_axes[0][0].get_legend_handles_labels()
     once = dict(zip(labels, handles, strict=True))
-    figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=4, frameon=False)
+    figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5, frameon=False)
     return figure
 
 
-def _draw_expected(axes: Axes, fleet: Fleet, index: int) -> None:
+def _draw_expected(axes: Axes, course: Course, axis: Axis) -> None:
     """Draw the rig's pose at each time, part by part, with the allowed range about it."""
-    times, expected = _times(fleet), _expected(fleet)[:, index]
-    reach = 100.0 * fleet.limits.translation_m if index < 3 else fleet.limits.rotation_deg
-    for part in range(len(fleet.parts)):
-        mine = np.array([drive.part == part for drive in fleet.drives])
-        axes.plot(times[mine], expected[mine], color=EXPECTED, label="holds then")
+    for part in range(int(course.parts[-1]) + 1):
+        mine = course.parts == part
+        times, expected = course.times[mine], axis.expected[mine]
+        axes.plot(times, expected, color=EXPECTED, label="holds then")
         axes.fill_between(
-            times[mine],
-            expected[mine] - reach,
-            expected[mine] + reach,
+            times,
+            expected - axis.allowed,
+            expected + axis.allowed,
             color=EXPECTED,
             alpha=0.08,
             linewidth=0.0,
@@ -76,22 +76,16 @@ def _draw_expected(axes: Axes, fleet: Fleet, index: int) -> None:
         )
 
 
-def _draw_drives(axes: Axes, fleet: Fleet, index: int) -> None:
+def _draw_drives(axes: Axes, course: Course, axis: Axis) -> None:
     """Draw the pose of each drive, with its 95 % interval."""
-    times, disagrees = _times(fleet), np.array([drive.disagrees for drive in fleet.drives])
-    offsets = np.array([np.concatenate([d.offset.center_m, d.offset.rotation_deg]) for d in fleet.drives])
-    found = (_expected(fleet) + UNITS * offsets)[:, index]
-    halves = (UNITS * np.array([drive.offset.half_widths for drive in fleet.drives]))[:, index]
-    for chosen, color, label in (
-        (~disagrees, AGREES, "drives, 95 %"),
-        (disagrees, DISAGREES, "drives that disagree"),
-    ):
+    for kind, (color, marker, label) in STYLES.items():
+        chosen = np.array([each == kind for each in course.kinds])
         if chosen.any():
             axes.errorbar(
-                times[chosen],
-                found[chosen],
-                halves[chosen],
-                fmt="o",
+                course.times[chosen],
+                axis.found[chosen],
+                axis.half_widths[chosen],
+                fmt=marker,
                 markersize=4,
                 linewidth=1.0,
                 color=color,
@@ -99,12 +93,28 @@ def _draw_drives(axes: Axes, fleet: Fleet, index: int) -> None:
             )
 
 
-def _times(fleet: Fleet) -> npt.NDArray[np.float64]:
-    """Times (N,) of the drives."""
-    return np.array([drive.time for drive in fleet.drives])
+def _draw_changes(axes: Axes, course: Course, index: int) -> None:
+    """Draw each change as a line with the first drive after it, and its size along this axis."""
+    for change in course.changes:
+        axes.axvline(change.time, color=CHANGED, linestyle="--", linewidth=1.2)
+        text = f"{change.name}: {change.sizes[index]}" if change.sizes[index] else change.name
+        axes.annotate(
+            text,
+            (change.time, 1.0),
+            xycoords=axes.get_xaxis_transform(),
+            xytext=(3.0, -2.0),
+            textcoords="offset points",
+            va="top",
+            fontsize=8,
+            color=CHANGED,
+            parse_math=False,
+        )
 
 
-def _expected(fleet: Fleet) -> npt.NDArray[np.float64]:
-    """Pose of the rig (N, 6) at the time of each drive, centimetres and degrees."""
-    expected: npt.NDArray[np.float64] = UNITS * np.array([drive.expected for drive in fleet.drives])
-    return expected
+def _name_drives(lowest: list[Axes], course: Course) -> None:
+    """Name drives below the lowest drawings: evenly spaced ones, if there is no room for all."""
+    chosen = np.unique(np.linspace(0, len(course.labels) - 1, MAX_TICKS).round().astype(int)).tolist()
+    for axes in lowest:
+        axes.set_xticks(course.times[chosen])
+        axes.set_xticklabels([course.labels[i] for i in chosen], fontsize=8, parse_math=False)
+        axes.set_xlabel(course.title)

@@ -10,13 +10,14 @@ from semcal_cli.config import Limits
 from semcal_cli.files.messages import listed
 from semcal_cli.fleet.fleet import ComparedDrive, Offset, Order, Part
 from semcal_cli.fleet.members import Member
+from semcal_cli.fleet.words import change_lines, drift_line
 
 MIN_DRIVES = 3
 """Least number of drives that tell how they scatter."""
 MIN_USED = 0.5
 """Least share of the drives that can be used; if most drives fail, the rest says little."""
 MAX_NAMED = 8
-"""Largest number of changes that one sentence names."""
+"""Largest number of changes that are told."""
 
 
 def judge_fleet(
@@ -54,11 +55,9 @@ def conclude(
     """Give the verdict on the fleet, with sentences on the changes and on missing information."""
     num_used, num_all = len(drives), len(drives) + len(left_out)
     verdicts: list[Verdict] = [check.verdict for check in checks]
-    changed = [f"{part.first} by {part.change.words}" for part in parts if part.change is not None]
-    more = [f"and {len(changed) - MAX_NAMED:,} times more"] if len(changed) > MAX_NAMED else []
-    reasons = [f"changed at {', '.join([*changed[:MAX_NAMED], *more])}"] if changed else []
+    reasons = change_lines(parts, MAX_NAMED)
     if drifted is not None:
-        reasons.append(f"drifted by {drifted.words} from the first drive to the last")
+        reasons.append(drift_line(drifted))
     for words, found in (
         ("surely farther off than is allowed", [d for d in drives if d.verdict == "fail"]),
         ("farther off than is allowed, not surely", [d for d in drives if d.is_suspect]),

@@ -1,11 +1,11 @@
-(() => {
-  const canvas = document.getElementById("cloud-view");
-  const data = JSON.parse(document.getElementById("cloud-data").textContent);
+// Show points and cameras in 3-D, in the LiDAR frame. `data` has the points, their colours by meaning, and one camera
+// or several; `choice` is the list of the meanings. Elements of class cloud-label beside the canvas name the cameras.
+function showCloud(canvas, data, choice) {
   // The drawing is kept, so that it can be printed.
   const gl = canvas.getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
   if (!gl) {
     canvas.replaceWith("This browser shows no 3-D pictures: WebGL is not available.");
-    document.getElementById("cloud-colors").disabled = true;
+    choice.disabled = true;
     return;
   }
   canvas.addEventListener("webglcontextlost", () => canvas.replaceWith("The 3-D picture was lost: reload the page."));
@@ -46,28 +46,39 @@
     gl.bufferData(gl.ARRAY_BUFFER, array, gl.STATIC_DRAW);
     return made;
   };
-  const [cx, cy, cz] = data.camera_center;
-  const edges = data.corners.flatMap((corner, i) => [
-    cx, cy, cz, ...corner, ...corner, ...data.corners[(i + 1) % data.corners.length],
-  ]);
-  // The optical axis, and the LiDAR's: x red, y green, z blue.
-  const axis = data.optical_axis;
-  edges.push(cx, cy, cz, cx + 2 * axis[0], cy + 2 * axis[1], cz + 2 * axis[2]);
-  edges.push(0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 1);
+  const cameras = data.cameras ?? [data];
+  const edges = [], edgeColors = [];
+  const line = (from, to, color) => {
+    edges.push(...from, ...to);
+    edgeColors.push(...color, ...color);
+  };
+  const ahead = (camera, distance) => camera.camera_center.map((x, i) => x + distance * camera.optical_axis[i]);
+  for (const camera of cameras) {
+    const shade = camera.color ?? [255, 255, 255];
+    camera.corners.forEach((corner, i) => {
+      line(camera.camera_center, corner, shade);
+      line(corner, camera.corners[(i + 1) % camera.corners.length], shade);
+    });
+    line(camera.camera_center, ahead(camera, 2), shade);
+  }
+  // The LiDAR's axes: x red, y green, z blue.
+  line([0, 0, 0], [1, 0, 0], [255, 70, 70]);
+  line([0, 0, 0], [0, 1, 0], [70, 220, 70]);
+  line([0, 0, 0], [0, 0, 1], [90, 140, 255]);
   const numEdges = edges.length / 3;
-  const edgeColors = new Uint8Array(3 * numEdges).fill(255);
-  edgeColors.set([255, 70, 70, 255, 70, 70, 70, 220, 70, 70, 220, 70, 90, 140, 255, 90, 140, 255], 3 * (numEdges - 6));
 
   const points = buffer(positions);
   const colors = Object.fromEntries(Object.entries(data.colors).map(([name, text]) => [name, buffer(bytes(text))]));
   const lines = buffer(new Float32Array(edges));
-  const lineColors = buffer(edgeColors);
-  const choice = document.getElementById("cloud-colors");
+  const lineColors = buffer(new Uint8Array(edgeColors));
 
-  // From behind the camera and above it, in the direction that it looks.
-  const start = { yaw: Math.atan2(axis[1], axis[0]), pitch: 0.35, distance: 14 };
+  // From behind the camera and above it, in the direction that it looks; of several, from behind the LiDAR.
+  const [first] = cameras, isOne = cameras.length === 1, axis = first.optical_axis;
+  const start = isOne
+    ? { yaw: Math.atan2(axis[1], axis[0]), pitch: 0.35, distance: 14 }
+    : { yaw: 0.5, pitch: 0.6, distance: 6 };
   const eye = { ...start };
-  const target = [cx + 5 * axis[0], cy + 5 * axis[1], cz + 5 * axis[2] * 0.5];
+  const target = isOne ? first.camera_center.map((x, i) => x + 5 * axis[i] * (i === 2 ? 0.5 : 1)) : [0, 0, 0];
 
   function viewMatrix(aspect) {
     const { yaw, pitch, distance } = eye;
@@ -94,7 +105,8 @@
     gl.clearColor(0.063, 0.078, 0.094, 1);
     gl.enable(gl.DEPTH_TEST);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
-    gl.uniformMatrix4fv(gl.getUniformLocation(program, "view"), false, viewMatrix(canvas.width / canvas.height));
+    const view = viewMatrix(canvas.width / canvas.height);
+    gl.uniformMatrix4fv(gl.getUniformLocation(program, "view"), false, view);
     gl.uniform1f(gl.getUniformLocation(program, "ratio"), ratio);
     const show = (mode, where, what, count) => {
       for (const [attribute, array, type, unit] of [[position, where, gl.FLOAT, false], [color, what, gl.UNSIGNED_BYTE, true]]) {
@@ -106,6 +118,21 @@
     };
     show(gl.POINTS, points, colors[choice.value], positions.length / 3);
     show(gl.LINES, lines, lineColors, numEdges);
+    placeLabels(view);
+  }
+
+  const labels = canvas.parentElement.querySelectorAll(".cloud-label");
+  function placeLabels(view) {
+    labels.forEach((label, i) => {
+      const at = [...ahead(cameras[i], 2.1), 1];
+      const [x, y, , w] = [0, 1, 2, 3].map((row) => at.reduce((sum, value, column) => sum + view[4 * column + row] * value, 0));
+      const left = (0.5 + 0.5 * x / w) * canvas.clientWidth - label.offsetWidth / 2;
+      const top = (0.5 - 0.5 * y / w) * canvas.clientHeight - label.offsetHeight / 2;
+      const isInside = w > 0 && left >= 0 && top >= 0
+        && left + label.offsetWidth <= canvas.clientWidth && top + label.offsetHeight <= canvas.clientHeight;
+      label.style.visibility = isInside ? "visible" : "hidden";
+      label.style.transform = isInside ? `translate(${left}px, ${top}px)` : "";
+    });
   }
 
   let pending = false;
@@ -173,4 +200,4 @@
   addEventListener("resize", redraw);
   choose();
   draw();
-})();
+}

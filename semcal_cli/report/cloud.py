@@ -11,9 +11,10 @@ import numpy.typing as npt
 
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Camera
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.reading import read_frame_image
-from semcal_cli.geometry.poses import camera_center, inverse
+from semcal_cli.geometry.poses import Pose, camera_center, inverse
 from semcal_cli.report.colors import Colors, hex_color, palettes
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.overlay import points_in_image
@@ -54,14 +55,14 @@ def frame_cloud(report: ReportInput) -> Cloud:
     number = next((i for i, name in enumerate(names) if name is not None), 0)
     points, classes = observations.clouds[number].points, observations.clouds[number].classes
     seen = points_in_image(points, T, observations.camera)
-    visible = _thinned(~seen.is_hidden, MAX_SEEN)
+    visible = thinned(~seen.is_hidden, MAX_SEEN)
     is_other = np.linalg.norm(points, axis=1) < MAX_RANGE_M
     is_other[seen.indices[~seen.is_hidden]] = False
-    others = _thinned(is_other, MAX_OTHERS)
+    others = thinned(is_other, MAX_OTHERS)
     pixels, indices = seen.pixels[visible], seen.indices[visible]
     kept = np.concatenate([indices, others])
     of_points, of_pixels = palettes(observations)
-    pixel_classes = _at(observations.images[number].classes, pixels)
+    pixel_classes = at_pixels(observations.images[number].classes, pixels)
     point_classes = classes[indices]
     by = {
         "label of the pixel": _label_colors(pixel_classes, of_pixels),
@@ -73,26 +74,25 @@ def frame_cloud(report: ReportInput) -> Cloud:
     }
     image = read_frame_image(report.drive, report.drive.frames[number])
     if image is not None:
-        by["picture"] = _at(image, pixels)[:, ::-1]
+        by["picture"] = at_pixels(image, pixels)[:, ::-1]
     grey = np.full((len(others), 3), GREY, np.uint8)
-    positions = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
     return Cloud(
         frame=report.drive.frames[number].points,
-        positions_cm=_text(positions),
-        colors={name: _text(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
+        positions_cm=centimetres(points[kept]),
+        colors={name: encoded(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
         legends=legends,
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
-        corners=_corners(report),
+        corners=frustum(observations.camera, T),
     )
 
 
-def _thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
+def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
     """Indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
     return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
 
 
-def _at(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
     """Values of an image at the pixels (M, 2)."""
     u, v = pixels.T
     found: npt.NDArray[np.uint8] = image[
@@ -114,20 +114,25 @@ def _legend(classes: npt.NDArray[np.uint8], names: Sequence[str], palette: Color
     return {names[index]: hex_color(tuple(palette[index].tolist())) for index in present}
 
 
-def _corners(report: ReportInput) -> list[list[float]]:
-    """Ends of the edges of the camera's view, in the LiDAR frame."""
-    camera = report.observations.camera
+def frustum(camera: Camera, T_camera_lidar: Pose) -> list[list[float]]:
+    """Ends of the edges of a camera's view, in the LiDAR frame; none if the lens does not reach the corners."""
     right, bottom = camera.width - 0.5, camera.height - 0.5
     pixels = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
     rays = core_camera(camera).unproject(pixels)
     if not np.isfinite(rays).all():
         return []
-    T_lidar_camera = inverse(report.T_camera_lidar)
+    T_lidar_camera = inverse(T_camera_lidar)
     corners: list[list[float]] = (
         FRUSTUM_M * rays @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
     ).tolist()
     return corners
 
 
-def _text(array: npt.NDArray[np.generic]) -> str:
+def centimetres(points: npt.NDArray[np.float32]) -> str:
+    """Encode points (N, 3), metres, as int16 centimetres."""
+    return encoded(np.clip(np.rint(100.0 * points), -32_767, 32_767).astype("<i2"))
+
+
+def encoded(array: npt.NDArray[np.generic]) -> str:
+    """Encode the bytes of an array as base64."""
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

@@ -38,7 +38,9 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
     rotation_vector = rotation_vector_deg(T_camera_lidar)
     return [
         T_notation(T_camera_lidar),
-        Notation("T_lidar_camera", "its inverse, p_lidar = T_lidar_camera p_camera", _matrix(T_lidar_camera)),
+        Notation(
+            "T_lidar_camera", "its inverse, p_lidar = T_lidar_camera p_camera", matrix_text(T_lidar_camera)
+        ),
         Notation("camera centre x y z", "metres, in the LiDAR frame", _row(camera_center(T_camera_lidar))),
         Notation(
             "roll pitch yaw",
@@ -58,7 +60,9 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
 
 def T_notation(T_camera_lidar: Pose) -> Notation:
     """Write a transform as a matrix."""
-    return Notation("T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", _matrix(T_camera_lidar))
+    return Notation(
+        "T_camera_lidar", "p_camera = T_camera_lidar p_lidar, metres", matrix_text(T_camera_lidar)
+    )
 
 
 def files(T_camera_lidar: Pose) -> list[Notation]:
@@ -78,7 +82,8 @@ def files(T_camera_lidar: Pose) -> list[Notation]:
     return found
 
 
-def _matrix(T: Pose) -> str:
+def matrix_text(T: Pose) -> str:
+    """Write a transform, a row on each line."""
     return "\n".join(_aligned(row) for row in T)
 
 

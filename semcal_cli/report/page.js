@@ -1,3 +1,9 @@
+showCloud(
+  document.getElementById("cloud-view"),
+  JSON.parse(document.getElementById("cloud-data").textContent),
+  document.getElementById("cloud-colors"),
+);
+
 // Printed, what is folded is opened.
 addEventListener("beforeprint", () => {
   for (const details of document.querySelectorAll("details:not([open])")) {

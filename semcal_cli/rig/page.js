@@ -1,0 +1,5 @@
+showCloud(
+  document.getElementById("cloud-view"),
+  JSON.parse(document.getElementById("cloud-data").textContent),
+  document.getElementById("cloud-colors"),
+);

@@ -1,0 +1,97 @@
+"""The result of a rig's calibration, read again: the rig_calibration.yaml and the calibrations beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Literal
+
+from semcal_cli.drive.document import Drive
+from semcal_cli.errors import InputError
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.messages import listed
+from semcal_cli.files.reading import is_folder
+from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
+from semcal_cli.result.calibration import read_calibration
+from semcal_cli.rig.calibration import RigCalibration, combine
+from semcal_cli.rig.document import RESULT, Rig
+
+KEY = "semcal_rig_calibration"
+
+
+class CameraResult(StrictModel):
+    """Result of one camera in the document of a rig's calibration."""
+
+    status: Literal["failed", "trusted", "not_trusted", "not_assessed"]
+    """Status of its calibration, or `failed` without one."""
+    reasons: list[str]
+    """Findings of its calibration, or the error."""
+    calibration: FileName | None = None
+    """File of its calibration, relative to the document; nothing if it failed."""
+    T_camera_lidar: StatedTransform | None = None
+    """Its transform; nothing if it failed."""
+
+
+class RigResult(StrictModel):
+    """Content of a rig_calibration.yaml."""
+
+    semcal_rig_calibration: Version
+    """Version of this format."""
+    status: str
+    """The worst status of all cameras."""
+    reasons: list[str]
+    """Findings and errors of all cameras."""
+    notes: list[str]
+    """Sentences that change no verdict."""
+    cameras: dict[str, CameraResult]
+    """Result of each camera."""
+    pairs: list[dict[str, Any]]
+    """Transforms between two cameras each; they are computed again where they are needed."""
+    num_sweeps: int
+    """Number of different clouds that were read."""
+    input: dict[str, Any]
+    """The rig.yaml, and the hashes of what was read."""
+    versions: dict[str, str]
+    """Versions of semcal and of what it is built on."""
+
+
+def result_file(path: Path) -> Path:
+    """Name the file of a rig's result.
+
+    Args:
+        path: The file, or the folder that `semcal calibrate` wrote.
+    """
+    return path / f"{RESULT}.yaml" if is_folder(path) else path
+
+
+def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibration:
+    """Read the result of a rig with the calibrations of its cameras.
+
+    Args:
+        rig: The rig.
+        drives: Drive of each of its cameras.
+        path: File of the result.
+
+    Raises:
+        InputError: a file is missing or wrong, is of other cameras, or the files do not belong together.
+    """
+    document = read_document(path)
+    if not isinstance(document, dict) or KEY not in document:
+        raise InputError(
+            f"{path}: found no key {KEY}, needed the {RESULT}.yaml that `semcal calibrate` wrote for {rig.path}"
+        )
+    result = validate(RigResult, document, path)
+    if result.cameras.keys() != drives.keys():
+        raise InputError(
+            f"{path}: cameras: found {listed(result.cameras)}, needed those of {rig.path}: {listed(drives)}"
+        )
+    cameras, failures = {}, {}
+    for name in drives:
+        camera = result.cameras[name]
+        if camera.calibration is None:
+            failures[name] = "; ".join(camera.reasons)
+            continue
+        file = path.parent / camera.calibration
+        cameras[name] = read_calibration(file)
+        if cameras[name].T_camera_lidar != camera.T_camera_lidar:
+            raise InputError(f"{file}: found another T_camera_lidar than in {path}, needed files of one run")
+    return combine(rig, drives, cameras, failures, result.num_sweeps)
