@@ -53,7 +53,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             "trusted",
             0,
             True,
-            ["verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0018 px at 10 m"],
+            ["verdict          trusted: +- 2.0 mm, +- 0.100 degrees (95 %), 0.0025 px at 10 m"],
         ),
         (
             "not_trusted",
