@@ -4,6 +4,7 @@ import os
 import re
 import runpy
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -102,6 +103,17 @@ RUNS: dict[str, tuple[str, list[str]]] = {
             for cues in ("segments", "segments,intensity", "intensity")
         ],
     ),
+    "pictures": (
+        "pictures.py --frames 2 --width 320 -o OUT/pictures --work OUT/work --program SEMCAL",
+        [
+            rf".*/{name}\.webp: \d+ kB"
+            for name in ("overlay", "terminal", "report", "verify_phone", "fleet", "view", "view_phone")
+        ],
+    ),
+    "report": (
+        "report.py --frames 2 --width 320 --height 180 --runs 1",
+        [rf"\| 2 \| {NUMBER} s \| {NUMBER} to {NUMBER} s \| {NUMBER} MB \|"],
+    ),
     "rig": (
         "rig.py --seeds 1 --cameras 2 --frames 2 --width 160",
         [rf"[01] of 1 pairs are trusted; one run takes {NUMBER} of the time of 2"],
@@ -188,6 +200,8 @@ def run(command: list[str], places: dict[str, Path]) -> str:
 def test_a_script_runs_to_its_end(name: str, places: dict[str, Path]) -> None:
     command, lines = RUNS[name]
     script, *arguments = shlex.split(command)
+    if name == "pictures" and shutil.which("chromedriver") is None and "CI" not in os.environ:
+        pytest.skip("no chromedriver on this machine")
     if "DATA" in arguments and not TEST_DATA.is_dir():
         pytest.skip(f"no real frames: {TEST_DATA} does not exist; set SEMCAL_TEST_DATA")
     printed = run([sys.executable, str(BENCHMARKS / script), *arguments], places)

@@ -1,3 +1,4 @@
+import re
 import shutil
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from semcal_cli.cli import semcal
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
 from semcal_cli.report.colors import class_colors
@@ -194,3 +196,25 @@ def test_pictures_replace_nothing_that_is_read(command: str, street: Path, tmp_p
 
 def test_many_classes_have_colours_of_their_own() -> None:
     assert len({tuple(color) for color in class_colors([str(i) for i in range(60)]).tolist()}) == 60
+
+
+def test_beside_another_transform_agreement_is_shown(street: Path, tmp_path: Path) -> None:
+    """Unless another meaning of the colours is asked for."""
+    arguments = ["overlay", str(street), str(street), "--max-frames", "1", "-q"]
+    for folder, options in (
+        ("default", ["--against", str(street)]),
+        ("agreement", ["--against", str(street), "--by", "agreement"]),
+        ("class", ["--against", str(street), "--by", "class"]),
+    ):
+        assert CliRunner().invoke(semcal, [*arguments, *options, "-o", str(tmp_path / folder)]).exit_code == 0
+    pictures = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
+    assert pictures["default"] == pictures["agreement"] != pictures["class"]
+
+
+def test_the_strip_names_frame_agreement_and_pose(street: Path, street_truth: np.ndarray) -> None:
+    drive = read_drive(street)
+    overlays = Overlays(drive, load_observations(drive), {"truth": street_truth})
+    name, share, agree, caption = re.split(r"   | % ", overlays.strip(0, "truth"))
+    assert (name, agree, caption) == (drive.frames[0].points, "agree", "truth")
+    assert 95.0 < float(share) <= 100.0
+    assert overlays.strip(0, "truth") != overlays.strip(1, "truth")

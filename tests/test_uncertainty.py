@@ -11,6 +11,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, inverse
 from semcal_cli.refinement.polish import newton
+from semcal_cli.result.stated import figure
 from semcal_cli.result.uncertainty import Uncertainty
 
 CONFIG = PolishConfig()
@@ -165,3 +166,11 @@ def test_a_twist_on_the_left_is_in_the_camera_frame(polished: Pose) -> None:
     moved[:3, 3] += [0.0, 0.0, 0.02]
     center = inverse(moved)[:3, 3] - inverse(T)[:3, 3]
     np.testing.assert_allclose(T[:3, :3] @ center, [0.0, 0.0, -0.02], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0998, "0.10"), (0.0994, "0.099"), (1.25, "1.2"), (99.6, "100"), (0.0, "0"), (-3.14159, "-3.1")],
+)
+def test_figures_have_two_digits(value: float, text: str) -> None:
+    assert figure(value) == text

@@ -10,6 +10,8 @@ import click
 from semcal_cli.cli.options import PATH, RunOptions, quiet_option, seed_option, threads_option
 
 NUM_FRAMES = 8
+OFF_DEG, OFF_M = 2.0, 0.1
+"""How far the camera is off on the left half of the picture, which shows what a wrong transform looks like."""
 
 
 @click.command()
@@ -32,6 +34,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.config import CalibrationConfig, SynthConfig
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
+    from semcal_cli.geometry.twists import displaced
     from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import calibrate
     from semcal_cli.report.overlay import Overlays
@@ -46,9 +49,9 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     config, outputs = CalibrationConfig(seed), Outputs(result, page=page)
     with loaded_drive(drive, config, outputs, RunOptions(threads, quiet)) as (data, terminal):
         calibration = calibrate(data, config, relative_to=outputs.folder, on_event=terminal.on_event)
-    initial = np.array(calibration.stages["initial"].T_camera_lidar)
-    poses = {"initial calibration, from nothing": initial, "refined": calibration.pose}
-    Overlays(data.drive, data.observations, poses).write(0, picture)
+    off = displaced(calibration.pose, OFF_DEG, OFF_M, np.random.default_rng(seed))
+    poses = {f"a camera {OFF_DEG:g} degrees off": off, "found from nothing": calibration.pose}
+    Overlays(data.drive, data.observations, poses, "agreement").write(0, picture)
     code = outputs.write(calibration, terminal, threads, data.drive)
     console.print("\nerror against the truth, which the calibration never saw:")
     for line in error_lines(compare_poses(calibration.pose, read_transform(drive))):

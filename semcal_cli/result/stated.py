@@ -71,5 +71,6 @@ def figure(value: float) -> str:
     """Format a figure with two significant digits and without an exponent."""
     if value == 0.0:
         return "0"
-    digits = max(0, 1 - math.floor(math.log10(abs(value))))
+    # The power of ten is that of the rounded figure: 0.0998 is 0.10.
+    digits = max(0, 1 - math.floor(math.log10(abs(float(f"{value:.1e}")))))
     return f"{value:.{min(digits, 6)}f}"

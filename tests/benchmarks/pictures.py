@@ -1,0 +1,166 @@
+"""Makes the pictures of the README and of docs/pictures.md: the terminal, and every page on a desk and on a telephone.
+
+    python tests/benchmarks/pictures.py -o docs/pictures
+
+Needs chromium and chromedriver. With --program it pictures another version of semcal; what that one cannot do is left
+out.
+"""
+
+import argparse
+import io
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+from selenium import webdriver
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from fleets import line, series_of, write_summary
+
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.twists import displaced
+
+DESK, PHONE, TERMINAL = (1400, 900), (390, 844), (820, 600)
+QUALITY = 70
+WIDEST = 1000
+"""Columns of a picture in the docs."""
+OFF_DEG, OFF_M = 0.6, 0.01
+
+
+def main() -> None:
+    """Make the pictures."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder of the pictures")
+    parser.add_argument(
+        "--work", type=Path, default=Path("semcal_pictures"), help="folder of what is pictured"
+    )
+    parser.add_argument("--program", default="semcal", help="the semcal that is pictured")
+    parser.add_argument("--suffix", default="", help="added to the names of the pictures")
+    parser.add_argument("--frames", type=int, default=8)
+    parser.add_argument("--width", type=int, default=1280)
+    options = parser.parse_args()
+    options.output.mkdir(parents=True, exist_ok=True)
+    options.work.mkdir(parents=True, exist_ok=True)
+    with browser() as chrome:
+        Pictures(options, chrome).make()
+
+
+class Pictures:
+    """Runs the commands in a folder, and pictures what they print and write."""
+
+    def __init__(self, options: argparse.Namespace, chrome: webdriver.Chrome) -> None:
+        self.options, self.chrome, self.work = options, chrome, options.work
+
+    def make(self) -> None:
+        """Make all pictures."""
+        width = self.options.width
+        self.run("demo", "demo")
+        self.keep("overlay", cv2.imread(str(self.work / "demo" / "overlay.png")))
+        size = ["--frames", str(self.options.frames), "--width", str(width), "--height", str(width * 9 // 16)]
+        self.run("synth", "drive", *size, "--seed", "3", "--force")
+        printed = self.run("calibrate", "drive", "-o", "calibration.yaml", "--report", "report.html")
+        self.terminal("terminal", "semcal calibrate drive -o calibration.yaml --report report.html", printed)
+        self.page("report", self.work / "report.html")
+        T_off = displaced(
+            read_transform(self.work / "calibration.yaml"), OFF_DEG, OFF_M, np.random.default_rng(1)
+        )
+        (self.work / "stored.yaml").write_text(f"T_camera_lidar: {T_off.tolist()}\n")
+        self.run("verify", "drive", "stored.yaml", "--report", "verify.html")
+        self.page("verify", self.work / "verify.html")
+        lines = [line(member) for member in series_of("change")]
+        self.run("fleet", str(write_summary(self.work / "batch", lines).name), "--report", "fleet.html")
+        self.page("fleet", self.work / "fleet.html")
+        self.view("stored.yaml")
+
+    def run(self, *arguments: str) -> str:
+        """Run a command as on a terminal of 80 columns, and return what it prints."""
+        as_terminal = {"COLUMNS": "80", "FORCE_COLOR": "1", "TTY_INTERACTIVE": "0", "TERM": "xterm-256color"}
+        environment = os.environ | as_terminal
+        command = [self.options.program, *arguments]
+        done = subprocess.run(
+            command,
+            cwd=self.work,
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+        print(f"{' '.join(command)}: exit code {done.returncode}")
+        return done.stdout
+
+    def view(self, start: str) -> None:
+        """Picture the page on which points are moved by hand."""
+        command = [self.options.program, "view", "drive", start]
+        asked = {"cwd": self.work, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+        with subprocess.Popen(command, text=True, **asked) as served:
+            assert served.stdout is not None
+            if address := served.stdout.readline().strip():
+                self.shoot("view", address, DESK)
+                self.shoot("view_phone", address, PHONE)
+            served.kill()
+
+    def page(self, name: str, path: Path) -> None:
+        """Picture a page, if there is one, on a desk and on a telephone."""
+        if path.exists():
+            self.shoot(name, path.resolve().as_uri(), DESK)
+            self.shoot(f"{name}_phone", path.resolve().as_uri(), PHONE)
+
+    def terminal(self, name: str, command: str, printed: str) -> None:
+        """Picture what a command prints."""
+        from rich.console import Console
+        from rich.text import Text
+
+        console = Console(record=True, width=80, file=io.StringIO(), force_terminal=True)
+        console.print(Text.from_ansi(f"$ {command}\n{printed.rstrip()}"))
+        path = self.work / f"{name}.svg"
+        console.save_svg(str(path), title="semcal")
+        self.shoot(name, path.resolve().as_uri(), TERMINAL)
+
+    def shoot(self, name: str, address: str, size: tuple[int, int]) -> None:
+        """Picture an address as a window of this size shows it."""
+        width, height = size
+        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 500}
+        self.chrome.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+        self.chrome.get(address)
+        time.sleep(1.0)  # points are drawn when their picture is in sight
+        taken = np.frombuffer(self.chrome.get_screenshot_as_png(), np.uint8)
+        self.keep(name, cv2.imdecode(taken, cv2.IMREAD_COLOR))
+
+    def keep(self, name: str, image: np.ndarray) -> None:
+        """Write a picture, no wider than needed."""
+        if image.shape[1] > WIDEST:
+            high = round(image.shape[0] * WIDEST / image.shape[1])
+            image = cv2.resize(image, (WIDEST, high), interpolation=cv2.INTER_AREA)
+        path = self.options.output / f"{name}{self.options.suffix}.webp"
+        cv2.imwrite(str(path), image, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+        print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
+
+
+@contextmanager
+def browser() -> Iterator[webdriver.Chrome]:
+    """Start Chromium without a display."""
+    driver, chromium = shutil.which("chromedriver"), shutil.which("chromium")
+    if driver is None or chromium is None:
+        sys.exit("needs chromium and chromedriver: install Debian's chromium-driver")
+    options = webdriver.ChromeOptions()
+    options.binary_location = chromium
+    for argument in ("--headless=new", "--no-sandbox", "--enable-unsafe-swiftshader", "--hide-scrollbars"):
+        options.add_argument(argument)
+    chrome = webdriver.Chrome(options=options, service=webdriver.ChromeService(driver))
+    try:
+        yield chrome
+    finally:
+        chrome.quit()
+
+
+if __name__ == "__main__":
+    main()
