@@ -27,6 +27,12 @@ SAME_DEG = 3.0
 SAME_M = 0.3
 """Largest distance between the estimate and a transform whose mistake is corrected, in metres."""
 
+SENTENCES: dict[Verdict, str] = {
+    "pass": "The transform still holds on this drive.",
+    "fail": "The camera is not where the transform says. Calibrate anew, or find out what moved it.",
+    "inconclusive": "The drive cannot decide whether the transform holds. More frames, or other ones, may.",
+}
+
 
 @dataclass(frozen=True)
 class Verification:
@@ -42,6 +48,11 @@ class Verification:
     """Sentences that a person should know and that do not change the verdict."""
     T_camera_lidar: Pose
     """(4, 4) estimate of the pose, metres."""
+
+    @property
+    def sentence(self) -> str:
+        """What the verdict means, and what to do."""
+        return SENTENCES[self.verdict]
 
 
 def verify(

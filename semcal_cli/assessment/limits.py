@@ -14,6 +14,8 @@ Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
 Unit: TypeAlias = Literal["cm", "deg"]
 
 AXES = ("x", "y", "z")
+IN_ALL = " in all"
+"""Ends the names of the checks of all three axes together."""
 UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm"}
 """Units in words."""
 
@@ -67,7 +69,7 @@ def judge(
         length = float(np.linalg.norm(offsets))
         along = np.array(offsets) / length if length > 0.0 else np.full(3, 3**-0.5)
         width = None if of_part is None else float(np.linalg.norm(along * of_part))
-        checks.append(_check(f"{name} in all", unit, length, width, allowed))
+        checks.append(_check(f"{name}{IN_ALL}", unit, length, width, allowed))
     return tuple(checks)
 
 
@@ -75,7 +77,14 @@ def figures(check: Check) -> str:
     """Tell a check's offset, its interval and its limit in words."""
     unit = UNITS[check.unit]
     half = f"{unit}, interval not known" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
-    return f"{check.offset + 0.0:.3f} {half}, allowed {check.allowed:g}"
+    return f"{round(check.offset, 3) + 0.0:.3f} {half}, allowed {check.allowed:g}"
+
+
+def offsets_in_all(checks: Sequence[Check]) -> list[str]:
+    """Tell in words how far the camera and its rotation are off in all, first what is farther beyond its limit."""
+    in_all = [check for check in checks if check.name.endswith(IN_ALL)]
+    in_all.sort(key=lambda check: -check.offset / check.allowed)
+    return [f"{check.name.removesuffix(IN_ALL)} off by {figures(check)}" for check in in_all]
 
 
 def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:

@@ -38,15 +38,6 @@ MAX_CASES = 20
 """Most cases that an annotation names; files name all."""
 
 
-def check_line(check: Check, width: int = 21) -> str:
-    """Format a check as one line of text."""
-    half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
-    return (
-        f"{check.name:<{width}}{check.offset:10.4f} {half} {check.unit:<4} "
-        f"allowed {check.allowed:<8g}{check.verdict}"
-    )
-
-
 @dataclass(frozen=True)
 class Case:
     """A test case for CI, made from one check."""

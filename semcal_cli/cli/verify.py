@@ -14,7 +14,6 @@ from semcal_cli.cli.ci import (
     Case,
     CiReport,
     Inconclusive,
-    check_line,
     errors_reported,
     inconclusive_option,
 )
@@ -37,11 +36,15 @@ from semcal_cli.cli.search import read_initial_pose
 from semcal_cli.config import CalibrationConfig, Limits
 
 if TYPE_CHECKING:
+    from semcal_cli.assessment.limits import Check
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.cli.terminal import Terminal
     from semcal_cli.drive.loading import LoadedDrive
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.verification import Verification
+
+COLORS = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
+"""Colour of each verdict on a terminal."""
 
 
 @click.command(
@@ -164,8 +167,19 @@ def _print(found: Verification, as_json: bool) -> None:
             json.dumps(asdict(found) | {"T_camera_lidar": found.T_camera_lidar.tolist()}, allow_nan=False)
         )
         return
+    from semcal_cli.assessment.limits import offsets_in_all
+    from semcal_cli.cli.tables import wrapped
+
     for check in found.checks:
-        click.echo(check_line(check))
-    for sentence in (*found.reasons, *found.notes):
-        click.echo(sentence)
-    click.echo(found.verdict)
+        click.echo(_check_line(check))
+    for sentence in (*found.reasons, *found.notes, found.sentence):
+        for line in wrapped("", sentence, indent=0):
+            click.echo(line)
+    worst = offsets_in_all(found.checks)[0]
+    click.secho(f"{found.verdict}: {worst}", fg=COLORS[found.verdict], bold=True)
+
+
+def _check_line(check: Check) -> str:
+    half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
+    offset = round(check.offset, 4) + 0.0  # no -0.0000
+    return f"{check.name:<21}{offset:10.4f} {half} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"

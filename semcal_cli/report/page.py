@@ -24,7 +24,13 @@ from semcal_cli.report.pictures import MAX_BYTES, MAX_FRAMES, data_uri, make_pic
 from semcal_cli.report.plots import BOX, FRAMES_BOX, FramesPlot, frames_plots, plots
 from semcal_cli.report.registration import RegistrationPictures
 from semcal_cli.report.template import ENVIRONMENT, source
-from semcal_cli.report.words import frame_sentences, runner_up_sentence, uncertainty_sentences, verdict
+from semcal_cli.report.words import (
+    frame_sentences,
+    polish_sentence,
+    runner_up_sentence,
+    uncertainty_sentences,
+    verdict,
+)
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input, versions
 
@@ -119,6 +125,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         of_frames=of_frames,
         uncertainty=uncertainty_sentences(record, observations.camera) if record else [],
         runner_up=runner_up_sentence(record) if record else None,
+        polish=polish_sentence(record) if record else None,
         stages=_stage_rows(record) if record else [],
         hypotheses=_hypothesis_rows(record) if record else [],
         cloud=asdict(frame_cloud(report)),

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.assessment.limits import Check, figures
+from semcal_cli.assessment.limits import Check, offsets_in_all
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.files.writing import write_text
@@ -20,11 +20,6 @@ from semcal_cli.result.provenance import versions
 from semcal_cli.verification import Verification
 
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
-SENTENCES = {
-    "pass": "The transform still holds on this drive.",
-    "fail": "The camera is not where the transform says. Calibrate anew, or find out what moved it.",
-    "inconclusive": "The drive cannot decide whether the transform holds. More frames, or other ones, may.",
-}
 AXES = {
     "camera centre x": "camera centre, right or left (x)",
     "camera centre y": "camera centre, down or up (y)",
@@ -34,7 +29,6 @@ AXES = {
     "rotation z": "rotation, roll (about z)",
 }
 """Names of the checks in words."""
-IN_ALL = " in all"
 BEYOND = 1.25
 """Share of the limit, or of the interval if that is wider, that a bar reaches to either side."""
 
@@ -99,8 +93,8 @@ def write_verification(
         verdict=Verdict(
             found.verdict,
             TITLES[found.verdict],
-            SENTENCES[found.verdict],
-            _figures(found.checks),
+            found.sentence,
+            "; ".join(offsets_in_all(found.checks)),
             found.reasons,
         ),
         notices=found.notes,
@@ -112,13 +106,6 @@ def write_verification(
         found=T_notation(found.T_camera_lidar),
     )
     write_text(page, path)
-
-
-def _figures(checks: Sequence[Check]) -> str:
-    """State how far the transform is off in all, first what is farther beyond its limit."""
-    in_all = [check for check in checks if check.name.endswith(IN_ALL)]
-    in_all.sort(key=lambda check: -check.offset / check.allowed)
-    return "; ".join(f"{check.name.removesuffix(IN_ALL)} off by {figures(check)}" for check in in_all)
 
 
 def _row(check: Check) -> CheckRow:

@@ -157,16 +157,33 @@ def runner_up_sentence(record: Calibration) -> str | None:
     )
 
 
+def polish_sentence(record: Calibration) -> str | None:
+    """Say what the polish gained on data that it did not use; None if nothing was polished."""
+    if record.polish is None:
+        return None
+    kept = "so that it was kept" if record.polish.accepted else "so that the pose before it was kept"
+    gained = _held_out(record, 1.0) or "an unknown amount"
+    return f"On frames that it did not use, the polish gained {gained}, {kept}."
+
+
 def _why_unknown(record: Calibration) -> str:
     polished = record.polish
     if polished is None:
         return "the pose was not polished"
     if "fused" in record.stages or polished.accepted:
         return "the labels do not determine the pose"
-    sigma = polished.held_out_sigma_nats
-    unit = "AMI" if "segments" in str(record.settings.options.get("cues")) else "nats"
-    by = "" if sigma is None else f", by {-polished.held_out_gain_nats:.4f} +- {sigma:.4f} {unit}"
+    lost = _held_out(record, -1.0)
+    by = f", by {lost}" if lost else ""
     return f"held-out data agree less after the polish{by}, so that the pose before it was kept"
+
+
+def _held_out(record: Calibration, sign: float) -> str:
+    """Gain of the polish on held-out data with its standard error; empty if it is not known how sure that is."""
+    assert record.polish is not None
+    sigma = record.polish.held_out_sigma_nats
+    unit = "AMI" if "segments" in str(record.settings.options.get("cues")) else "nats"
+    gain = sign * record.polish.held_out_gain_nats
+    return "" if sigma is None else f"{gain:.4f} +- {sigma:.4f} {unit}"
 
 
 def _in_the_image(found: Uncertainty, camera: Camera) -> list[str]:
