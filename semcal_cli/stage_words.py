@@ -73,7 +73,7 @@ def assessed(findings: Sequence[Finding], seconds: float) -> StageDone:
     """Tell whether anything speaks against the pose."""
     count = len(findings)
     found = {0: "nothing speaks", 1: "1 doubt speaks"}.get(count, f"{count} doubts speak")
-    return StageDone("assessed", seconds, f"{found} against the pose")
+    return StageDone("assessed", seconds, f"{found} against the pose that was found")
 
 
 def repeated(num_seeds: int, findings: Sequence[Finding], seconds: float) -> StageDone:

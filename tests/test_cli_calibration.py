@@ -106,7 +106,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert told(lines, "doubt") == [*calibration.reasons]
     assert written_to == f"written to       {tmp_path / 'out.yaml'}"
     assert verdict == "verdict          not trusted: 1 doubt, see above"
-    assert next_step == "next             semcal inspect DRIVE finds faults, semcal view DRIVE moves it"
+    assert next_step == "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand"
     assert re.fullmatch(
         r"visible labelled points cover \d\.\d% of the picture, needed at least 3%: label more of the points, or "
         "check which ids the drive ignores",

@@ -283,7 +283,9 @@ def test_a_rejected_polish_is_said_to_be(made: Path, street: Path, tmp_path: Pat
     page = (tmp_path / "r.html").read_text()
     assert "held-out data agree less after the polish, by 0.3000 +- 0.0500 nats" in page
     assert "polished <small>rejected</small>" in page
-    assert "the polish gained -0.3000 \u00b1 0.0500 nats, so that the pose before it was kept." in page
+    assert (
+        "The polish was not kept: data that it did not use lost by it (-0.3000 \u00b1 0.0500 nats)." in page
+    )
 
 
 def test_words_state_the_uncertainty(report: ReportInput) -> None:

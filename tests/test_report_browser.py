@@ -148,18 +148,19 @@ def test_the_page_of_a_verification(
         r"rotation off by 0\.[56]\d\d ± 0\.\d{3} degrees, allowed 0\.3; camera centre off by", lead
     )
     failed = [row.text.split("\n")[0] for row in browser.find_elements(By.CSS_SELECTOR, "tr.fail")]
-    assert failed == ["rotation, yaw (about y)", "rotation in all"]
-    before, after = (text.split()[0] for text in agreements(browser))
-    assert float(before) + 1.0 < float(after)
+    assert failed == ["yaw, looks left (about y)", "rotation in all"]
+    before, after = agreements(browser)
+    assert before + 1.0 < after
     assert drawn(browser, "#first .before") > 1000
     again = tmp_path / "again.html"
     CliRunner().invoke(semcal, ["verify", str(street), str(tmp_path / "off.yaml"), "--report", str(again)])
     assert again.read_bytes() == (tmp_path / "v.html").read_bytes()
 
 
-def agreements(browser: webdriver.Chrome) -> list[str]:
-    """Shares in the strip of the first picture, at each pose."""
-    return [each.text for each in browser.find_elements(By.CSS_SELECTOR, "#first .look figcaption span")[1:]]
+def agreements(browser: webdriver.Chrome) -> list[float]:
+    """Shares, in per cent, in the strip of the first picture, at each pose."""
+    shares = browser.find_elements(By.CSS_SELECTOR, "#first .look .shares > span")
+    return [float(re.findall(r"[\d.]+", each.text)[0]) for each in shares]
 
 
 def test_the_copy_button_copies(page: webdriver.Chrome, made: Path) -> None:

@@ -61,7 +61,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             True,
             [
                 "verdict          not trusted: 1 doubt, see above",
-                "next             semcal inspect DRIVE finds faults, semcal view DRIVE moves it",
+                "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
             ],
         ),
         (
@@ -70,7 +70,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             False,
             [
                 "verdict          not trusted: 3 doubts, see above",
-                "next             semcal inspect DRIVE finds faults, semcal view DRIVE moves it",
+                "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
             ],
         ),
         (
@@ -79,7 +79,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             False,
             [
                 "verdict          not assessed: a rough start, not refined yet",
-                "next             semcal refine DRIVE --init FILE improves and judges it",
+                "next             semcal refine DRIVE --init FILE refines and judges the start",
             ],
         ),
     ],

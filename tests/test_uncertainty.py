@@ -11,7 +11,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, inverse
 from semcal_cli.refinement.polish import newton
-from semcal_cli.result.stated import figure
+from semcal_cli.result.intervals import figure
 from semcal_cli.result.uncertainty import Uncertainty
 
 CONFIG = PolishConfig()

@@ -268,3 +268,9 @@ def test_intervals_of_a_damaged_calibration_are_refused(
     found = CliRunner().invoke(semcal, ["compare", str(path), str(street), "--json"])
     assert isinstance(found.exception, InputError)
     assert "uncertainty.half_width_95_camera_center_m[0]: found " in str(found.exception)
+
+
+def test_a_page_and_json_do_not_share_standard_output(street: Path) -> None:
+    found = CliRunner().invoke(semcal, ["verify", str(street), str(street), "--json", "--report", "-"])
+    assert found.exit_code == 2
+    assert "--json, --report: would both write to standard output: give --report a file" in found.output

@@ -27,7 +27,7 @@ from semcal_cli.drive.reading import load_points, read_clouds
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.geometry.poses import Pose, camera_center, mounting_rpy_deg, pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.view.server import HOST, ViewServer
 from semcal_cli.view.session import Placed, Session
@@ -73,6 +73,16 @@ def test_offsets_are_along_and_about_the_axes_of_the_camera(street_truth: Pose) 
     error = compare_poses(turned, street_truth)
     assert error.camera_center_cm == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(error.rotation_xyz_deg, (1.0, -2.0, 0.5), atol=1e-9)
+
+
+def test_positive_turns_are_those_that_the_page_names() -> None:
+    """Pitch looks down, yaw looks left, roll leans left: of a camera that looks along x, upright."""
+    T = pose_from_mounting((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    for axis, (roll, pitch, yaw) in ((3, (0, 1, 0)), (4, (0, 0, 1)), (5, (-1, 0, 0))):
+        offsets = np.zeros(6)
+        offsets[axis] = 1.0
+        found = mounting_rpy_deg(Placed(T, offsets).T_camera_lidar)
+        np.testing.assert_allclose(found, (roll, pitch, yaw), atol=1e-9)
 
 
 def test_the_score_is_best_at_the_truth(session: Session, street_truth: Pose, T_off: Pose) -> None:
@@ -149,7 +159,9 @@ def test_only_who_knows_the_word_gets_an_answer(server: ViewServer, T_off: Pose)
     assert server.server_address[0] == "127.0.0.1"
 
 
-@pytest.mark.parametrize("body", ["", "[", "[1]", "null", '{"base": NaN}'])
+@pytest.mark.parametrize(
+    "body", ["", "[", "[1]", "null", '{"base": NaN}', "[" * 9000, f'{{"base": {"9" * 4000}}}']
+)
 def test_a_body_that_is_no_question_is_answered_in_one_line(server: ViewServer, body: str) -> None:
     status, found = request(server, f"/{server.token}/points", body)
     assert status == 400
@@ -168,7 +180,7 @@ def test_a_picture_is_the_frame_s(server: ViewServer, street: Path) -> None:
 
 
 def test_a_body_that_is_too_large_is_not_read(server: ViewServer) -> None:
-    assert request(server, f"/{server.token}/points", "x" * 200_000)[0] == 413
+    assert request(server, f"/{server.token}/points", "x" * 20_000)[0] == 413
 
 
 def test_a_port_that_is_taken_is_said_to_be(server: ViewServer, session: Session) -> None:
@@ -225,6 +237,29 @@ def test_dragging_a_slider_moves_points(page: webdriver.Chrome, T_off: Pose) -> 
     assert abs(turned_deg) > 0.1
     expected = Placed(T_off, np.array([0.0, 0.0, 0.0, 0.0, turned_deg, 0.0])).T_camera_lidar
     WebDriverWait(page, 10).until(lambda _: np.allclose(pose(page), expected, atol=1e-5))
+
+
+def test_a_change_of_reach_keeps_the_pose(page: webdriver.Chrome) -> None:
+    """A slider steps on from where it stands, however far that is; and what was left can be had again."""
+    type_offset(page, 4, "8")
+    page.find_element(By.CSS_SELECTOR, "input[value=fine]").click()
+    count = shown(page)
+    page.find_element(By.ID, "motion-4").send_keys(Keys.ARROW_RIGHT)
+    wait_for_move(page, count)
+    number = page.find_elements(By.CSS_SELECTOR, ".motion input[type=number]")[4]
+    assert float(number.get_attribute("value") or 0) == pytest.approx(8.0, abs=0.2)
+    moved = pose(page)
+    page.find_element(By.ID, "reset").click()
+    WebDriverWait(page, 10).until(lambda _: not np.allclose(pose(page), moved, atol=1e-3))
+    page.find_element(By.ID, "back").click()
+    WebDriverWait(page, 10).until(lambda _: np.allclose(pose(page), moved, atol=1e-9))
+
+
+def test_arrow_keys_turn_the_camera(page: webdriver.Chrome, T_off: Pose) -> None:
+    count = shown(page)
+    page.find_element(By.ID, "picture").send_keys(Keys.ARROW_LEFT)
+    wait_for_move(page, count)
+    assert 0.1 < compare_poses(pose(page), T_off).rotation_deg < 2.0
 
 
 def test_dragging_the_picture_carries_the_points_along(
@@ -320,7 +355,7 @@ def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, sessio
 # The command.
 
 
-def test_the_command_prints_its_address_and_refuses_before_it_serves(street: Path, tmp_path: Path) -> None:
+def test_the_command_refuses_before_it_serves(street: Path, tmp_path: Path) -> None:
     def run(*options: str) -> tuple[int, str]:
         result = CliRunner().invoke(semcal, ["view", str(street), *options])
         return result.exit_code, f"{result.output}{result.exception}"
@@ -335,3 +370,12 @@ def test_the_command_prints_its_address_and_refuses_before_it_serves(street: Pat
     assert code == 1
     assert "x.txt: found suffix" in text
     assert run("--cue", "features")[0] == 2
+
+
+def test_a_drive_that_cannot_be_shown_is_refused_before_it_is_served(drive: Path) -> None:
+    """A missing picture; and standard output, which the address goes to."""
+    picture = next((drive / "images").iterdir())
+    picture.unlink()
+    result = CliRunner().invoke(semcal, ["view", str(drive)])
+    assert picture.name in f"{result.exception}"
+    assert CliRunner().invoke(semcal, ["view", str(drive), "-o", "-"]).exit_code == 2

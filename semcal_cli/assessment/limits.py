@@ -67,8 +67,10 @@ def judge(
             width = None if of_part is None else float(of_part[index])
             checks.append(_check(f"{name} {axis}", unit, offsets[index], width, allowed))
         length = float(np.linalg.norm(offsets))
-        along = np.array(offsets) / length if length > 0.0 else np.full(3, 3**-0.5)
-        width = None if of_part is None else float(np.linalg.norm(along * of_part))
+        width = None
+        if of_part is not None:  # along the offset; of none, the widest
+            along = np.array(offsets) / length if length > 0.0 else np.eye(3)[of_part.argmax()]
+            width = float(np.linalg.norm(along * of_part))
         checks.append(_check(f"{name}{IN_ALL}", unit, length, width, allowed))
     return tuple(checks)
 

@@ -84,8 +84,8 @@ class WithRest(click.Command):
     Results go to DIR: of each drive a folder with calibration.yaml (or verification.json), log.txt, times.json and
     record.json, and of all summary.csv and summary.jsonl. A drive that fails, crashes or hangs is a line there.
     A batch that was stopped goes on where it was; a drive is done again only if its files, the options or the version
-    changed, or if the machine failed, as with a full disk. DIR must be new, empty or of a batch, and apart from the
-    drives. Exit code: the worst of all drives, 1 over 3 over 4 over 0.
+    changed, or if the machine failed, as with a full disk. DIR must be apart from the
+    drives and hold no other results. Exit code: the worst of all drives, 1 over 3 over 4 over 0.
 
     FILE is {KNOWN_TRANSFORMS}.
     """,

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 from rich.text import Text
 
@@ -26,7 +25,7 @@ from semcal_cli.cli.live import printable
 from semcal_cli.cli.tables import LABEL_WIDTH, labelled, row
 
 if TYPE_CHECKING:
-    from semcal_cli.fleet.fleet import Fleet
+    pass
 
 MAX_NAMED = 8
 """Most drives that are named; the files name all."""
@@ -43,11 +42,13 @@ def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> No
         return
     done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts_text(count_statuses(outcomes))
     lines = [done, *_bad_drives(outcomes, folder)]
+    from semcal_cli.fleet.verdict import MIN_DRIVES
+
     trusted = [outcome.drive for outcome in outcomes if outcome.status == "trusted"]
     if len(trusted) >= MIN_AGREEING:
         lines += map(Text, _agreement(set(trusted), folder))
     lines += map(Text, _labelled("summary", f"{folder / CSV}, {folder / JSONL}"))
-    if trusted:
+    if len(trusted) >= MIN_DRIVES:
         place = shlex.quote(str(folder))
         lines.append(Text(labelled("next", f"semcal fleet {place} --report fleet.html")))
     for line in lines:
@@ -77,6 +78,7 @@ def _agreement(trusted: set[str], folder: Path) -> list[str]:
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members
     from semcal_cli.geometry.poses import camera_center
+    from semcal_cli.result.intervals import widest
 
     try:
         members = [each for each in read_members([folder]) if each.drive in trusted and each.left_out is None]
@@ -88,19 +90,13 @@ def _agreement(trusted: set[str], folder: Path) -> list[str]:
         found = combine_drives(members, Limits())
     except SemcalError as error:
         return _labelled("agreed pose", f"none: {error}")
-    T = found.T_camera_lidar
+    T, known = found.T_camera_lidar, widest(found.parts[-1].half_widths.tolist())
     return [
-        *_labelled("agreed pose", f"of {len(members):,} trusted drives: {_interval(found)}"),
+        *_labelled("agreed pose", f"of {len(members):,} trusted drives: {known}"),
         *_labelled("camera at", f"{row(camera_center(T).tolist())} m in the LiDAR frame"),
         *_labelled("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
         *(_labelled("note", found.reasons[0]) if found.verdict != "pass" and found.reasons else ()),
     ]
-
-
-def _interval(found: Fleet) -> str:
-    """State the widest 95 % intervals of the pose."""
-    center_m, rotation_deg = (float(np.max(widths)) for widths in np.split(found.parts[-1].half_widths, 2))
-    return f"+- {1000.0 * center_m:.1f} mm, +- {rotation_deg:.3f} degrees (95 %)"
 
 
 def _labelled(label: str, text: str) -> list[str]:

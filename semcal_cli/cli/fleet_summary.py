@@ -7,6 +7,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import TYPE_CHECKING
 
+from semcal_cli.assessment.limits import IN_ALL
+from semcal_cli.cli.live import printable
 from semcal_cli.cli.tables import LABEL_WIDTH, labelled, matrix_lines
 from semcal_cli.fleet.words import figures, subject_of, title, total
 from semcal_cli.result.intervals import intervals
@@ -36,9 +38,9 @@ def print_fleet(fleet: Fleet, written: Sequence[Path], console: Console) -> None
     """
     for line in summary_lines(fleet, written):
         # Names of drives may contain markup.
-        console.print(_printable(line), markup=False)
+        console.print(printable(line), markup=False)
     verdict = f"{fleet.verdict}: {title(fleet)[0].lower()}{title(fleet)[1:]}"
-    console.print(_printable(labelled("verdict", verdict)), style=COLORS[fleet.verdict], markup=False)
+    console.print(printable(labelled("verdict", verdict)), style=COLORS[fleet.verdict], markup=False)
 
 
 def summary_lines(fleet: Fleet, written: Sequence[Path]) -> list[str]:
@@ -74,7 +76,7 @@ def _apart(drive: ComparedDrive) -> str:
 
 def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
     """List the totals, and what does not pass, under the subject of each."""
-    shown = [check for check in checks if check.name.endswith(" in all") or check.verdict != "pass"]
+    shown = [check for check in checks if check.name.endswith(IN_ALL) or check.verdict != "pass"]
     last = None
     for check in shown[:MAX_LINES]:
         subject, quantity = subject_of(check.name)
@@ -110,7 +112,3 @@ def _wrapped(line: str, columns: int) -> list[str]:
     whole = line.replace("+- ", f"+-{NO_BREAK}")
     pieces = wrap(whole, columns, break_long_words=False, break_on_hyphens=False)
     return [piece.replace(NO_BREAK, " ") for piece in pieces]
-
-
-def _printable(line: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in line)

@@ -217,6 +217,8 @@ def folder(
     """Make a drive of your own files."""
     from semcal_cli.datasets.folder import Folder, read
 
+    if settings["image_classes"] is not None and image_labels is None:
+        raise click.UsageError("--image-classes: names ids of label images: give --image-labels")
     source = Folder(
         points=points,
         camera_info=camera_info,

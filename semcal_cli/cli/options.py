@@ -143,7 +143,7 @@ verbose_option = click.option(
     "-v", "--verbose", is_flag=True, help="Also print the figures of each stage for experts."
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON, also with -o.")
-quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+quiet_option = click.option("-q", "--quiet", is_flag=True, help="Print nothing but the result and errors.")
 seed_option = click.option(
     "--seed",
     type=click.IntRange(0, MAX_SEED),

@@ -23,6 +23,7 @@ from semcal_cli.files.streams import check_descriptor, descriptor, is_standard_s
 from semcal_cli.files.writing import write_text
 from semcal_cli.formats import write_transform
 from semcal_cli.result.calibration import calibration_text, write_calibration
+from semcal_cli.result.intervals import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Verdict
@@ -160,10 +161,7 @@ def _report(calibration: Calibration, written_to: str) -> CiReport:
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
     uncertainty, figures = calibration.uncertainty, "interval not known"
     if uncertainty is not None:
-        center_cm = 100.0 * max(uncertainty.half_width_95_camera_center_m)
-        figures = (
-            f"+- {center_cm:.3f} cm, +- {max(uncertainty.half_width_95_rotation_deg):.4f} degrees (95 %)"
-        )
+        figures = stated_error(uncertainty, calibration.input.camera)
     command = click.get_current_context().command.name or "calibrate"
     case = Case(calibration.status, verdict, figures)
     return CiReport(command, written_to, verdict, [case], calibration.reasons)
@@ -224,6 +222,8 @@ def check_image_folder(folder: Path, count: int, read: Sequence[Path]) -> None:
     for path in overlay_paths(folder, count):
         if os.path.realpath(path) in taken:
             raise InputError(f"{path}: found a file that this run reads, needed another folder")
+        if is_folder(path):
+            raise InputError(f"{path}: found a folder, needed a place for a picture")
 
 
 def check_page(path: Path) -> None:

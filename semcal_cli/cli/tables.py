@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from semcal_cli.geometry.poses import Pose, camera_center
-from semcal_cli.result.stated import stated_error
+from semcal_cli.result.intervals import stated_error
 
 if TYPE_CHECKING:
     from semcal_cli.geometry.pose_error import PoseError
@@ -22,8 +22,8 @@ Rows: TypeAlias = list[tuple[str, str]]
 COLUMNS = 80
 LABEL_WIDTH = 17
 NEXT_STEPS = {
-    "not_trusted": "semcal inspect DRIVE finds faults, semcal view DRIVE moves it",
-    "initial": "semcal refine DRIVE --init FILE improves and judges it",
+    "not_trusted": "semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
+    "initial": "semcal refine DRIVE --init FILE refines and judges the start",
 }
 """What to do about an answer that is not trusted, and about one that was only searched for."""
 WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "nothing tells how sure it is"}

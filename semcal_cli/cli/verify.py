@@ -101,8 +101,11 @@ def verify(
     from semcal_cli.files.writing import write_text
     from semcal_cli.verification import verify as check
 
-    if as_json and junit is not None and descriptor(junit) == 1:
-        raise click.UsageError("--json, --junit: would both write to standard output: give --junit a file")
+    for option, path in (("--junit", junit), ("--report", page)):
+        if as_json and path is not None and descriptor(path) == 1:
+            raise click.UsageError(
+                f"--json, {option}: would both write to standard output: give {option} a file"
+            )
     start, subject = perf_counter(), f"{drive}, {options['calibration']}"
     # The JUnit file must not replace an input; neither must a log.
     outputs = Outputs(log=junit, page=page, images=images)

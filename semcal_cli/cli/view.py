@@ -39,7 +39,7 @@ MAX_PORT = 65_535
     CALIBRATION is where it begins: {KNOWN_TRANSFORMS}. Without one, the page offers mountings to begin with.
     Sliders and the mouse move the camera, the page tells how well labels agree, refines from the pose, and saves it
     for `semcal calibrate DRIVE --init FILE`. The page is served to this machine alone, at an address that holds
-    a random word; it ends with its button "Save and end", or with Ctrl-C.
+    a random word. It ends with Ctrl-C (exit code 130) or, with -o, with its button "Save and end" (0).
     """
 )
 @drive_argument
@@ -75,9 +75,11 @@ def view(
     """Show a drive on a page where it is moved by hand."""
     from semcal_cli.cli.outputs import check_outputs
     from semcal_cli.cli.search import read_initial_pose
+    from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.files.documents import output_format
+    from semcal_cli.files.streams import descriptor
     from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.view.server import ViewServer
 
@@ -86,6 +88,8 @@ def view(
     start = None if calibration is None else read_initial_pose(calibration).T_camera_lidar
     spec = read_drive(drive, max_points)
     if output is not None:
+        if descriptor(output) is not None:
+            raise click.UsageError("-o: the page saves to a file, and its address goes to standard output")
         output_format(output)
         read = [spec.path, *map(spec.resolve, spec.files())]
         check_outputs(read + ([] if calibration is None else [drive_file(calibration)]), [output])
@@ -99,11 +103,14 @@ def view(
         config = CalibrationConfig(seed, cues, max_frames)
         session = _session(spec, config, start, output, is_given, console)
     server = ViewServer(session, port)
+    console.print("open this address in a browser of this machine; Ctrl-C ends it", markup=False)
     # The address is the result of the command, and the only way to the page.
     click.echo(server.address)
     if is_opened:
         click.launch(server.address)
     server.answer_until_ended()
+    if output is not None and session.has_saved:
+        console.print(labelled("written to", str(output)), markup=False)
 
 
 def _session(
@@ -124,11 +131,16 @@ def _session(
 
     sweeps, unlabelled = Sweeps(), ""
     few = spec.model_copy(update={"frames": tuple(evenly_spaced(spec.frames, config.max_frames))})
+    clouds = read_clouds(few, sweeps)
     if not is_given:
         try:
-            check_labelled(few, read_clouds(few, sweeps))
+            check_labelled(few, clouds)
         except InputError as error:
             unlabelled = str(error)
-            console.print(f"note: nothing tells how well points fit: {unlabelled}", markup=False)
     data = LoadedDrive(few, load_points(few)) if unlabelled else load(spec, config, sweeps=sweeps)
-    return Session(data, read_clouds(data.drive, sweeps), config, start, output, unlabelled)
+    session = Session(data, read_clouds(data.drive, sweeps), config, start, output, unlabelled)
+    for frame in range(len(data.drive.frames)):
+        session.picture(frame)  # so that a missing one is told before the page is
+    if unlabelled:
+        console.print(f"note: nothing tells how well points fit: {unlabelled}", markup=False)
+    return session

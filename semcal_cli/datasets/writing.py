@@ -93,7 +93,7 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
 
 
 def _check_overwrites_nothing(path: Path, recording: Recording, options: Options) -> None:
-    tables = [Path(name) for name in (options.image_classes, options.point_classes) if name]
+    tables = [Path(name) for name in (options.image_classes, options.point_classes) if name is not None]
     if os.path.realpath(path) in map(os.path.realpath, [*recording.read, *tables]):
         raise InputError(f"{path}: found a file that this import reads, needed another name")
 
@@ -109,9 +109,9 @@ def _with_options(recording: Recording, options: Options) -> Recording:
         recording = with_labels(recording, "image_labels", options.image_labels)
     if options.point_labels:
         recording = with_labels(recording, "point_labels", options.point_labels)
-    if options.image_classes:
+    if options.image_classes is not None:
         recording = replace(recording, image_classes=read_ontology(options.image_classes))
-    if options.point_classes:
+    if options.point_classes is not None:
         recording = replace(recording, point_classes=read_ontology(options.point_classes))
     if recording.image_classes and recording.ids_in_red:
         recording = replace(recording, image_classes=_in_red(recording.image_classes, options))

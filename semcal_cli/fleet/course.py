@@ -13,14 +13,10 @@ import numpy.typing as npt
 
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Part
-from semcal_cli.fleet.words import TURNS
+from semcal_cli.result.axes import AXIS_NAMES
 
 Kind: TypeAlias = Literal["agrees", "disagrees", "beyond"]
-AXES = (
-    *(("camera centre x, to the right", "mm"), ("camera centre y, down", "mm")),
-    *(("camera centre z, forward", "mm"), (f"{TURNS[0]} (about x)", "degrees")),
-    *((f"{TURNS[1]} (about y)", "degrees"), (f"{TURNS[2]} (about z)", "degrees")),
-)
+AXES = tuple(zip(AXIS_NAMES, ["mm"] * 3 + ["degrees"] * 3, strict=True))
 """Name and unit of each axis."""
 UNITS = np.array([1000.0] * 3 + [1.0] * 3)
 """Factors from metres and degrees to the drawn units."""

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from semcal_cli.assessment.limits import Check
+from semcal_cli.assessment.limits import IN_ALL, Check
 from semcal_cli.fleet.course import Kind, course_of, kind_of
 from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Part
 from semcal_cli.fleet.panels import BOX, panels
@@ -17,7 +17,7 @@ from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import Notation, notations
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict
-from semcal_cli.result.intervals import intervals
+from semcal_cli.result.intervals import intervals, widest
 from semcal_cli.result.provenance import versions
 
 KINDS: dict[Kind, str] = {
@@ -82,10 +82,13 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         fleet: Combined result that the page shows.
         given: Names of the inputs that it was computed from.
     """
-    course = course_of(fleet)
+    course, scatter = course_of(fleet), intervals(fleet.scatter.tolist())
+    known = fleet.parts[-1].half_widths.tolist()
     checks = sorted(fleet.checks, key=lambda check: VERDICTS.index(check.verdict))
     rows = sorted(_drive_rows(fleet), key=lambda row: list(KINDS).index(row.kind))
-    return ENVIRONMENT.get_template("fleet/page.html").render(
+    return ENVIRONMENT.get_template(
+        "fleet/page.html"
+    ).render(
         style=source("page.css"),
         own_style=Markup((Path(__file__).parent / "fleet.css").read_text()),
         script=source("copy.js"),
@@ -96,12 +99,14 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
             fleet.verdict,
             title(fleet),
             " ".join(map(_cut, sentences(fleet))),
+            f"known to {widest(known)}",
             reasons=tuple(map(_cut, fleet.reasons)),
         ),
         notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
-        known=intervals(fleet.parts[-1].half_widths.tolist()),
-        scatter=intervals(fleet.scatter.tolist()),
+        known=intervals(known),
+        scatter=scatter,
+        is_scattered=scatter != intervals([0.0] * 6),  # as it reads
         course=course,
         panels=panels(course),
         box=BOX,
@@ -146,9 +151,7 @@ def _times(fleet: Fleet) -> list[str]:
 
 
 def _drive_row(compared: ComparedDrive, time: str, fleet: Fleet) -> DriveRow:
-    center, rotation = (
-        check for check in compared.offset.judge(fleet.limits) if check.name.endswith("in all")
-    )
+    center, rotation = (check for check in compared.offset.judge(fleet.limits) if check.name.endswith(IN_ALL))
     assert center.half_width is not None
     assert rotation.half_width is not None
     kind = kind_of(compared)

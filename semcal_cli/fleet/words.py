@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from semcal_cli.result.axes import CHECK_NAMES
 from semcal_cli.result.intervals import widest
 
 if TYPE_CHECKING:
@@ -24,17 +25,8 @@ SIGNS = (
 )
 SUBJECTS = {"known to": "how well the pose is known", "drift": "drift, first to last drive"}
 """Subjects of checks in plain words; the others are plain."""
-QUANTITIES = {
-    "camera centre x": "camera right or left (x)",
-    "camera centre y": "camera up or down (y)",
-    "camera centre z": "camera forward or back (z)",
-    "camera centre in all": "camera, distance",
-    "rotation x": "pitch (about x)",
-    "rotation y": "yaw (about y)",
-    "rotation z": "roll (about z)",
-    "rotation in all": "rotation, angle",
-}
-TOTALS = ("camera centre in all", "rotation in all")
+QUANTITIES = CHECK_NAMES | {"camera centre in all": "camera, distance", "rotation in all": "rotation, angle"}
+"""Quantities of checks in plain words."""
 FAR_M = 10.0
 """Distance at which the displacement of a point is told."""
 

@@ -13,6 +13,7 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.result.axes import AXIS_NAMES
 from semcal_cli.result.uncertainty import Uncertainty
 
 SPAN_M, SPAN_DEG = 0.1, 0.5
@@ -25,14 +26,6 @@ NUM_NEAR, NEAR_SIGMAS = 5, 2.0
 """Number of samples near the pose, and the standard errors that they span to either side of it."""
 NUM_ALONG, SLACK_DEG = 41, 0.5
 """Number of pixels along each side of a picture whose rays bound the view, and what may lie between them."""
-NAMES = (
-    "camera centre x, to the right",
-    "camera centre y, down",
-    "camera centre z, forward",
-    "rotation about x, pitch",
-    "rotation about y, yaw",
-    "rotation about z, roll",
-)
 
 
 @dataclass(frozen=True)
@@ -78,7 +71,7 @@ def information_curves(
     core = _in_reach(observations, T_camera_lidar, float(reach_m), float(reach_deg)).core
     nats = iter([_core.agreement(core, T).mutual_information for T in poses])
     curves = []
-    for axis, (name, sigma) in enumerate(zip(NAMES, sigmas, strict=True)):
+    for axis, (name, sigma) in enumerate(zip(AXIS_NAMES, sigmas, strict=True)):
         scale, unit = (100.0, "cm") if axis < 3 else (1.0, "deg")
         of_axis = np.array([next(nats) for _ in offsets[axis]])
         of_unit = None if sigma is None else scale * sigma

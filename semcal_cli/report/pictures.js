@@ -33,7 +33,7 @@
     const ground = picture.querySelector("canvas.ground");
     if (ground) magnify(ground, picture, window);
     for (const canvas of picture.querySelectorAll("canvas[data-pose]")) {
-      Points.draw(canvas, points, Number(canvas.dataset.pose), chosen(), colors, window);
+      Points.draw(canvas, points, Number(canvas.dataset.pose), picture.dataset.colorsOf || chosen(), colors, window);
     }
   };
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,21 +16,13 @@ from semcal_cli.report.overlay import Coloring, Overlays
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict
+from semcal_cli.result.axes import CHECK_NAMES
 from semcal_cli.result.provenance import versions
 from semcal_cli.verification import Verification
 
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
-AXES = {
-    "camera centre x": "camera centre, right or left (x)",
-    "camera centre y": "camera centre, down or up (y)",
-    "camera centre z": "camera centre, forward or back (z)",
-    "rotation x": "rotation, pitch (about x)",
-    "rotation y": "rotation, yaw (about y)",
-    "rotation z": "rotation, roll (about z)",
-}
-"""Names of the checks in words."""
-BEYOND = 1.25
-"""Share of the limit, or of the interval if that is wider, that a bar reaches to either side."""
+BEYOND, FARTHEST = 1.25, 6.0
+"""Multiple of the farthest offset that bars reach to either side, and largest multiple of what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +78,7 @@ def write_verification(
     """
     progress("drawing points on pictures")
     pictures = make_pictures(both_overlays(found, data, initial_pose))
+    reach = _reach(found.checks)
     page = ENVIRONMENT.get_template("report/verification.html").render(
         style=source("page.css"),
         script=source("copy.js", "picture.js", "pictures.js"),
@@ -100,7 +93,8 @@ def write_verification(
         notices=found.notes,
         name=initial_pose.name,
         drive=data.drive,
-        rows=[_row(check) for check in found.checks],
+        rows=[_row(check, reach) for check in found.checks],
+        reach=reach,
         pictures=pictures,
         verified=T_notation(initial_pose.T_camera_lidar),
         found=T_notation(found.T_camera_lidar),
@@ -108,18 +102,26 @@ def write_verification(
     write_text(page, path)
 
 
-def _row(check: Check) -> CheckRow:
+def _reach(checks: Sequence[Check]) -> float:
+    """Choose how far all bars reach to either side, in multiples of what is allowed."""
+    farthest = max((abs(check.offset) + (check.half_width or 0.0)) / check.allowed for check in checks)
+    return min(BEYOND * max(1.0, farthest), FARTHEST)
+
+
+def _row(check: Check, reach: float) -> CheckRow:
     half = check.half_width
-    reach = BEYOND * max(check.allowed, abs(check.offset) + (half or 0.0))
 
     def place(offset: float) -> float:
-        return 50.0 + 50.0 * offset / reach
+        return min(max(50.0 + 50.0 * offset / (reach * check.allowed), 0.5), 99.5)
+
+    def between(low: float, high: float) -> tuple[float, float]:
+        return place(low), place(high) - place(low)
 
     return CheckRow(
-        name=AXES.get(check.name, check.name),
+        name=CHECK_NAMES.get(check.name, check.name),
         check=check,
         offset=f"{round(check.offset, 3) + 0.0:.3f}",  # no -0.000
-        allowed=(place(-check.allowed), 100.0 * check.allowed / reach),
-        interval=None if half is None else (place(check.offset - half), 100.0 * half / reach),
+        allowed=between(-check.allowed, check.allowed),
+        interval=None if half is None else between(check.offset - half, check.offset + half),
         place=place(check.offset),
     )

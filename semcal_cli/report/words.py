@@ -14,7 +14,7 @@ from semcal_cli.files.messages import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.input import ReportInput
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.stated import figure, image_radius_px, stated_error
+from semcal_cli.result.intervals import figure, image_radius_px, stated_error
 from semcal_cli.result.uncertainty import Uncertainty
 
 DEPTHS_M = 10.0, 50.0
@@ -161,9 +161,12 @@ def polish_sentence(record: Calibration) -> str | None:
     """Say what the polish gained on data that it did not use; None if nothing was polished."""
     if record.polish is None:
         return None
-    kept = "so that it was kept" if record.polish.accepted else "so that the pose before it was kept"
-    gained = _held_out(record, 1.0) or "an unknown amount"
-    return f"On frames that it did not use, the polish gained {gained}, {kept}."
+    if record.polish.accepted:
+        judged = (
+            "lost no more than chance explains" if record.polish.held_out_gain_nats < 0.0 else "gained by it"
+        )
+        return f"The polish was kept: data that it did not use {judged} ({_held_out(record, 1.0) or 'not sure'})."
+    return f"The polish was not kept: data that it did not use lost by it ({_held_out(record, 1.0) or 'not sure'})."
 
 
 def _why_unknown(record: Calibration) -> str:

@@ -118,8 +118,9 @@ def rig_verdict(found: RigCalibration) -> Verdict:
             each.uncertainty.half_widths for each in found.cameras.values() if each.uncertainty is not None
         ]
         widths = [max(axis) for axis in zip(*known, strict=True)]
-        sure = f"; each is known to {widest(widths)}, or better" if known else ""
-        return Verdict("trusted", "The rig is trusted", f"All {num_cameras} cameras are trusted{sure}.")
+        sure = f"each is known to {widest(widths)}, or better" if known else ""
+        all_of_them = "Both" if num_cameras == 2 else f"All {num_cameras}"
+        return Verdict("trusted", "The rig is trusted", f"{all_of_them} cameras are trusted.", sure)
     verb = "is " if len(worst) == 1 else "are "
     title = f"{len(worst)} of {num_cameras} cameras {'' if found.status == 'failed' else verb}{STATUSES[found.status]}"
     sentences = []

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
 import secrets
+import sys
 import threading
 from collections.abc import Callable
 from hmac import compare_digest
@@ -14,19 +16,22 @@ from typing import Any
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.files.messages import os_reason
 from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.result.axes import AXIS_NAMES
 from semcal_cli.result.provenance import versions
 from semcal_cli.view.session import Session
 
 HOST = "127.0.0.1"
-MAX_BODY_BYTES = 100_000
+MAX_BODY_BYTES, MAX_DIGITS = 10_000, 9
+MAX_ERROR = 500
 TOKEN_BYTES = 24
+PICTURE = re.compile(r"picture/([0-9]{1,9})")
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Content-Security-Policy": "default-src 'none'; img-src 'self' data:; connect-src 'self'; "
-    "style-src 'unsafe-inline'; script-src 'unsafe-inline'",
+    "style-src 'unsafe-inline'; script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'",
 }
 
 
@@ -68,14 +73,18 @@ class ViewServer(ThreadingHTTPServer):
         """Address of the page, which holds the token."""
         return f"http://{HOST}:{self.server_port}/{self.token}/"
 
-    def handle_error(self, request: object, client_address: object) -> None:
+    def handle_error(self, request: Any, client_address: Any) -> None:
         """Say nothing of browsers that close a connection before its end."""
+        if not isinstance(sys.exc_info()[1], ConnectionError | TimeoutError):
+            super().handle_error(request, client_address)
 
 
 class Handler(BaseHTTPRequestHandler):
     """Answers one request."""
 
     server: ViewServer
+    timeout = 30.0
+    """Seconds for which a connection may say nothing."""
     protocol_version = "HTTP/1.1"
     server_version, sys_version = "semcal", ""
 
@@ -87,9 +96,8 @@ class Handler(BaseHTTPRequestHandler):
         name = self._asked_name()
         if name == "":
             self._send(HTTPStatus.OK, "text/html; charset=utf-8", page_html(self.server.session).encode())
-        elif name is not None and name.removeprefix("picture/").isdecimal():
-            number = int(name.removeprefix("picture/")[:9])
-            self._answer(lambda: self.server.session.picture(number))
+        elif name is not None and (found := PICTURE.fullmatch(name)):
+            self._answer(lambda: self.server.session.picture(int(found[1])))
         else:
             self._refuse(HTTPStatus.NOT_FOUND)
 
@@ -100,14 +108,17 @@ class Handler(BaseHTTPRequestHandler):
             "points": session.points,
             "refine": session.refine,
             "save": session.save,
-            "end": session.save,
         }
+        if session.output is not None:
+            questions["end"] = session.save
         name = self._asked_name() or ""
         question = questions.get(name)
         length = self.headers.get("Content-Length", "")
         if question is None:
             self._refuse(HTTPStatus.NOT_FOUND)
-        elif not length.isdecimal() or int(length) > MAX_BODY_BYTES:
+        elif not length.isascii() or not length.isdecimal():
+            self._refuse(HTTPStatus.LENGTH_REQUIRED)
+        elif len(length) > MAX_DIGITS or int(length) > MAX_BODY_BYTES:
             self._refuse(HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
         else:
             body = self.rfile.read(int(length))
@@ -119,7 +130,9 @@ class Handler(BaseHTTPRequestHandler):
         """What is asked for, below the token; None without the right token, or by a page of another site."""
         own = {f"{HOST}:{self.server.server_port}", f"localhost:{self.server.server_port}"}
         origin = self.headers.get("Origin")
-        if self.headers.get("Host") not in own or (origin and origin.removeprefix("http://") not in own):
+        if self.headers.get("Host") not in own or (
+            origin and origin not in {f"http://{each}" for each in own}
+        ):
             return None
         _, _, rest = self.path.partition("/")
         token, slash, name = rest.partition("/")
@@ -134,6 +147,8 @@ class Handler(BaseHTTPRequestHandler):
             found = {"error": " ".join(str(error).splitlines())}
         except OSError as error:
             found = {"error": f"{error.filename or 'view'}: {os_reason(error)}"}
+        except Exception as error:  # a defect: the page says so, and the server goes on
+            found = {"error": f"semcal failed unexpectedly: {type(error).__name__}: {error}"[:MAX_ERROR]}
         if isinstance(found, bytes):
             self._send(HTTPStatus.OK, "image/jpeg", found)
         else:
@@ -143,7 +158,8 @@ class Handler(BaseHTTPRequestHandler):
 
     def _refuse(self, status: HTTPStatus) -> None:
         self.close_connection = True
-        self._send(status, "text/plain", status.phrase.encode())
+        words = f"{status.phrase}. The page is at the address that semcal view printed, port and all."
+        self._send(status, "text/plain", words.encode())
 
     def _send(self, status: HTTPStatus, kind: str, content: bytes) -> None:
         self.send_response(status)
@@ -156,7 +172,7 @@ class Handler(BaseHTTPRequestHandler):
 def _document(body: bytes) -> dict[str, Any]:
     try:
         document = json.loads(body)
-    except ValueError:
+    except (ValueError, RecursionError):
         document = None
     if not isinstance(document, dict):
         raise InputError("view: found no JSON object, needed one")
@@ -170,5 +186,6 @@ def page_html(session: Session) -> str:
         script=source("copy.js", "picture.js", "../view/view.js"),
         version=versions()["semcal"],
         session=session,
+        axes=AXIS_NAMES,
         page=session.page,
     )

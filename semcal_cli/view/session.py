@@ -62,11 +62,11 @@ class Placed:
     T_base: Pose
     """(4, 4) T_camera_lidar before it is moved."""
     offsets: npt.NDArray[np.float64]
-    """(6,) motion of the camera's centre along its axes, in metres, then its turn about them, in degrees."""
+    """(6,) motion of the camera's centre along its axes, in metres, then degrees about them: see `result.axes`."""
 
     @property
     def T_camera_lidar(self) -> Pose:
-        """(4, 4) the moved pose: the centre is shifted along the camera's axes, then the camera is turned about it."""
+        """(4, 4) the moved pose: the centre is shifted along the axes, then what the camera sees is turned."""
         shifted = apply_twist(self.T_base, np.concatenate([-self.offsets[:3], np.zeros(3)]))
         return apply_twist(shifted, np.concatenate([np.zeros(3), np.radians(self.offsets[3:])]))
 
@@ -79,7 +79,7 @@ class Placed:
         """
         try:
             T, offsets = np.array(asked["base"], float), np.array(asked["offsets"], float)
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise InputError("view: found no base and offsets, needed 4 x 4 and 6 numbers") from None
         if T.shape != (4, 4) or offsets.shape != (6,):
             raise InputError(f"view: found {T.shape} and {offsets.shape}, needed 4 x 4 and 6 numbers")
@@ -111,7 +111,7 @@ class Session:
             unlabelled: Reason why points have no classes; empty if they have.
         """
         self.data, self.config, self.output, self.unlabelled = data, config, output, unlabelled
-        self.start = start
+        self.start, self.has_saved = start, False
         self._intensities = [_levels(cloud) for cloud in clouds]
         self._refining = threading.Lock()
 
@@ -231,6 +231,7 @@ class Session:
         text = document_text({"T_camera_lidar": T.tolist()}, form)
         if self.output is not None:
             write_text(text, self.output)
+            self.has_saved = True
         return {"path": None if self.output is None else str(self.output), "text": text}
 
     def _check_frame(self, frame: object) -> None:

@@ -7,6 +7,7 @@
   const numbers = [...document.querySelectorAll(".motion input[type=number]")];
   // Largest motion of the sliders: centimetres, then degrees.
   const REACHES = { fine: [5, 0.5], medium: [50, 10], whole: [500, 180] };
+  const FARTHEST = 10000, KEY_STEP_PX = 4;
   const chosen = (name) => document.querySelector(`input[name=${name}]:checked`).value;
 
   const offsets = [0, 0, 0, 0, 0, 0];  // centimetres and degrees
@@ -14,6 +15,7 @@
   let base = data.start || Object.values(data.mountings)[0];
   let frame = 0, points = null;
   const course = [];
+  let lastPose = "";
 
   const asked = () => ({ base, offsets: offsets.map((x, i) => (i < 3 ? x / 100 : x)), frame });
 
@@ -64,8 +66,10 @@
     if (found.mutual_information !== null) {
       byId("agreement").textContent = `${(100 * found.agreement).toFixed(2)} %`;
       byId("information").textContent = found.mutual_information.toFixed(4);
-      course.push(found.mutual_information);
+      if (found.text !== lastPose) course.push(found.mutual_information);
+      lastPose = found.text;
       if (course.length > 300) course.shift();
+      byId("course-figure").hidden = course.length < 2;
       drawCourse();
     }
     picture.dataset.shown = Number(picture.dataset.shown || 0) + 1;
@@ -81,6 +85,7 @@
       while (isStale) {
         isStale = false;
         show(await ask("points", asked()));
+        if (byId("message").className === "error") tell("");
       }
     } catch (error) {
       tell(error.message, "error");
@@ -90,19 +95,20 @@
   }
 
   const reachOf = (i) => REACHES[chosen("reach")][i < 3 ? 0 : 1];
+  // A slider reaches about where it was set last: nothing is lost when the reach changes.
+  function center(i) {
+    sliders[i].min = offsets[i] - reachOf(i);
+    sliders[i].max = offsets[i] + reachOf(i);
+    sliders[i].value = offsets[i];
+  }
   function place(i, value) {
-    offsets[i] = value;
-    sliders[i].value = value;
-    numbers[i].value = Number(value.toFixed(i < 3 ? 2 : 4));
+    offsets[i] = Math.min(FARTHEST, Math.max(-FARTHEST, value));
+    if (offsets[i] < sliders[i].min || offsets[i] > sliders[i].max) center(i);
+    sliders[i].value = offsets[i];
+    numbers[i].value = Number(offsets[i].toFixed(i < 3 ? 2 : 4));
     update();
   }
-  function reach() {
-    sliders.forEach((slider, i) => {
-      slider.min = -reachOf(i);
-      slider.max = reachOf(i);
-      slider.value = offsets[i];
-    });
-  }
+  const reach = () => sliders.forEach((_, i) => center(i));
   function begin(T) {
     base = T;
     offsets.fill(0);
@@ -144,6 +150,13 @@
     }
   });
   for (const end of ["pointerup", "pointercancel"]) picture.addEventListener(end, () => { last = null; });
+  picture.addEventListener("keydown", (event) => {
+    const turns = { ArrowLeft: [4, -1], ArrowRight: [4, 1], ArrowUp: [3, 1], ArrowDown: [3, -1] };
+    if (!turns[event.key]) return;
+    event.preventDefault();
+    const [axis, sign] = turns[event.key];
+    place(axis, offsets[axis] + sign * KEY_STEP_PX * data.degrees_per_pixel);
+  });
   picture.addEventListener("wheel", (event) => {
     if (!event.ctrlKey && !event.metaKey) return;
     event.preventDefault();
@@ -169,7 +182,10 @@
   for (const input of document.querySelectorAll("input[name=colors]")) input.addEventListener("change", choose);
   addEventListener("resize", () => { draw(); drawCourse(); });
 
-  byId("reset").addEventListener("click", () => begin(base));
+  byId("reset").addEventListener("click", () => {
+    leave();
+    begin(base);
+  });
   byId("back").addEventListener("click", () => {
     const before = poses.pop();
     begin(before.base);

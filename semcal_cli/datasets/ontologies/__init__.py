@@ -11,6 +11,7 @@ from pydantic import ConfigDict, Field, RootModel, field_validator, model_valida
 from semcal_cli.drive.document import Color, Ids
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
+from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import StrictModel, check_distinct, validate
 
 FOLDER = Path(__file__).parent
@@ -44,6 +45,11 @@ class Ontology(StrictModel):
     @field_validator("classes")
     @classmethod
     def _check_ids(cls, classes: dict[str, NamedClass]) -> dict[str, NamedClass]:
+        for name, named in classes.items():
+            if not name.strip() or not name.isprintable():
+                raise ValueError(f"found {describe(name)}, needed a name of letters on one line")
+            if not named.ids:
+                raise ValueError(f"{name}: found no ids, needed at least one")
         check_distinct({name: [f"id {value}" for value in named.ids] for name, named in classes.items()})
         check_distinct({name: [f"color {list(c.color)}"] for name, c in classes.items() if c.color})
         return classes
