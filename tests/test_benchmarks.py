@@ -1,4 +1,4 @@
-"""Scripts whose figures are in the README run to their end on their smallest input, and have the options it names."""
+"""Scripts whose figures are documented run to their end on their smallest input, and have the options named there."""
 
 import os
 import re
@@ -13,16 +13,14 @@ import numpy as np
 import pytest
 import yaml
 from conftest import TEST_DATA, make_pose
+from documentation import ROOT, text_of_all
 
-from semcal_cli.cli.experiment import experiment
 from semcal_cli.config import SynthConfig
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.synthetic.synthesis import synthesize
 
-ROOT = Path(__file__).parents[1]
 BENCHMARKS = ROOT / "tests/benchmarks"
-README = (ROOT / "README.md").read_text()
 
 SMALL = SynthConfig(num_frames=2, seed=5, width=320, height=180)
 START = make_pose((0.021, -0.0224, 0.0168), (0.12, -0.1, 0.12))
@@ -228,20 +226,20 @@ def test_the_speed_beside_plain_torch(places: dict[str, Path]) -> None:
         assert re.search(rf"^\| plain torch, {estimator} {figures}  \|$", printed, re.MULTILINE)
 
 
-def readme_commands() -> list[tuple[str, list[str]]]:
-    """The scripts that the README names, each with the options that it gives them there."""
-    found = re.findall(r"tests/benchmarks/(\w+\.py)([^`]*)`", README)
+def documented_scripts() -> list[tuple[str, list[str]]]:
+    """The scripts that the documentation names, each with the options that it gives them there."""
+    found = re.findall(r"tests/benchmarks/(\w+\.py)([^`]*)`", text_of_all())
     return [(script, re.findall(r"(?<!\S)--?[a-z][\w-]*", rest)) for script, rest in found]
 
 
-def test_the_readme_names_scripts() -> None:
-    scripts = {script for script, _ in readme_commands()}
+def test_the_documentation_names_scripts() -> None:
+    scripts = {script for script, _ in documented_scripts()}
     assert {"plain_torch.py", "initialization.py", "bootstrap.py"} <= scripts
     assert {script for script in scripts if not (BENCHMARKS / script).is_file()} == set()
 
 
-@pytest.mark.parametrize(("script", "options"), [(s, o) for s, o in readme_commands() if o])
-def test_a_script_has_the_options_that_the_readme_gives_it(
+@pytest.mark.parametrize(("script", "options"), [(s, o) for s, o in documented_scripts() if o])
+def test_a_script_has_the_options_that_the_documentation_gives_it(
     script: str, options: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(sys, "argv", [script, "--help"])
@@ -255,13 +253,3 @@ def test_a_script_has_the_options_that_the_readme_gives_it(
 def test_every_script_is_run() -> None:
     scripts = {command.split()[0] for command, _ in RUNS.values()} | {"plain_torch.py"}
     assert scripts == {path.name for path in BENCHMARKS.glob("*.py")}
-
-
-def test_the_readmes_commands_of_experiments_parse() -> None:
-    """`semcal experiment NAME OPTIONS` in backquotes or in a block of commands."""
-    found = re.findall(r"semcal experiment (\w+)((?:[^`#\n]|\n(?!\n|semcal))*)", README)
-    assert {"speed", "pairs"} <= {name for name, _ in found}
-    for name, rest in found:
-        command = experiment.commands[name]
-        known = {option for parameter in command.params for option in parameter.opts}
-        assert set(re.findall(r"(?<!\S)--?[a-z][\w-]*", rest)) <= known, (name, rest)

@@ -1,18 +1,32 @@
-"""The limits that the documentation states are those of the code."""
+"""What the documentation says is so: its links, commands, drives, sessions of Python, limits and reasons."""
 
+import ast
+import doctest
+import os
 import re
+import subprocess
+import sys
+from itertools import takewhile
 from pathlib import Path
 
+import click
+import pytest
+from documentation import PAGES, README, ROOT, anchors, blocks, commands, links, named_commands
+from test_findings import PLACES
+
 from semcal_cli.batch import records
+from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.datasets import ply
 from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import journal
 from semcal_cli.files import picture_sizes, point_clouds, reading, rows, yaml_values
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = ROOT / "docs"
+MOST_README_LINES, MOST_LINES = 200, 300
 LIMITS = {
     reading.MAX_DOCUMENT_BYTES: "bytes",
     reading.MAX_TABLE_BYTES: "bytes",
@@ -43,9 +57,190 @@ def test_limits_are_those_of_the_code() -> None:
 
 
 def test_the_files_of_class_names_are_read(tmp_path: Path) -> None:
-    section = (DOCS / "labels.md").read_text().partition("## Names of classes")[2].partition("\n## ")[0]
+    section = (DOCS / "labels.md").read_text().partition("### Names of classes")[2].partition("\n### ")[0]
     blocks = re.findall(r"```yaml\n(.*?)```", section, re.DOTALL)
     assert len(blocks) == 2
     for block in blocks:
         (tmp_path / "classes.yaml").write_text(block)
         assert read_ontology(str(tmp_path / "classes.yaml")).ids() == {"road": [7], "car": [26, 27]}
+
+
+def test_the_readme_is_one_read() -> None:
+    text = README.read_text()
+    assert len(text.splitlines()) <= MOST_README_LINES
+    assert "@@" not in text
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_a_page_is_short(path: Path) -> None:
+    assert len(path.read_text().splitlines()) <= MOST_LINES
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_no_link_is_dead(path: Path) -> None:
+    for target in links(path):
+        name, _, anchor = target.partition("#")
+        file = path.parent / name if name else path
+        assert file.is_file(), target
+        assert not anchor or anchor in anchors(file), target
+
+
+@pytest.mark.parametrize("start", [README, DOCS / "index.md"], ids=lambda path: path.name)
+def test_a_start_leads_to_every_page(start: Path) -> None:
+    linked = {(start.parent / target.partition("#")[0]).resolve() for target in links(start)}
+    assert {path for path in PAGES if path != README} - {start} <= linked
+
+
+def test_the_site_builds(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
+    assert ended.returncode == 0, ended.stderr
+    assert "WARNING" not in ended.stderr
+    for path in PAGES[1:]:
+        name = "index.html" if path.stem == "index" else f"{path.stem}/index.html"
+        assert (tmp_path / "site" / name).stat().st_size > 0
+
+
+def parse(words: list[str], group: click.Group = semcal) -> None:
+    """Parse a command without running it: its name, its options and their choices, and that no argument is missing."""
+    name, *rest = words
+    assert name in group.commands, words
+    command = group.commands[name]
+    if isinstance(command, click.Group):
+        if rest and not rest[0].startswith("-"):
+            parse(rest, command)
+        return
+    if "--" in rest:
+        place = rest.index("--")
+        parse(["calibrate", "DRIVE", *rest[place + 1 :]])
+        rest = rest[:place]
+    found, left, _ = command.make_parser(click.Context(command)).parse_args(rest)
+    assert not left, words
+    for parameter in command.params:
+        value = found.get(parameter.name)
+        is_eager = any(each.is_eager and found.get(each.name) is True for each in command.params)
+        is_given = isinstance(value, str | list | tuple | bool) and value != () and value != []
+        assert is_given or not parameter.required or is_eager, (words, parameter.name)
+        if isinstance(parameter.type, click.Choice) and isinstance(value, str):
+            parameter.type.convert(value, parameter, None)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_every_command_in_a_block_parses(path: Path) -> None:
+    for words in commands(path):
+        parse(words)
+
+
+def test_commands_are_found() -> None:
+    assert ["demo"] in commands(README)
+    assert sum(1 for path in PAGES for _ in commands(path)) > 30
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        (["calibrat", "DRIVE"], AssertionError),
+        (["calibrate", "DRIVE", "--never"], click.NoSuchOption),
+        (["calibrate"], AssertionError),
+        (["calibrate", "DRIVE", "ANOTHER"], AssertionError),
+        (["calibrate", "DRIVE", "--estimator", "never"], click.BadParameter),
+        (["import", "never", "ROOT"], AssertionError),
+        (["batch", "DRIVES", "-o", "DIR", "--", "--never"], click.NoSuchOption),
+    ],
+)
+def test_a_wrong_command_does_not_parse(words: list[str], error: type[Exception]) -> None:
+    with pytest.raises(error):
+        parse(words)
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_every_command_in_a_sentence_has_its_options(path: Path) -> None:
+    """Names in capitals stand for any command of a group, and brackets for what may be left out."""
+    for text in named_commands(path):
+        words = re.sub(r"[\[\]]", "", text).split()
+        group: click.Command = semcal
+        known = {"--help", "--version"}
+        while isinstance(group, click.Group) and words and not words[0].startswith("-"):
+            names = words.pop(0).replace("\\", "").split("|")
+            if names[0].isupper():
+                known |= {option for each in group.commands.values() for option in options_of(each)}
+                break
+            assert set(names) <= set(group.commands), text
+            group = group.commands[names[0]]
+            known |= options_of(group)
+        mine = list(takewhile(lambda word: word != "--", words))
+        named = {word.partition("=")[0] for word in mine if re.match(r"--?[a-z]", word)}
+        assert named <= known, text
+
+
+def options_of(command: click.Command) -> set[str]:
+    return {option for parameter in command.params for option in (*parameter.opts, *parameter.secondary_opts)}
+
+
+@pytest.mark.parametrize(
+    "path", [path for path in PAGES if blocks(path, "python")], ids=lambda path: path.name
+)
+def test_every_block_of_python_is_right(path: Path) -> None:
+    """Sessions run, on data that they make; other blocks compile."""
+    failed, _ = doctest.testfile(str(path), module_relative=False, optionflags=doctest.ELLIPSIS)
+    assert failed == 0
+    for block in blocks(path, "python"):
+        if ">>>" not in block:
+            compile(block, path.name, "exec")
+
+
+def test_sessions_of_python_are_found() -> None:
+    examples = doctest.DocTestParser().get_examples((DOCS / "python.md").read_text())
+    assert len(examples) > 20
+
+
+def drives() -> list[tuple[str, str]]:
+    found = [(path.name, block) for path in PAGES for block in blocks(path, "yaml")]
+    return [(name, block) for name, block in found if "semcal_drive:" in block]
+
+
+def test_drives_are_found() -> None:
+    assert {"README.md", "drive.md"} <= {name for name, _ in drives()}
+
+
+@pytest.mark.parametrize(("name", "block"), drives(), ids=[name for name, _ in drives()])
+def test_every_drive_is_valid(name: str, block: str, tmp_path: Path) -> None:
+    (tmp_path / "drive.yaml").write_text(block)
+    read_drive(tmp_path)
+
+
+def sentence_pattern(what: ast.expr, advice: ast.expr) -> re.Pattern[str]:
+    """What a finding looks like as it is printed: its words, with anything in place of its figures."""
+    parts = what.values if isinstance(what, ast.JoinedStr) else [what]
+    words = (re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".*" for part in parts)
+    return re.compile(f"{''.join(words)}: {re.escape(ast.literal_eval(advice))}")
+
+
+def entries() -> dict[str, str]:
+    """The entries of the page of reasons, by their headings."""
+    found = re.split(r"^### (.+)$", (DOCS / "troubleshooting.md").read_text(), flags=re.MULTILINE)
+    return dict(zip(found[1::2], found[2::2], strict=True))
+
+
+QUOTED = re.findall(r"^> (.+)$", (DOCS / "troubleshooting.md").read_text(), re.MULTILINE)
+PATTERNS = {place: sentence_pattern(what, advice) for place, what, advice in PLACES}
+
+
+@pytest.mark.parametrize("place", PATTERNS)
+def test_every_reason_is_explained(place: str) -> None:
+    found = [quoted for quoted in QUOTED if PATTERNS[place].fullmatch(quoted)]
+    assert found, f"docs/troubleshooting.md quotes nothing like: {PATTERNS[place].pattern}"
+
+
+@pytest.mark.parametrize("quoted", QUOTED)
+def test_every_explained_reason_is_given(quoted: str) -> None:
+    assert [place for place, pattern in PATTERNS.items() if pattern.fullmatch(quoted)]
+
+
+@pytest.mark.parametrize("heading", entries())
+def test_an_entry_says_what_why_and_what_now(heading: str) -> None:
+    entry = entries()[heading]
+    assert entry.count("\n> ") >= 1
+    for part in ("What it means.", "Why it comes up.", "What to do."):
+        assert re.search(rf"^- \*\*{re.escape(part)}\*\* \S", entry, re.MULTILINE), part

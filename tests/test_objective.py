@@ -1,6 +1,3 @@
-import doctest
-from pathlib import Path
-
 import pytest
 import torch
 from conftest import make_pose
@@ -95,10 +92,3 @@ def test_a_network_bounds_the_plug_in_from_below(
         optimizer.step()
     limit, learned = exact(T).item(), bound(T).item()
     assert 0.6 * limit < learned < limit + 0.05
-
-
-def test_the_readme_is_right() -> None:
-    path = Path(__file__).parents[1] / "README.md"
-    failed, tried = doctest.testfile(str(path), module_relative=False, optionflags=doctest.ELLIPSIS)
-    assert tried > 5
-    assert failed == 0

@@ -45,7 +45,7 @@ WITHOUT = {"points": "--cue segments does without", "pixels": "`semcal label` ma
 NUM_PROBED = 4
 """Number of frames whose images are measured and whose clouds are registered, as they are and mirrored."""
 FEW_FRAMES, USUAL_FRAMES, NARROW_DEG = 4, 20, 50.0
-"""Frames from which on mountings are told apart, frames for the accuracy of the README's tables, and the field of view
+"""Frames from which on mountings are told apart, frames for the accuracy of docs/benchmarks.md, and the field of view
 across below which a lens needs more of them."""
 MIN_MIRROR_MARGIN = 2.0
 """Standard errors by which mirrored clouds must explain the labels better for a finding."""
@@ -140,7 +140,7 @@ def inspect(drive: Drive) -> DriveReport:
 
 
 def _advice(num_frames: int, field_of_view_deg: tuple[float, float]) -> tuple[str, ...]:
-    """Say if frames or lens are probably too little: see the README's table of the initial calibration."""
+    """Say if frames or lens are probably too little: see docs/benchmarks_stages.md, the initial calibration."""
     if num_frames < FEW_FRAMES:
         return (
             f"{num_frames} frames are few: {FEW_FRAMES} or more decide the mounting, {USUAL_FRAMES} the accuracy",

@@ -26,7 +26,7 @@ TRUST_PARTS = ("good", "bad", "spoiled", "verify")
 
 @click.group()
 def experiment() -> None:
-    """Measure the figures of the README's tables, on synthetic drives."""
+    """Measure the figures of the documentation, on synthetic drives."""
 
 
 out_option = click.option(

@@ -34,7 +34,7 @@ SECTIONS: dict[str, dict[str, str]] = {
         "fleet": "Put the results of many drives of one rig together.",
     },
     "Research": {
-        "experiment": "Measure the figures of the README.",
+        "experiment": "Measure the figures of the documentation.",
     },
 }
 """Line of help of each command that is not hidden, by the headings of the sections."""

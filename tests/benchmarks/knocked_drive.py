@@ -1,6 +1,6 @@
 """Draw where each frame of a drive puts the camera on its own: a synthetic drive whose camera was knocked half-way.
 
-    python tests/benchmarks/knocked_drive.py -o .github/knocked.png
+    python tests/benchmarks/knocked_drive.py -o docs/pictures/knocked.png
 
 Prints what the calibration says of the knock, and the truth. It is the picture of `semcal report`, by matplotlib.
 """

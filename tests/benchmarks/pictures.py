@@ -1,4 +1,4 @@
-"""Makes the pictures of the README and of docs/pictures.md: the terminal, and every page on a desk and on a telephone.
+"""Makes the pictures of the README and of the docs: the terminal, and every page on a desk and on a telephone.
 
     python tests/benchmarks/pictures.py -o docs/pictures
 

@@ -1,4 +1,4 @@
-"""Times `semcal report` as a whole process, and prints the size of the page: a row of the README.
+"""Times `semcal report` as a whole process, and prints the size of the page: a figure of docs/formats.md.
 
 python tests/benchmarks/report.py --frames 20
 """

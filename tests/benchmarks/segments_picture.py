@@ -1,6 +1,6 @@
 """Draw a real frame before and after `--cue segments,intensity`: segments of the sweep on borders of labels.
 
-    python tests/benchmarks/segments_picture.py ../shared/data -o .github/segments.png
+    python tests/benchmarks/segments_picture.py ../shared/data -o docs/pictures/segments.png
 
 The frame is the first of KITTI's jam, of which no picture is shown: only what a network and the sweep's shape say.
 """
