@@ -40,7 +40,7 @@ MAX_COLUMNS, MIN_COLUMNS = 1280, 64
 QUALITY = 60
 SHRINK = 0.95
 """Factor on the width of an image; its bytes fall a little slower than its pixels."""
-SEEN_PX = 1.0
+SEEN_PX = 2.0
 """Displacement below which nothing can be seen to move."""
 CELLS, WINDOW = 30, (3, 5)
 """Cells across a picture in which disagreeing points are counted, and rows and columns of the magnified part."""
