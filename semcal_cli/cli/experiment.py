@@ -19,6 +19,7 @@ from semcal_cli.cli.options import (
     number_option,
 )
 from semcal_cli.config import MAX_SEED
+from semcal_cli.extras import check_torch
 
 ESTIMATORS = ("exact", "mine")
 TRUST_PARTS = ("good", "bad", "spoiled", "verify")
@@ -108,6 +109,8 @@ def accuracy(
     from semcal_cli.experiments import accuracy, runner
     from semcal_cli.experiments.pool import Pool
 
+    if "mine" in estimators:
+        check_torch("semcal experiment accuracy --estimator mine")
     for row in rows:
         if row not in accuracy.ROWS:
             raise click.BadParameter(
@@ -153,6 +156,8 @@ def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: P
     from semcal_cli.experiments.outcome import Outcome
     from semcal_cli.experiments.pool import Pool
 
+    if "good" in parts:  # every fifth drive of which is calibrated by MINE, too
+        check_torch("semcal experiment trust --only good")
     folder = runner.make_folder(out, "trust")
     with experiment_progress(jobs) as watcher:
         findings = runner.run_cases(
@@ -184,6 +189,7 @@ def _rivals_command(name: str, help: str) -> None:
         from semcal_cli.experiments.pool import Pool
         from semcal_cli.experiments.rivals_results import write_rivals
 
+        check_torch(f"semcal experiment {name}")
         settings = rivals.EXPERIMENTS[name]
         folder = runner.make_folder(out, f"{name}_unmended" if unmended else name)
         scratch = folder / "drives"
@@ -293,6 +299,7 @@ def table(
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
 
+    check_torch("semcal experiment table")
     spec = read_drive(drive, max_points)
     T_reference = read_transform(reference or drive)
     initial_pose = None if init is None else read_initial_pose(init)
@@ -347,6 +354,7 @@ def speed(
     from semcal_cli.errors import InputError
     from semcal_cli.experiments import runner, speed
 
+    check_torch("semcal experiment speed")
     if plain_torch is not None and not plain_torch.is_file():
         raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
     street = replace(speed.STREET, num_frames=frames, width=width, height=height)
