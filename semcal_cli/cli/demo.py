@@ -66,7 +66,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     for line in error_lines(compare_poses(calibration.pose, T_true)):
         console.print(line)
     if not quiet:
-        console.print(_by_mine(data, calibration, T_true))
+        console.print(_by_mine(data, calibration, T_true), markup=False)
     console.print(f"look at {page} and {picture}")
     sys.exit(code)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
@@ -184,6 +183,8 @@ def _rivals_command(name: str, help: str) -> None:
     )
     @out_option
     def compare(seeds: int, first_seed: int, jobs: int, unmended: bool, out: Path) -> None:
+        from shutil import rmtree
+
         from semcal_cli.cli.experiment_progress import experiment_progress
         from semcal_cli.experiments import rivals, runner
         from semcal_cli.experiments.pool import Pool
@@ -202,7 +203,7 @@ def _rivals_command(name: str, help: str) -> None:
                 jobs,
                 watcher,
             )
-        shutil.rmtree(scratch, ignore_errors=True)
+        rmtree(scratch, ignore_errors=True)
         found = rivals.complete(findings, settings)
         _print(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder)
 
@@ -233,6 +234,8 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     Both start 2 degrees and 0.2 m off, with five pairs. Writes results.csv, summary.json and table.md into a folder of
     DIR; a stopped run resumes where it was.
     """
+    from shutil import rmtree
+
     from semcal_cli.cli.experiment_progress import experiment_progress
     from semcal_cli.experiments import gradient, runner
     from semcal_cli.experiments.pool import Pool
@@ -247,7 +250,7 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
             jobs,
             watcher,
         )
-    shutil.rmtree(folder / "drives", ignore_errors=True)
+    rmtree(folder / "drives", ignore_errors=True)
     _print(gradient.write_gradient(findings, jobs, folder), folder)
 
 
