@@ -1,6 +1,6 @@
 # semcal without MINE: `docker build -t semcal .`, then `docker run --rm -v "$PWD:/data" semcal calibrate drive -o c.yaml`.
 # EXTRAS adds others: `--build-arg EXTRAS=bag,las`.
-FROM rust:1.89-slim-bookworm AS build
+FROM rust:1.95-slim-bookworm AS build
 RUN apt-get update && apt-get install --yes --no-install-recommends python3 python3-venv \
     && rm -rf /var/lib/apt/lists/* && python3 -m venv /maturin && /maturin/bin/pip install --no-cache-dir 'maturin>=1.9.4,<2'
 WORKDIR /source
