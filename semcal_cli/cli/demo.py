@@ -31,7 +31,7 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     """Calibrate a synthetic street drive from nothing, and compare with the truth.
 
     Makes the folder OUT (semcal_demo) with the drive, its calibration.yaml, and report.html and overlay.png to look at.
-    Running it again overwrites them.
+    Running it again overwrites them. Where PyTorch is installed, the error of the paper's MINE is told, too.
     """
     import numpy as np
 
