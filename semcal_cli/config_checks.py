@@ -8,6 +8,7 @@ from typing import get_args
 
 from semcal_cli.config import MAX_SEED, CalibrationConfig, Cue, Device, Estimator, Limits, Zoom
 from semcal_cli.errors import InputError
+from semcal_cli.extras import check_torch
 from semcal_cli.files.messages import one_of
 
 
@@ -15,7 +16,7 @@ def check_config(config: CalibrationConfig) -> None:
     """Check the settings of a calibration.
 
     Raises:
-        InputError: a setting is out of its range.
+        InputError: a setting is out of its range, or MINE is asked for without torch.
     """
     refinement = config.refinement
     if not isinstance(config.cues, tuple) or not config.cues or len(set(config.cues)) < len(config.cues):
@@ -23,6 +24,8 @@ def check_config(config: CalibrationConfig) -> None:
     for cue in config.cues:
         _check_choice("cues", cue, get_args(Cue))
     _check_choice("estimator", refinement.estimator, get_args(Estimator))
+    if refinement.estimator == "mine":
+        check_torch("estimator 'mine'")
     _check_choice("device", refinement.device, get_args(Device))
     _check_choice("zoom", config.initialization.zoom, get_args(Zoom))
     _check_range("seed", config.seed, 0, MAX_SEED)

@@ -104,7 +104,8 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        (edit("semcal_drive", to=2), "semcal_drive: found 2, needed 1, the only version there is"),
+        (edit("semcal_drive", to=2), "semcal_drive: found 2, which a newer semcal wrote, needed 1"),
+        (edit("semcal_drive", to=0), "semcal_drive: found 0, needed 1"),
         (edit("semcal_drive", to=True), "semcal_drive: found true, needed a whole number"),
         (edit("frame", to=[]), "unknown key 'frame'; the nearest known key is 'frames'"),
         (edit(3, to=[]), "unknown key 3; the nearest known key is 'semcal_drive'"),

@@ -12,6 +12,7 @@ import semcal_cli
 PACKAGE = Path(semcal_cli.__file__).parent
 MAY_IMPORT = {
     "errors": "",
+    "extras": "",
     "config": "",
     "_core": "",
     "geometry": "",
@@ -45,8 +46,8 @@ MAY_IMPORT = {
     "cli": "library labelling bags view experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
-import the first three. The two stages, `initialization` and `refinement`, never meet but in a pose."""
-EVERYWHERE = {"errors", "config", "_core"}
+import the first four. The two stages, `initialization` and `refinement`, never meet but in a pose."""
+EVERYWHERE = {"errors", "extras", "config", "_core"}
 WITH_TORCH = {
     f"refinement/{name}"
     for name in (

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from semcal_cli.batch.execution import MODULE, Execute, execute_task
 from semcal_cli.batch.tasks import Outcome, Task, failed
 from semcal_cli.errors import InputError
+from semcal_cli.extras import check_installed
 from semcal_cli.jobs.processes import Processes
 
 if TYPE_CHECKING:
@@ -25,12 +26,9 @@ def connect(address: str) -> Client:
     Raises:
         InputError: distributed is not installed, or no scheduler answers at the address.
     """
-    try:
-        from distributed import Client
-    except ImportError:
-        raise InputError(
-            f"--dask {address}: found no distributed, needed pip install 'semcal[dask]'"
-        ) from None
+    check_installed(f"--dask {address}", "distributed", "dask")
+    from distributed import Client
+
     try:
         return Client(address, timeout=CONNECT_S)
     except (OSError, ValueError) as error:

@@ -24,6 +24,7 @@ from semcal_cli.cli.options import (
     number_option,
     quiet_option,
 )
+from semcal_cli.cli.refinement import check_estimator
 from semcal_cli.cli.verify import settings_of as settings_of_verify
 from semcal_cli.cli.verify import verify
 
@@ -223,12 +224,15 @@ def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[l
 
     Raises:
         click.UsageError: the command has no such option, options exclude one another, or the batch sets one.
-        InputError: a transform is invalid, or this machine, where the drives are to run, lacks the device.
+        InputError: a transform is invalid, or this machine, where the drives are to run, lacks torch or the
+            device.
     """
     from semcal_cli.drive.document import drive_file
 
     rest: list[str] = click.get_current_context().meta.get(REST, [])
     given = _checked_parameters(command, calibration, rest)
+    if is_here:
+        check_estimator(given)
     if is_here and given.get("device") == "cuda":
         from semcal_cli.refinement.mine import check_device
 

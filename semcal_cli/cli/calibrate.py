@@ -25,7 +25,7 @@ from semcal_cli.cli.options import (
     result_options,
 )
 from semcal_cli.cli.paper import PAPER_PARAMETERS, make_paper, paper_options
-from semcal_cli.cli.refinement import make_refinement, refinement_options
+from semcal_cli.cli.refinement import check_estimator, make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
 from semcal_cli.config import LABELS, CalibrationConfig, Cue
 from semcal_cli.files.streams import takes_several
@@ -131,6 +131,7 @@ def calibrate(
     """
     from semcal_cli.rig.document import find_rig
 
+    check_estimator(options)
     settings = settings_of(options, given_parameters(click.get_current_context()))
     common, config, initial_pose = settings.common, settings.config, settings.initial_pose
     run = partial(_by_method(settings), config=config, initial_pose=initial_pose)

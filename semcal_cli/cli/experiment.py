@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
@@ -19,6 +18,7 @@ from semcal_cli.cli.options import (
     number_option,
 )
 from semcal_cli.config import MAX_SEED
+from semcal_cli.extras import check_torch
 
 ESTIMATORS = ("exact", "mine")
 TRUST_PARTS = ("good", "bad", "spoiled", "verify")
@@ -108,6 +108,8 @@ def accuracy(
     from semcal_cli.experiments import accuracy, runner
     from semcal_cli.experiments.pool import Pool
 
+    if "mine" in estimators:
+        check_torch("semcal experiment accuracy --estimator mine")
     for row in rows:
         if row not in accuracy.ROWS:
             raise click.BadParameter(
@@ -153,6 +155,8 @@ def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: P
     from semcal_cli.experiments.outcome import Outcome
     from semcal_cli.experiments.pool import Pool
 
+    if "good" in parts:  # every fifth drive of which is calibrated by MINE, too
+        check_torch("semcal experiment trust --only good")
     folder = runner.make_folder(out, "trust")
     with experiment_progress(jobs) as watcher:
         findings = runner.run_cases(
@@ -179,11 +183,14 @@ def _rivals_command(name: str, help: str) -> None:
     )
     @out_option
     def compare(seeds: int, first_seed: int, jobs: int, unmended: bool, out: Path) -> None:
+        from shutil import rmtree
+
         from semcal_cli.cli.experiment_progress import experiment_progress
         from semcal_cli.experiments import rivals, runner
         from semcal_cli.experiments.pool import Pool
         from semcal_cli.experiments.rivals_results import write_rivals
 
+        check_torch(f"semcal experiment {name}")
         settings = rivals.EXPERIMENTS[name]
         folder = runner.make_folder(out, f"{name}_unmended" if unmended else name)
         scratch = folder / "drives"
@@ -196,7 +203,7 @@ def _rivals_command(name: str, help: str) -> None:
                 jobs,
                 watcher,
             )
-        shutil.rmtree(scratch, ignore_errors=True)
+        rmtree(scratch, ignore_errors=True)
         found = rivals.complete(findings, settings)
         _print(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder)
 
@@ -227,6 +234,8 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
     Both start 2 degrees and 0.2 m off, with five pairs. Writes results.csv, summary.json and table.md into a folder of
     DIR; a stopped run resumes where it was.
     """
+    from shutil import rmtree
+
     from semcal_cli.cli.experiment_progress import experiment_progress
     from semcal_cli.experiments import gradient, runner
     from semcal_cli.experiments.pool import Pool
@@ -241,7 +250,7 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
             jobs,
             watcher,
         )
-    shutil.rmtree(folder / "drives", ignore_errors=True)
+    rmtree(folder / "drives", ignore_errors=True)
     _print(gradient.write_gradient(findings, jobs, folder), folder)
 
 
@@ -293,6 +302,7 @@ def table(
     from semcal_cli.experiments.table import FILES, compare, write_table
     from semcal_cli.formats import read_transform
 
+    check_torch("semcal experiment table")
     spec = read_drive(drive, max_points)
     T_reference = read_transform(reference or drive)
     initial_pose = None if init is None else read_initial_pose(init)
@@ -347,6 +357,7 @@ def speed(
     from semcal_cli.errors import InputError
     from semcal_cli.experiments import runner, speed
 
+    check_torch("semcal experiment speed")
     if plain_torch is not None and not plain_torch.is_file():
         raise InputError(f"{plain_torch}: found no such file, needed the script to compare with")
     street = replace(speed.STREET, num_frames=frames, width=width, height=height)

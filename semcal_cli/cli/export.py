@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from semcal_cli.cli.options import KNOWN_TRANSFORMS, PATH, max_points_option, number_option, quiet_option
-from semcal_cli.errors import InputError
+from semcal_cli.extras import check_installed
 
 
 @click.group()
@@ -38,13 +38,9 @@ def rerun(
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
 
-    try:
-        from semcal_cli.report.rerun_file import read_poses, write_rerun
-    except ModuleNotFoundError as error:
-        if error.name != "rerun":
-            raise
-        needed = "needed the extra 'view': pip install 'semcal[view]'"
-        raise InputError(f"semcal export rerun: found no rerun-sdk, {needed}") from None
+    check_installed("semcal export rerun", "rerun", "view")
+    from semcal_cli.report.rerun_file import read_poses, write_rerun
+
     whole = read_drive(drive, max_points)
     given = [] if calibration is None else [drive_file(calibration)]
     check_outputs([whole.path, *map(whole.resolve, whole.files()), *given], [output])

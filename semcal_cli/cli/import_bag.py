@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from semcal_cli.cli.options import PATH, FiniteRange, number_option, quiet_option
-from semcal_cli.errors import InputError
+from semcal_cli.extras import check_installed
 
 if TYPE_CHECKING:
     from semcal_cli.bags.topics import Request
 
 MAX_REASONS = 10
 """Most reasons for what was left out that are printed."""
-MISSING = "needed the extra 'bag': pip install 'semcal[bag]'"
 
 
 @click.command(short_help="A recording of ROS 1 or ROS 2: .bag, MCAP, .db3, or a folder of them.")
@@ -74,8 +72,7 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
     """
     from semcal_cli.cli.terminal import make_console, progress_line
 
-    if find_spec("rosbags") is None:
-        raise InputError(f"semcal import bag: found no rosbags, {MISSING}")
+    check_installed("semcal import bag", "rosbags", "bag")
     if is_list:
         _list(paths)
         return

@@ -18,7 +18,7 @@ from semcal_cli.cli.options import (
     max_baseline_option,
     result_options,
 )
-from semcal_cli.cli.refinement import make_refinement, refinement_options
+from semcal_cli.cli.refinement import check_estimator, make_refinement, refinement_options
 from semcal_cli.cli.search import INIT_DIRECTION, init_direction_option, read_initial_pose
 from semcal_cli.config import CalibrationConfig
 
@@ -47,6 +47,7 @@ def refine(
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at
 
+    check_estimator(options)
     check_json(options, given_parameters(click.get_current_context()))
     initial_pose = read_initial_pose(init, init_direction, direction_option=INIT_DIRECTION)
     refinement, priors = make_refinement(options, max_baseline_m, initial_pose)

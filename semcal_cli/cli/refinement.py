@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, get_args
 
 import click
@@ -9,6 +10,7 @@ import click
 from semcal_cli.cli.options import Command, choice_option, with_options
 from semcal_cli.cli.priors import make_priors, prior_options
 from semcal_cli.config import Device, Estimator, RefinementConfig
+from semcal_cli.extras import check_torch
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
@@ -21,7 +23,8 @@ REFINEMENT_OPTIONS = (
         "--estimator",
         get_args(Estimator),
         default=RefinementConfig.estimator,
-        help="Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound on it.",
+        help="Objective: the labels' exact mutual information, or the paper's MINE, a network's lower bound "
+        "on it (needs PyTorch: the extra mine).",
     ),
     choice_option(
         "--device",
@@ -44,6 +47,18 @@ REFINEMENT_OPTIONS = (
 def refinement_options(command: Command) -> Command:
     """Add the options for the refinement of a pose, and for prior knowledge of it."""
     return with_options(prior_options(command), REFINEMENT_OPTIONS)
+
+
+def check_estimator(options: Mapping[str, Any]) -> None:
+    """Check that torch is there if a command's options ask for MINE.
+
+    Raises:
+        InputError: it is not installed.
+    """
+    if options.get("method") == "paper":
+        check_torch("--method paper")
+    elif options.get("estimator") == "mine":
+        check_torch("--estimator mine")
 
 
 def make_refinement(

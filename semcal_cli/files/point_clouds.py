@@ -15,6 +15,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.errors import InputError
+from semcal_cli.extras import check_installed
 from semcal_cli.files.reading import check_size, open_file, size_of
 
 if TYPE_CHECKING:
@@ -112,10 +113,7 @@ def _is_las(path: Path) -> bool:
 
 
 def _check_las(path: Path, max_points: int) -> None:
-    try:
-        import laspy  # noqa: F401
-    except ImportError:
-        raise InputError(f"{path}: LAS and LAZ need laspy: pip install 'semcal[las]'") from None
+    check_installed(str(path), "laspy", "las")
     with open_file(path) as stream:
         check_size(path, size_of(stream), max_bytes(max_points), A_POINT)
         _check_header(path, stream, max_points)

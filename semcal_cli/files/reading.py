@@ -1,7 +1,6 @@
 """Reading of regular files as a whole, up to a limit, and tests of paths."""
 
 import errno
-import hashlib
 import os
 import stat
 from collections.abc import Iterator
@@ -117,7 +116,9 @@ def hash_file(path: Path) -> str:
     Raises:
         InputError: the file is missing, or cannot be read.
     """
-    digest = hashlib.sha256()
+    from hashlib import sha256
+
+    digest = sha256()
     with open_file(path) as file:
         while piece := file.read(_PIECE_BYTES):
             digest.update(piece)

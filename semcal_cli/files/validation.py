@@ -17,6 +17,9 @@ MAX_TRANSLATION_M = 1e6
 """Largest translation: no LiDAR is farther from its camera, whatever the unit."""
 
 
+NEWEST_VERSION = 1
+"""Newest version of each document of semcal's, which its key such as `semcal_drive` states. A version changes where an
+older semcal would misread the document. Each semcal reads all older versions, and refuses newer ones by name."""
 MAX_ENTRIES = 500_000
 """Most entries of a mapping, with those of mappings in it: pydantic keeps a kilobyte for each that is wrong."""
 
@@ -32,7 +35,9 @@ class StrictModel(BaseModel):
     @classmethod
     def _name_nearest_key(cls, document: object) -> object:
         known = [str(field.validation_alias or name) for name, field in cls.model_fields.items()]
-        for key, value in document.items() if isinstance(document, dict) else ():
+        entries = document if isinstance(document, dict) else {}
+        _check_not_newer(entries, known)
+        for key, value in entries.items():
             if key not in known:
                 nearest = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
                 raise ValueError(f"unknown key {describe(key)}; the nearest known key is {nearest!r}")
@@ -77,9 +82,22 @@ def _num_entries(mapping: dict[Any, Any]) -> int:
     return len(mapping) + sum(len(value) for value in mapping.values() if isinstance(value, dict))
 
 
+def _check_not_newer(document: Mapping[Any, Any], known: Iterable[str]) -> None:
+    """Refuse a newer version before other keys are looked at, some of which may be unknown.
+
+    Raises:
+        ValueError: a newer semcal wrote the document.
+    """
+    for key in (key for key in known if key.startswith("semcal_")):
+        version = document.get(key)
+        if type(version) is int and version > NEWEST_VERSION:
+            newer = f"{describe(version)}, which a newer semcal wrote"
+            raise ValueError(f"{key}: {mismatch(newer, NEWEST_VERSION)}")
+
+
 def _check_version(version: int) -> int:
-    if version != 1:
-        raise mismatch(describe(version), "1, the only version there is")
+    if version != NEWEST_VERSION:
+        raise mismatch(describe(version), NEWEST_VERSION)
     return version
 
 
@@ -109,7 +127,7 @@ def length(minimum: int, maximum: int | None = None) -> Any:
     return Field(strict=False, min_length=minimum, max_length=maximum, fail_fast=True)
 
 
-Version = Annotated[int, AfterValidator(_check_version), Field(json_schema_extra={"const": 1})]
+Version = Annotated[int, AfterValidator(_check_version), Field(json_schema_extra={"const": NEWEST_VERSION})]
 FileName = Annotated[str, AfterValidator(_check_file_name), Field(json_schema_extra={"minLength": 1})]
 Vector3: TypeAlias = Annotated[tuple[float, ...], length(3, 3)]
 Vector4: TypeAlias = Annotated[tuple[float, ...], length(4, 4)]

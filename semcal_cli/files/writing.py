@@ -1,7 +1,6 @@
 """Writing of files as a whole or not at all, so that a crash leaves no incomplete file."""
 
 import os
-import secrets
 import stat
 from contextlib import suppress
 from pathlib import Path
@@ -42,7 +41,7 @@ def write_bytes(content: bytes, path: Path) -> None:
         raise
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {read_reason(error)}") from None
-    temporary = target.with_name(f".{secrets.token_hex(8)}.tmp")
+    temporary = target.with_name(f".{os.urandom(8).hex()}.tmp")
     try:
         with temporary.open("xb") as file:
             file.write(content)

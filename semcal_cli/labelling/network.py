@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.errors import InputError
+from semcal_cli.extras import check_installed
 from semcal_cli.files.reading import open_file
 
 if TYPE_CHECKING:
@@ -92,7 +93,9 @@ def open_network(path: Path, device: str = "cpu", num_threads: int | None = None
     Raises:
         InputError: the file is missing or no model, onnxruntime or the device is missing, or there are several inputs.
     """
-    onnxruntime = _onnxruntime()
+    check_installed(str(path), "onnxruntime", "label")
+    import onnxruntime
+
     with open_file(path):
         pass
     provider = PROVIDERS[device]
@@ -121,16 +124,6 @@ def reason_of(error: Exception) -> str:
     """Say in one line why onnxruntime failed."""
     text = " ".join(str(error).split()) or type(error).__name__
     return re.sub(r"^\[ONNXRuntimeError\] : \d+ : \w+ : ", "", text)[:300]
-
-
-def _onnxruntime() -> Any:
-    try:
-        import onnxruntime
-    except ImportError:
-        raise InputError(
-            "onnxruntime: found none, needed it to run a network: pip install 'semcal[label]'"
-        ) from None
-    return onnxruntime
 
 
 def _port(port: Any) -> Port:

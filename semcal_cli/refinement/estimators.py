@@ -8,6 +8,7 @@ from semcal_cli.config import MINE_WITH_VECTORS, ExactConfig, MineConfig, Refine
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
+from semcal_cli.extras import check_torch
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import LevelOptimizer
 from semcal_cli.refinement.several_starts import SeveralStarts
@@ -19,8 +20,8 @@ def make_estimator(
     """Make the estimator, and tell its settings; torch is loaded only where it is needed.
 
     Raises:
-        InputError: the exact mutual information of features is asked for, a network for segments, or a device that is
-            not there.
+        InputError: the exact mutual information of features is asked for, a network for segments, or torch or a device
+            that is not there.
     """
     if observations.has_vectors and config.estimator == "exact":
         raise InputError("--estimator exact: features are vectors, which have no histogram, needed mine")
@@ -31,6 +32,7 @@ def make_estimator(
         kind = SeveralStarts if observations.has_many_tops else ExactEstimator
         estimator = kind(observations, exact, seed)
         return estimator, {"exact": asdict(estimator.config)}
+    check_torch("--estimator mine")
     on_event(Progress("loading torch"))
     from semcal_cli.refinement.mine import MineEstimator
 

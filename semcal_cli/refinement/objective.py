@@ -9,7 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import torch
+from semcal_cli.extras import check_torch
+
+try:
+    import torch
+except ModuleNotFoundError:
+    check_torch("semcal_cli.refinement.objective")
+    raise
+
 from torch import Tensor
 from torch.nn import functional
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable, Sequence
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from semcal_cli.drive.document import Camera, Drive, drive_file
@@ -13,7 +14,7 @@ from semcal_cli.files.reading import hash_file
 from semcal_cli.result.calibration import Input, InputFrame
 
 LIBRARIES = ("semcal", "numpy", "opencv-python-headless", "torch")
-"""Packages whose versions may change the answer."""
+"""Packages whose versions may change the answer, where they are installed."""
 
 
 def describe_input(
@@ -82,4 +83,8 @@ def camera_hash(camera: Camera) -> str:
 
 def versions() -> dict[str, str]:
     """Read the versions of semcal and of the libraries that compute."""
-    return {name: version(name) for name in LIBRARIES}
+    found = {}
+    for name in LIBRARIES:
+        with suppress(PackageNotFoundError):
+            found[name] = version(name)
+    return found

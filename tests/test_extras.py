@@ -1,0 +1,199 @@
+"""semcal where torch is not installed: all works but MINE, and what needs it says what to install."""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from click.testing import CliRunner
+
+from semcal_cli.cli import semcal
+from semcal_cli.errors import InputError
+from semcal_cli.extras import check_installed, is_installed
+from semcal_cli.result.calibration import read_calibration
+
+NEEDED = "needed the extra 'mine': pip install 'semcal[mine]', in a clone: pip install '.[mine]'"
+BARE = '''
+import contextlib, importlib.metadata, io, json, sys
+
+class WithoutTorch:
+    """Refuses torch, as Python does where it is not installed."""
+
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "torch":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+
+sys.meta_path.insert(0, WithoutTorch())
+version = importlib.metadata.version
+
+def version_without_torch(name):
+    if name == "torch":
+        raise importlib.metadata.PackageNotFoundError(name)
+    return version(name)
+
+importlib.metadata.version = version_without_torch
+'''
+COMMANDS = (
+    BARE
+    + """
+from semcal_cli.cli import main
+from semcal_cli.jobs import processes
+
+sys.modules["semcal_cli.cli.demo"].NUM_FRAMES = 2
+command = processes.command
+
+def command_without_torch(module):
+    python, option, code, *path = command(module)
+    return (python, option, BARE + code, *path)
+
+processes.command = command_without_torch
+endings = []
+for arguments in json.loads(sys.argv[1]):
+    sys.argv = ["semcal", *arguments]
+    with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
+        try:
+            main()
+        except SystemExit as stop:
+            endings.append([stop.code, out.getvalue(), err.getvalue()])
+assert "torch" not in sys.modules
+import semcal_cli.view.server, semcal_cli.view.session, semcal_cli.experiments.trust  # noqa
+assert "torch" not in sys.modules
+print(json.dumps(endings))
+"""
+)
+
+
+class Ending(NamedTuple):
+    """How a command ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+def python_without_torch(folder: Path, code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a script of Python in a process of its own, which finds no torch."""
+    return subprocess.run(
+        [sys.executable, "-I", "-c", f"BARE = {BARE!r}\n{code}", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=folder,
+        check=False,
+    )
+
+
+def semcal_without_torch(folder: Path, *commands: str) -> list[Ending]:
+    """Run commands, one after another, where there is no torch."""
+    done = python_without_torch(folder, COMMANDS, json.dumps([command.split() for command in commands]))
+    assert done.returncode == 0, done.stderr
+    return [Ending(*ending) for ending in json.loads(done.stdout)]
+
+
+WITHOUT_TORCH = (
+    "synth drive --frames 2 --width 320 --height 180",
+    "calibrate drive -o c.yaml --report c.html --overlay overlays",
+    "initialize drive -o initial.yaml",
+    "refine drive --init c.yaml -o refined.yaml",
+    "verify drive c.yaml",
+    "report drive c.yaml -o r.html",
+    "overlay drive c.yaml -o over",
+    "inspect drive",
+    "evaluate c.yaml --reference drive",
+    "compare c.yaml drive",
+    "convert c.yaml --to opencalib -o c.json",
+    "batch drive -o results",
+    "fleet results -o fleet.yaml",
+    "calibrate drive --method soic --init drive -o soic.yaml",
+    "import folder --help",
+    "experiment --help",
+    "demo",
+)
+"""Commands in the order in which they use one another's files."""
+
+
+def test_all_but_mine_runs_without_torch(tmp_path: Path) -> None:
+    endings = semcal_without_torch(tmp_path, *WITHOUT_TORCH)
+    assert len(endings) == len(WITHOUT_TORCH)
+    for command, ending in zip(WITHOUT_TORCH, endings, strict=True):
+        # Two small frames may not be enough to trust the answer.
+        assert ending.code in (0, 3, 4), f"{command}: {ending.err}"
+        assert "torch" not in ending.err, command
+    assert [*read_calibration(tmp_path / "c.yaml").settings.versions] == [
+        "semcal",
+        "numpy",
+        "opencv-python-headless",
+    ]
+    of_drive = [*(tmp_path / "results").rglob("calibration.yaml")]
+    assert [*read_calibration(*of_drive).settings.versions][-1] == "opencv-python-headless"
+    left_out = NEEDED.removeprefix("needed ")
+    assert f"by MINE          left out, needs {left_out}\n" in endings[-1].out + endings[-1].err
+
+
+WITH_TORCH = {
+    "calibrate nowhere --estimator mine": "--estimator mine",
+    "calibrate nowhere --estimator mine --cue features": "--estimator mine",
+    "calibrate nowhere --method paper": "--method paper",
+    "refine nowhere --init none.yaml --estimator mine": "--estimator mine",
+    "batch here -o results -- --method paper": "--method paper",
+    "experiment accuracy": "semcal experiment accuracy --estimator mine",
+    "experiment trust": "semcal experiment trust --only good",
+    "experiment pairs": "semcal experiment pairs",
+    "experiment noise": "semcal experiment noise",
+    "experiment table nowhere": "semcal experiment table",
+    "experiment speed": "semcal experiment speed",
+}
+"""What each command says that it found no torch for; no drive is there, so that no file is read before."""
+
+
+def test_what_needs_torch_says_what_to_install_before_it_reads_a_file(tmp_path: Path) -> None:
+    (tmp_path / "here").mkdir()
+    endings = semcal_without_torch(tmp_path, *WITH_TORCH)
+    for ending, asked in zip(endings, WITH_TORCH.values(), strict=True):
+        assert ending == (1, "", f"semcal: error: {asked}: found no torch, {NEEDED}\n")
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+
+
+@pytest.mark.parametrize(
+    ("code", "asked"),
+    [
+        (
+            "import semcal_cli as semcal\n"
+            "mine = semcal.CalibrationConfig(refinement=semcal.RefinementConfig('mine'))\n"
+            "semcal.calibrate('nowhere', mine)",
+            "estimator 'mine'",
+        ),
+        ("import semcal_cli.refinement.objective", "semcal_cli.refinement.objective"),
+    ],
+)
+def test_the_library_says_it_too(tmp_path: Path, code: str, asked: str) -> None:
+    done = python_without_torch(tmp_path, f"exec(BARE)\n{code}")
+    assert done.returncode == 1
+    assert done.stderr.splitlines()[-1] == f"semcal_cli.errors.InputError: {asked}: found no torch, {NEEDED}"
+
+
+def test_a_library_that_is_not_there_is_named_with_its_extra() -> None:
+    assert is_installed("numpy")
+    check_installed("numbers", "numpy", "numbers")
+    with pytest.raises(
+        InputError,
+        match=r"^a\.laz: found no such_library, needed the extra 'las': pip install 'semcal\[las\]',",
+    ):
+        check_installed("a.laz", "such_library", "las")
+
+
+def test_the_demo_shows_mine_beside_the_exact_estimator(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys.modules["semcal_cli.cli.demo"], "NUM_FRAMES", 2)
+    done = CliRunner().invoke(semcal, ["demo", str(tmp_path / "demo")])
+    assert done.exit_code == 0, done.output
+    told = re.search(
+        r"^by MINE          (\d\.\d{4}) deg and (\d\.\d{3}) cm off, in \d+\.\d s: ", done.output, re.MULTILINE
+    )
+    assert told is not None
+    # About four times what it ends at: a pose of another scene, or of no refinement, is farther off.
+    assert float(told[1]) < 0.04
+    assert float(told[2]) < 0.6
