@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import PurePosixPath
@@ -14,6 +15,13 @@ def frame_name(names: Sequence[str], index: int) -> str:
     """Name a frame by its point cloud without folder and suffix, if that tells it from all others."""
     stems = [PurePosixPath(name).stem for name in names]
     return stems[index] if stems.count(stems[index]) == 1 else names[index]
+
+
+def frame_names(names: Sequence[str]) -> list[str]:
+    """Name all frames by their point clouds, without folder and suffix where that tells them apart."""
+    stems = [PurePosixPath(name).stem for name in names]
+    counts = Counter(stems)
+    return [stem if counts[stem] == 1 else name for stem, name in zip(stems, names, strict=True)]
 
 
 def frame_list(names: Sequence[str], indices: Sequence[int]) -> str:

@@ -75,21 +75,13 @@ def calibrate_rig(
     set_num_threads(options.threads)
     sweeps, hashes = Sweeps(), dict[str, str]()
     terminals = {name: Terminal(quiet=options.quiet, verbose=options.verbose) for name in drives}
-    cameras: dict[str, Calibration] = {}
-    failures: dict[str, str] = {}
-    used = {name: len(drive.frames) for name, drive in drives.items()}
-    for name, terminal in terminals.items():
-        terminal.print(f"[{name}]")
-        try:
-            with terminal:
-                data = load(drives[name], config, terminal.on_event, sweeps)
-                used[name] = len(data.drive.frames)
-                found = calibrate(data, relative_to=folder, on_event=terminal.on_event, hashes=hashes)
-            outputs[name].write(found, terminal, options.threads)
-            cameras[name] = found
-        except SemcalError as error:
-            failures[name] = " ".join(str(error).splitlines())
-            terminal.print(labelled("failed", failures[name]))
+
+    def run(name: str, terminal: Terminal) -> tuple[Calibration, int]:
+        data = load(drives[name], config, terminal.on_event, sweeps)
+        found = calibrate(data, relative_to=folder, on_event=terminal.on_event, hashes=hashes)
+        return found, len(data.drive.frames)
+
+    cameras, failures, num_frames = _calibrate_each(run, terminals, outputs, options.threads)
     if not cameras:
         raise CalibrationError(_sentence(failures, len(drives)))
     rig_calibration = combine(rig, drives, cameras, failures, sweeps.num_different)
@@ -98,13 +90,45 @@ def calibrate_rig(
         logs = {name: terminal.log_document(options.threads) for name, terminal in terminals.items()}
         write_text(json.dumps(logs, indent=2) + "\n", options.log)
     terminal = Terminal(quiet=options.quiet)
-    terminal.print(*_lines(rig_calibration, sum(used.values()), folder))
+    terminal.print(*_lines(rig_calibration, num_frames, folder))
     if page is not None:
         _write_page(rig_calibration, drives, (str(path), str(folder / f"{RESULT}.yaml")), page, terminal)
     _print_verdict(rig_calibration, terminal)
     if failures:
         raise CalibrationError(_sentence(failures, len(drives)))
     return EXIT_NOT_TRUSTED if rig_calibration.status == "not_trusted" else 0
+
+
+def _calibrate_each(
+    run: Callable[[str, Terminal], tuple[Calibration, int]],
+    terminals: Mapping[str, Terminal],
+    outputs: Mapping[str, Outputs],
+    num_threads: int | None,
+) -> tuple[dict[str, Calibration], dict[str, str], int]:
+    """Calibrate the cameras one after another, and write and show the result of each.
+
+    Args:
+        run: Function that calibrates a camera, and tells how many frames it used.
+        terminals: Where each camera is shown.
+        outputs: Outputs of each camera.
+        num_threads: Number of threads that was asked for.
+
+    Returns:
+        Calibrations of the cameras that have one, errors of the others, and the number of frames that were used.
+    """
+    cameras, failures, num_frames = dict[str, Calibration](), dict[str, str](), 0
+    for name, terminal in terminals.items():
+        terminal.print(f"[{name}]")
+        try:
+            with terminal:
+                cameras[name], num_used = run(name, terminal)
+            outputs[name].write(cameras[name], terminal, num_threads)
+            num_frames += num_used
+        except SemcalError as error:
+            cameras.pop(name, None)
+            failures[name] = " ".join(str(error).splitlines())
+            terminal.print(labelled("failed", failures[name]))
+    return cameras, failures, num_frames
 
 
 def _write(

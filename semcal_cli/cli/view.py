@@ -143,4 +143,6 @@ def _session(
         session.picture(frame)  # so that a missing one is told before the page is
     if unlabelled:
         console.print(f"note: nothing tells how well points fit: {unlabelled}", markup=False)
+        if all(frame.image_labels is not None for frame in few.frames):
+            console.print("note: with --cue segments, labels of the pictures alone tell it", markup=False)
     return session

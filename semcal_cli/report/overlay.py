@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cue_config import SegmentationConfig
@@ -161,9 +162,14 @@ class Overlays:
         swatches = np.array(list(legend.values()), np.uint8).reshape(-1, 3)
         write_image(np.vstack([image, draw_legend(list(legend), swatches, image.shape[1])]), path)
 
+    @cached_property
+    def frame_names(self) -> list[str]:
+        """Names of all frames."""
+        return frame_names([frame.points for frame in self.drive.frames])
+
     def strip(self, frame: int, caption: str) -> str:
         """Name a frame, how many of its points agree at the pose of a caption, and the pose."""
-        observations, words = self.observations, [self.drive.frames[frame].points]
+        observations, words = self.observations, [self.frame_names[frame]]
         if observations.point_class_names and observations.image_class_names:
             seen = points_in_image(
                 observations.clouds[frame].points, self.poses[caption], observations.camera

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.assessment.frame_names import frame_name
+from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.writing import write_text
@@ -145,8 +145,7 @@ def _of_frames(report: ReportInput) -> OfFrames | None:
     if not report.is_of_record or sum(part.num_frames for part in parts) != observations.num_frames:
         parts = ()
     found = frame_offsets(observations, report.T_camera_lidar, parts)
-    names = [frame.points for frame in report.drive.frames]
-    names = [frame_name(names, index) for index in range(len(names))]
+    names = frame_names([frame.points for frame in report.drive.frames])
     return OfFrames(
         sentences=frame_sentences(found, names, len(parts)),
         plots=frames_plots(found, names),

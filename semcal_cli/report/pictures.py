@@ -63,7 +63,7 @@ class Picture:
     """The picture of one frame, with its points for the page's script."""
 
     name: str
-    """Name of the frame's point cloud."""
+    """Name of the frame."""
     number: int
     """Number of the frame among those shown, from 0."""
     width: int
@@ -161,7 +161,7 @@ def _packer(overlays: Overlays, projected: Sequence[FramePoints], best: int) -> 
         image, is_photograph = picture_of(overlays.drive, overlays.observations, number)
         height, width = image.shape[:2]
         return Picture(
-            name=overlays.drive.frames[number].points,
+            name=overlays.frame_names[number],
             number=number,
             width=width,
             height=height,

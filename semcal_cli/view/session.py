@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
@@ -138,7 +139,7 @@ class Session:
         choices += ["intensity"] * self.has_intensities + ["agreement"] * self.has_labels
         classes = np.unique(np.concatenate([cloud.classes for cloud in observations.clouds]))
         return {
-            "frames": [frame.points for frame in self.data.drive.frames],
+            "frames": frame_names([frame.points for frame in self.data.drive.frames]),
             "width": camera.width,
             "height": camera.height,
             "degrees_per_pixel": float(np.degrees(1.0 / core_camera(camera).pixels_per_radian)),
