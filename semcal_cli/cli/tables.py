@@ -92,17 +92,17 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
         return []
     center, rotation = uncertainty.half_width_95_camera_center_m, uncertainty.half_width_95_rotation_deg
     rows = [
-        ("95 % interval", f"camera centre x y z +- {row([100.0 * x for x in center], 3)} cm"),
+        ("95 % interval", f"camera centre x y z +- {row([1000.0 * x for x in center], 2)} mm"),
         ("", f"rotation about them +- {row(rotation, 4)} deg"),
         *(("weak", direction) for direction in uncertainty.weak_directions),
     ]
     if uncertainty.label_bleed is not None:
-        moved_cm = 100.0 * np.linalg.norm(uncertainty.label_bleed.camera_center_m)
+        moved_mm = 1000.0 * np.linalg.norm(uncertainty.label_bleed.camera_center_m)
         turned_deg = np.linalg.norm(uncertainty.label_bleed.rotation_deg)
-        rows.append(("labels 1 px off", f"moves it by {moved_cm:.2f} cm and {turned_deg:.3f} deg"))
+        rows.append(("labels 1 px off", f"moves it by {moved_mm:.1f} mm and {turned_deg:.3f} deg"))
     if uncertainty.intrinsics_cost is not None:
         off_m, off_deg = uncertainty.intrinsics_cost.together
-        by = f"cx, cy 1 px, fx, fy 0.1 % off: moves by {100.0 * off_m:.2f} cm and {off_deg:.3f} deg"
+        by = f"cx, cy 1 px, fx, fy 0.1 % off move it by {1000.0 * off_m:.1f} mm and {off_deg:.3f} deg"
         rows.append(("K a little off", by))
     return rows
 
@@ -110,9 +110,9 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
 def _repeatability_rows(found: Repeatability | None) -> Rows:
     if found is None or found.spread_camera_center_m is None or found.spread_rotation_deg is None:
         return []
-    center = [100.0 * x for x in found.spread_camera_center_m]
+    center = [1000.0 * x for x in found.spread_camera_center_m]
     return [
-        (f"{found.num_seeds} seeds", f"camera centre x y z    {row(center, 3)} cm"),
+        (f"{found.num_seeds} seeds", f"camera centre x y z    {row(center, 2)} mm"),
         ("", f"rotation about them    {row(found.spread_rotation_deg, 4)} deg"),
         ("", "standard deviations"),
     ]
