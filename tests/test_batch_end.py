@@ -10,8 +10,9 @@ from rich.console import Console
 
 from semcal_cli.batch.summary import write_summary
 from semcal_cli.batch.tasks import Outcome, failed
-from semcal_cli.cli.batch_end import MAX_NAMED, WIDTH, print_end
+from semcal_cli.cli.batch_end import MAX_NAMED, print_end
 from semcal_cli.cli.batch_progress import BatchProgress
+from semcal_cli.cli.tables import COLUMNS
 from semcal_cli.config import Limits
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.members import read_members
@@ -78,7 +79,7 @@ def test_the_end_names_what_matters(
         "summary          out/summary.csv, out/summary.jsonl",
         "next             semcal fleet out --report fleet.html",
     ]
-    assert max(map(len, lines)) <= WIDTH
+    assert max(map(len, lines)) <= COLUMNS
     assert "nats" not in "\n".join(lines)
 
 

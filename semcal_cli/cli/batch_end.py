@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import shlex
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.text import Text
@@ -22,14 +20,10 @@ from semcal_cli.cli.batch_progress import (
     words,
 )
 from semcal_cli.cli.live import printable
-from semcal_cli.cli.tables import LABEL_WIDTH, labelled, row
-
-if TYPE_CHECKING:
-    pass
+from semcal_cli.cli.tables import labelled, row, wrapped
 
 MAX_NAMED = 8
 """Most drives that are named; the files name all."""
-WIDTH = 80
 GOOD = ("trusted", "pass", "not_assessed")
 """Statuses of drives that need no look."""
 MIN_AGREEING = 2
@@ -40,10 +34,10 @@ def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> No
     """Print the end of a batch whose results are in a folder."""
     if console.quiet:
         return
-    done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts_text(count_statuses(outcomes))
-    lines = [done, *_bad_drives(outcomes, folder)]
     from semcal_cli.fleet.verdict import MIN_DRIVES
 
+    done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts_text(count_statuses(outcomes))
+    lines = [done, *_bad_drives(outcomes, folder)]
     trusted = [outcome.drive for outcome in outcomes if outcome.status == "trusted"]
     if len(trusted) >= MIN_AGREEING:
         lines += map(Text, _agreement(set(trusted), folder))
@@ -65,7 +59,7 @@ def _bad_drives(outcomes: Sequence[Outcome], folder: Path) -> list[Text]:
         status = Text(f"{words(outcome.status):<{STATUS_WIDTH}}", STYLES[outcome.status])
         lines.append(status + Text(printable(outcome.drive)))
         if outcome.reasons:
-            lines += [Text(line) for line in _wrapped(first_reason(outcome), STATUS_WIDTH)]
+            lines += [Text(line) for line in wrapped("", printable(first_reason(outcome)), STATUS_WIDTH)]
     if len(bad) > MAX_NAMED:
         lines.append(Text(f"and {len(bad) - MAX_NAMED:,} more: see {folder / CSV}"))
     return lines
@@ -100,18 +94,4 @@ def _agreement(trusted: set[str], folder: Path) -> list[str]:
 
 
 def _labelled(label: str, text: str) -> list[str]:
-    first, *rest = _wrapped(text, LABEL_WIDTH)
-    return [labelled(label, first.strip()), *rest]
-
-
-def _wrapped(text: str, indent: int) -> list[str]:
-    """Break a text into lines that fit a narrow terminal; names of files stay whole."""
-    blank = " " * indent
-    return textwrap.wrap(
-        printable(text),
-        WIDTH,
-        initial_indent=blank,
-        subsequent_indent=blank,
-        break_long_words=False,
-        break_on_hyphens=False,
-    ) or [blank]
+    return wrapped(label, printable(text))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from semcal_cli.assessment.limits import IN_ALL
 from semcal_cli.cli.live import printable
 from semcal_cli.cli.tables import LABEL_WIDTH, labelled, matrix_lines
+from semcal_cli.cli.terminal import COLORS
 from semcal_cli.fleet.words import figures, subject_of, title, total
 from semcal_cli.result.intervals import intervals
 
@@ -24,8 +25,6 @@ MAX_LINES = 20
 COLUMNS = 80
 NO_BREAK = "\u00a0"
 """Space at which no line is broken."""
-COLORS = {"pass": "bold green", "fail": "bold red", "inconclusive": "bold yellow"}
-"""Colour of each verdict."""
 
 
 def print_fleet(fleet: Fleet, written: Sequence[Path], console: Console) -> None:

@@ -17,7 +17,11 @@ from semcal_cli.stage_words import movement
 
 STAGE_WIDTH = 20
 """Columns before what a stage did: its name and its time."""
-COLORS = {"trusted": "bold green", "not_trusted": "bold red", "not_assessed": "bold yellow"}
+COLORS = {
+    **dict.fromkeys(("trusted", "pass"), "bold green"),
+    **dict.fromkeys(("not_trusted", "fail"), "bold red"),
+    **dict.fromkeys(("not_assessed", "inconclusive"), "bold yellow"),
+}
 """Colour of each verdict."""
 
 

@@ -43,9 +43,6 @@ if TYPE_CHECKING:
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.verification import Verification
 
-COLORS = {"pass": "green", "fail": "red", "inconclusive": "yellow"}
-"""Colour of each verdict on a terminal."""
-
 
 @click.command(
     help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
@@ -170,8 +167,11 @@ def _print(found: Verification, as_json: bool) -> None:
             json.dumps(asdict(found) | {"T_camera_lidar": found.T_camera_lidar.tolist()}, allow_nan=False)
         )
         return
+    from rich.console import Console
+
     from semcal_cli.assessment.limits import offsets_in_all
     from semcal_cli.cli.tables import wrapped
+    from semcal_cli.cli.terminal import COLORS
 
     for check in found.checks:
         click.echo(_check_line(check))
@@ -179,7 +179,8 @@ def _print(found: Verification, as_json: bool) -> None:
         for line in wrapped("", sentence, indent=0):
             click.echo(line)
     worst = offsets_in_all(found.checks)[0]
-    click.secho(f"{found.verdict}: {worst}", fg=COLORS[found.verdict], bold=True)
+    console = Console(highlight=False, soft_wrap=True)
+    console.print(f"{found.verdict}: {worst}", style=COLORS[found.verdict], markup=False)
 
 
 def _check_line(check: Check) -> str:

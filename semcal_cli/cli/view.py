@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from semcal_cli.config import Cue
     from semcal_cli.drive.document import Drive
+    from semcal_cli.files.point_clouds import Sweeps
     from semcal_cli.geometry.poses import Pose
     from semcal_cli.view.session import Session
 
@@ -124,25 +125,43 @@ def _session(
     """Load the drive; one without labels is shown without classes, unless a cue was asked for."""
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.drive.loading import LoadedDrive, load
-    from semcal_cli.drive.reading import check_labelled, load_points, read_clouds
+    from semcal_cli.drive.reading import load_points, read_clouds
     from semcal_cli.errors import InputError
     from semcal_cli.files.point_clouds import Sweeps
+    from semcal_cli.report.overlay import picture_of
     from semcal_cli.view.session import Session
 
     sweeps, unlabelled = Sweeps(), ""
     few = spec.model_copy(update={"frames": tuple(evenly_spaced(spec.frames, config.max_frames))})
-    clouds = read_clouds(few, sweeps)
-    if not is_given:
-        try:
-            check_labelled(few, clouds)
-        except InputError as error:
-            unlabelled = str(error)
-    data = LoadedDrive(few, load_points(few)) if unlabelled else load(spec, config, sweeps=sweeps)
+    try:
+        data = load(spec, config, sweeps=sweeps)
+    except InputError:
+        unlabelled = "" if is_given else _missing_labels(few, sweeps)
+        if not unlabelled:
+            raise
+        data = LoadedDrive(few, load_points(few))
     session = Session(data, read_clouds(data.drive, sweeps), config, start, output, unlabelled)
     for frame in range(len(data.drive.frames)):
-        session.picture(frame)  # so that a missing one is told before the page is
+        picture_of(data.drive, session.observations, frame)  # a missing one is told before the page is
     if unlabelled:
         console.print(f"note: nothing tells how well points fit: {unlabelled}", markup=False)
         if all(frame.image_labels is not None for frame in few.frames):
             console.print("note: with --cue segments, labels of the pictures alone tell it", markup=False)
     return session
+
+
+def _missing_labels(drive: Drive, sweeps: Sweeps) -> str:
+    """Say which labels a drive lacks; empty if it has all.
+
+    Raises:
+        InputError: a sweep or its labels are damaged.
+    """
+    from semcal_cli.drive.reading import check_labelled, read_clouds
+    from semcal_cli.errors import InputError
+
+    clouds = read_clouds(drive, sweeps)
+    try:
+        check_labelled(drive, clouds)
+    except InputError as error:
+        return str(error)
+    return ""

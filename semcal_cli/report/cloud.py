@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,6 +17,7 @@ from semcal_cli.geometry.poses import Pose, camera_center, inverse
 from semcal_cli.report.colors import Colors, hex_color, palettes
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.overlay import points_in_image
+from semcal_cli.report.points import packed
 
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
 """Largest number of points kept that the camera sees, and of points that it does not see."""
@@ -79,7 +79,7 @@ def frame_cloud(report: ReportInput) -> Cloud:
     return Cloud(
         frame=report.drive.frames[number].points,
         positions_cm=centimetres(points[kept]),
-        colors={name: encoded(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
+        colors={name: packed(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
         legends=legends,
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
@@ -130,9 +130,4 @@ def frustum(camera: Camera, T_camera_lidar: Pose) -> list[list[float]]:
 
 def centimetres(points: npt.NDArray[np.float32]) -> str:
     """Encode points (N, 3), metres, as int16 centimetres."""
-    return encoded(np.clip(np.rint(100.0 * points), -32_767, 32_767).astype("<i2"))
-
-
-def encoded(array: npt.NDArray[np.generic]) -> str:
-    """Encode the bytes of an array as base64."""
-    return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()
+    return packed(np.clip(np.rint(100.0 * points), -32_767, 32_767).astype("<i2"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.files.writing import write_text
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import Coloring, Overlays
+from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict
@@ -40,21 +40,15 @@ class CheckRow:
     """Place of the offset."""
 
 
-def both_overlays(
-    found: Verification,
-    data: LoadedDrive,
-    initial_pose: InitialPose,
-    by: Coloring = "agreement",
-    max_frames: int = MAX_FRAMES,
-) -> Overlays:
+def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
     """Put the transform that was verified and the one that was found beside each other, on evenly spaced frames."""
-    indices = evenly_spaced(range(len(data.drive.frames)), max_frames)
+    indices = evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES)
     few = data.of_frames(indices)
     poses = {
         initial_pose.name: initial_pose.T_camera_lidar,
         "found on this drive": found.T_camera_lidar,
     }
-    return Overlays(few.drive, few.first_cue, poses, by)
+    return Overlays(few.drive, few.first_cue, poses, "agreement")
 
 
 def write_verification(
@@ -62,7 +56,6 @@ def write_verification(
     data: LoadedDrive,
     initial_pose: InitialPose,
     path: Path,
-    progress: Callable[[str], None] = lambda doing: None,
 ) -> None:
     """Write the page.
 
@@ -71,12 +64,10 @@ def write_verification(
         data: The drive that it was found on.
         initial_pose: The transform that was verified.
         path: HTML file to write.
-        progress: Called with a description of each step.
 
     Raises:
         InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
     """
-    progress("drawing points on pictures")
     pictures = make_pictures(both_overlays(found, data, initial_pose))
     reach = _reach(found.checks)
     page = ENVIRONMENT.get_template("report/verification.html").render(

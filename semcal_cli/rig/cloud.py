@@ -23,12 +23,12 @@ from semcal_cli.report.cloud import (
     MAX_SEEN,
     at_pixels,
     centimetres,
-    encoded,
     frustum,
     thinned,
 )
 from semcal_cli.report.colors import QUALITATIVE_COLORS
 from semcal_cli.report.overlay import points_in_image
+from semcal_cli.report.points import packed
 
 Rgb = tuple[int, int, int]
 BY_CAMERA, BY_PICTURE = "camera that sees them", "pictures"
@@ -119,11 +119,11 @@ def rig_cloud(views: list[CameraView]) -> RigCloud:
             has_picture = True
     is_other = ~kept & (np.linalg.norm(points, axis=1) < MAX_RANGE_M)
     kept[thinned(is_other, MAX_OTHERS)] = True
-    colors = {BY_CAMERA: encoded(by_camera[kept])}
+    colors = {BY_CAMERA: packed(by_camera[kept])}
     return RigCloud(
         frame=shown.drive.frames[0].points,
         positions_cm=centimetres(points[kept]),
-        colors=colors | ({BY_PICTURE: encoded(by_picture[kept])} if has_picture else {}),
+        colors=colors | ({BY_PICTURE: packed(by_picture[kept])} if has_picture else {}),
         cameras=[_in_view(view) for view in views],
     )
 
