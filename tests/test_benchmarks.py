@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 import yaml
 from conftest import TEST_DATA, make_pose
-from documentation import ROOT, text_of_all
+from documentation import PAGES, ROOT, text_of_all
 
 from semcal_cli.config import SynthConfig
+from semcal_cli.experiments.page_tables import END, find_place
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.synthetic.synthesis import synthesize
@@ -114,7 +115,7 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     ),
     "rig": (
         "rig.py --seeds 1 --cameras 2 --frames 2 --width 160",
-        [rf"[01] of 1 pairs are trusted; one run takes {NUMBER} of the time of 2"],
+        [rf"\| 2 \| 1 \| (0 \|  \|  |1 \| {NUMBER}% \| [01] )\| {NUMBER} \|"],
     ),
     "same results": (
         "same_results.py --before SEMCAL --after SEMCAL --work OUT/work --cases CASES",
@@ -155,6 +156,8 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     ),
 }
 """Arguments of the smallest run of each script, and lines that it prints."""
+WITHOUT_TABLES = {"knocked_drive.py", "pictures.py", "segments_picture.py"}
+"""Scripts that make pictures."""
 CASES = {
     "synth": ["synth pinhole --frames 1 --width 64 --height 48 -q"],
     "inspect": ["inspect @pinhole --json", "inspect @nothing"],
@@ -194,17 +197,36 @@ def run(command: list[str], places: dict[str, Path]) -> str:
     return ended.stdout
 
 
+def page_for(name: str, folder: Path) -> Path:
+    """Copy the page with the place of that name, or make one."""
+    mark = f"<!-- table: {name} -->\n"
+    pages = [text for text in (path.read_text() for path in PAGES) if mark in text]
+    page = folder / f"{name}.md"
+    page.write_text(pages[0] if pages else f"# Figures\n\n{mark}{END}\n")
+    return page
+
+
 @pytest.mark.parametrize("name", RUNS)
-def test_a_script_runs_to_its_end(name: str, places: dict[str, Path]) -> None:
+def test_a_script_runs_to_its_end(name: str, places: dict[str, Path], tmp_path: Path) -> None:
     command, lines = RUNS[name]
     script, *arguments = shlex.split(command)
     if name == "pictures" and shutil.which("chromedriver") is None and "CI" not in os.environ:
         pytest.skip("no chromedriver on this machine")
     if "DATA" in arguments and not TEST_DATA.is_dir():
         pytest.skip(f"no real frames: {TEST_DATA} does not exist; set SEMCAL_TEST_DATA")
-    printed = run([sys.executable, str(BENCHMARKS / script), *arguments], places)
+    page = page_for(Path(script).stem, tmp_path)
+    outside = find_place(str(page), page.stem).split()
+    into = [] if script in WITHOUT_TABLES else ["--into", str(page)]
+    printed = run([sys.executable, str(BENCHMARKS / script), *arguments, *into], places)
     for line in lines:
         assert re.search(rf"^({line})$", printed, re.MULTILINE), f"{line}\n\n{printed}"
+    if into:
+        assert find_place(str(page), page.stem).split() == outside
+        written = page.read_text().removeprefix(outside[0]).removesuffix(outside[1])
+        *tables, measured = filter(None, written.splitlines())
+        assert tables == [line for line in printed.splitlines() if line.startswith("|")]
+        assert measured.startswith(f"Measured by `python tests/benchmarks/{script} ")
+        assert str(places["OUT"].parent) not in measured
 
 
 def test_plain_torch_ends_near_the_truth(places: dict[str, Path]) -> None:
@@ -215,11 +237,14 @@ def test_plain_torch_ends_near_the_truth(places: dict[str, Path]) -> None:
     assert error.camera_center_cm < NEAR_CM
 
 
-def test_the_speed_beside_plain_torch(places: dict[str, Path]) -> None:
+def test_the_speed_beside_plain_torch(places: dict[str, Path], tmp_path: Path) -> None:
     small = "--repeats 1 --only refine --frames 1 --width 160 --height 90 -o OUT"
     script = str(BENCHMARKS / "plain_torch.py")
+    page = page_for("speed", tmp_path)
     command = [str(places["SEMCAL"]), "experiment", "speed", "--plain-torch", script, *small.split()]
-    printed = run(command, places)
+    printed = run([*command, "--into", str(page)], places)
+    called = "semcal experiment speed --plain-torch plain_torch.py --repeats 1 --only refine"
+    assert f"<!-- table: speed -->\n\n{printed}\nMeasured by `{called} " in page.read_text()
     for estimator in ("exact", "mine"):
         figures = rf"\| 1 \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER} \| {NUMBER} deg, {NUMBER} cm \|"
         assert re.search(rf"^\| refine, {estimator} {figures} {NUMBER} \|$", printed, re.MULTILINE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, get_args
 
 import click
 
@@ -19,6 +19,9 @@ from semcal_cli.cli.options import (
 )
 from semcal_cli.config import MAX_SEED
 from semcal_cli.extras import check_torch
+
+if TYPE_CHECKING:
+    from semcal_cli.experiments.page_tables import Place
 
 ESTIMATORS = ("exact", "mine")
 TRUST_PARTS = ("good", "bad", "spoiled", "verify")
@@ -37,6 +40,22 @@ out_option = click.option(
     show_default=True,
     metavar="DIR",
     help="Folder of the results and the pool.",
+)
+
+
+def _find_place(context: click.Context, parameter: click.Parameter, into: str | None) -> Place | None:
+    """Find the place before the experiment is run."""
+    from semcal_cli.experiments.page_tables import find_place
+
+    return None if into is None else find_place(into, str(context.info_name))
+
+
+into_option = click.option(
+    "--into",
+    metavar="PAGE[#NAME]",
+    callback=_find_place,
+    help="Markdown page to write the table into, too: between its lines `<!-- table: NAME -->` and "
+    "`<!-- end of table -->`.  [default NAME: that of the experiment]",
 )
 
 
@@ -63,10 +82,14 @@ def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Comma
     return add
 
 
-def _print(table: str, folder: Path) -> None:
-    """Print the table of an experiment, and where its files lie."""
+def _print(table: str, folder: Path, into: Place | None) -> None:
+    """Print the table of an experiment, and where its files lie; write it into its place of a page."""
+    from semcal_cli.experiments.runner import read_measured
+
     click.echo(table, nl=False)
     click.echo(f"written to {folder}", err=True)
+    if into is not None:
+        into.write(table, read_measured(folder))
 
 
 @experiment.command()
@@ -89,6 +112,7 @@ def _print(table: str, folder: Path) -> None:
 )
 @click.option("--edge-band", type=click.IntRange(0), metavar="PX", help="As in `calibrate`.")
 @out_option
+@into_option
 def accuracy(
     seeds: int,
     first_seed: int,
@@ -97,6 +121,7 @@ def accuracy(
     rows: tuple[str, ...],
     edge_band: int | None,
     out: Path,
+    into: Place | None,
 ) -> None:
     """Compare calibrations with the truth, over sensors, lenses, labels and starts.
 
@@ -126,7 +151,7 @@ def accuracy(
     run = accuracy.Experiment(Pool(out / "pool"), chosen, band)
     with experiment_progress(jobs) as watcher:
         results = runner.run_cases(cases, run, accuracy.Result, folder, jobs, watcher)
-    _print(accuracy.write_accuracy(results, jobs, folder), folder)
+    _print(accuracy.write_accuracy(results, jobs, folder), folder, into)
 
 
 @experiment.command()
@@ -144,7 +169,10 @@ def accuracy(
     help="Only this part; may be given again. Alone, `spoiled` spoils every drive, and otherwise every fifth.",
 )
 @out_option
-def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: Path) -> None:
+@into_option
+def trust(
+    seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: Path, into: Place | None
+) -> None:
     """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
 
     Drives are also spoiled in the ways of real recordings: none should be trusted and wrong. Takes about two minutes
@@ -167,7 +195,7 @@ def trust(seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: P
             jobs,
             watcher,
         )
-    _print(trust_rates.write_trust(findings, jobs, folder), folder)
+    _print(trust_rates.write_trust(findings, jobs, folder), folder, into)
 
 
 def _rivals_command(name: str, help: str) -> None:
@@ -182,7 +210,10 @@ def _rivals_command(name: str, help: str) -> None:
         "folder of their own.",
     )
     @out_option
-    def compare(seeds: int, first_seed: int, jobs: int, unmended: bool, out: Path) -> None:
+    @into_option
+    def compare(
+        seeds: int, first_seed: int, jobs: int, unmended: bool, out: Path, into: Place | None
+    ) -> None:
         from shutil import rmtree
 
         from semcal_cli.cli.experiment_progress import experiment_progress
@@ -205,7 +236,7 @@ def _rivals_command(name: str, help: str) -> None:
             )
         rmtree(scratch, ignore_errors=True)
         found = rivals.complete(findings, settings)
-        _print(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder)
+        _print(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder, into)
 
 
 _rivals_command(
@@ -228,7 +259,8 @@ _rivals_command(
 @experiment.command()
 @seeds_options(20, "Drives, a run of each optimiser on each.", first_seed=55_000)
 @out_option
-def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
+@into_option
+def gradient(seeds: int, first_seed: int, jobs: int, out: Path, into: Place | None) -> None:
     """Compare gradient ascent with Powell's method on the same mutual information.
 
     Both start 2 degrees and 0.2 m off, with five pairs. Writes results.csv, summary.json and table.md into a folder of
@@ -251,7 +283,7 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
             watcher,
         )
     rmtree(folder / "drives", ignore_errors=True)
-    _print(gradient.write_gradient(findings, jobs, folder), folder)
+    _print(gradient.write_gradient(findings, jobs, folder), folder, into)
 
 
 @experiment.command()
@@ -277,6 +309,7 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path) -> None:
 @max_frames_option
 @max_points_option
 @out_option
+@into_option
 def table(
     drive: Path,
     reference: Path | None,
@@ -285,6 +318,7 @@ def table(
     max_frames: int,
     max_points: int,
     out: Path,
+    into: Place | None,
 ) -> None:
     """Compare methods on DRIVE, from the same start, with its reference.
 
@@ -317,7 +351,7 @@ def table(
         progress("reading frames")
         data = load(spec, CalibrationConfig(max_frames=max_frames))
         found = compare(data, T_reference, initial_pose, frame, progress)
-    _print(write_table(found, frame, folder), folder)
+    _print(write_table(found, frame, folder), folder, into)
 
 
 @experiment.command()
@@ -343,8 +377,16 @@ def table(
     "--height", type=click.IntRange(48), default=720, show_default=True, help="Rows of the pictures."
 )
 @out_option
+@into_option
 def speed(
-    repeats: int, plain_torch: Path | None, only: str | None, frames: int, width: int, height: int, out: Path
+    repeats: int,
+    plain_torch: Path | None,
+    only: str | None,
+    frames: int,
+    width: int,
+    height: int,
+    out: Path,
+    into: Place | None,
 ) -> None:
     """Time whole processes, and compare the refinement with the same in plain torch.
 
@@ -374,4 +416,4 @@ def speed(
             1,
             watcher,
         )
-    _print(speed.markdown(speed.write_speed(timings, folder)), folder)
+    _print(speed.markdown(speed.write_speed(timings, folder)), folder, into)

@@ -10,11 +10,14 @@ from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from semcal_cli.errors import InputError
+from semcal_cli.experiments.page_tables import measured_here
 from semcal_cli.files.reading import read_text
 from semcal_cli.files.writing import write_text
 
 MAX_BYTES = 256 << 20
 """Largest size of the file of results."""
+UNKNOWN = "a machine that is not known"
+"""Where the results of a semcal that did not tell it were measured."""
 Found = TypeVar("Found")
 """Result of a case: a dataclass of numbers and strings."""
 
@@ -28,15 +31,17 @@ class Journal(Generic[Found]):
         Raises:
             InputError: a line is not a case of this experiment.
         """
-        self.file, self.kind = file, kind
+        self.file, self.kind, self._here = file, kind, measured_here()
         self._before = self._cut_off_half_a_line()
         self._new: dict[str, str] = {}
         self._results: dict[str, list[Found]] = {}
+        self._measured: dict[str, str] = {}
         for number, text in enumerate(self._before.splitlines(keepends=True), start=1):
             try:
                 line = json.loads(text)
                 if line["version"] == version("semcal"):
                     self._results[line["case"]] = [kind(**result) for result in line["results"]]
+                    self._measured[line["case"]] = line.get("measured", UNKNOWN)
             except (ValueError, KeyError, TypeError):
                 needed = "needed a case of this experiment; without the file, all is run anew"
                 raise InputError(f"{file}: line {number}: found {text[:40]!r}, {needed}") from None
@@ -45,11 +50,21 @@ class Journal(Generic[Found]):
         """Results of a case, or None if it has not been run."""
         return self._results.get(repr(case))
 
+    def measured(self, cases: Sequence[object]) -> list[str]:
+        """Tell where and when the results of cases were measured, each once."""
+        return list(dict.fromkeys(self._measured[repr(case)] for case in cases))
+
     def append(self, case: object, results: list[Found]) -> None:
         """Append the results of a case."""
         self._results[repr(case)] = results
+        self._measured[repr(case)] = self._here
         found: list[dict[str, Any]] = [vars(result) for result in results]
-        line = {"case": repr(case), "version": version("semcal"), "results": found}
+        line = {
+            "case": repr(case),
+            "version": version("semcal"),
+            "measured": self._here,
+            "results": found,
+        }
         self._new[repr(case)] = json.dumps(line) + "\n"
         with self.file.open("a") as file:
             file.write(self._new[repr(case)])

@@ -9,16 +9,20 @@ from typing import Any, Generic, TypeVar
 
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.journal import Found, Journal
+from semcal_cli.experiments.page_tables import measured_here
 from semcal_cli.experiments.result_files import FILES
 from semcal_cli.experiments.worker import pack, unpack
 from semcal_cli.files.kinds import check_own_file
+from semcal_cli.files.reading import read_text
+from semcal_cli.files.writing import write_text
 from semcal_cli.jobs.processes import Processes, in_processes
 from semcal_cli.jobs.resume import locked, resume
 from semcal_cli.jobs.watcher import Watcher
 
 MODULE = "semcal_cli.experiments.worker"
 """Module that the processes run."""
-JOURNAL = "results.jsonl"
+JOURNAL, MEASURED = "results.jsonl", "measured.txt"
+"""File of the results of each case, and one with a line for each machine, date and commit that they are of."""
 
 Case = TypeVar("Case")
 """Unit of an experiment that is run once; its `repr` identifies it."""
@@ -43,7 +47,7 @@ def make_folder(out: Path, name: str) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder}: cannot be made: {(error.strerror or str(error)).lower()}") from None
-    for file in (JOURNAL, *FILES):
+    for file in (JOURNAL, MEASURED, *FILES):
         check_own_file(folder / file)
     return folder
 
@@ -98,8 +102,19 @@ def run_cases(
     with locked(folder / JOURNAL, "run"):
         journal = Journal(folder / JOURNAL, kind)
         done = resume(cases, read_outcome, execute, on_done=keep, finish=lambda _: journal.sort(cases))
+        write_text("".join(f"{where}\n" for where in journal.measured(cases)), folder / MEASURED)
     results = {repr(measured.case): measured.results for measured in done}
     return [result for case in cases for result in results[repr(case)]]
+
+
+def read_measured(folder: Path) -> list[str]:
+    """Read where and when the results in a folder were measured; here and now, if it keeps no results of cases.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    file = folder / MEASURED
+    return read_text(file).splitlines() if file.exists() else [measured_here()]
 
 
 def in_words(case: Any) -> str:

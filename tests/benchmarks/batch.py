@@ -22,6 +22,7 @@ from semcal_cli.batch.folders import check_made_by_batch, make_folder_of_drive
 from semcal_cli.batch.records import read_inputs, write_record
 from semcal_cli.batch.run import run_batch
 from semcal_cli.batch.tasks import Outcome, Task
+from semcal_cli.experiments.page_tables import run_script
 
 SEMCAL = (sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()")
 """The installed command, wherever this is run: with `-I`, Python does not look for it in the working folder."""
@@ -119,4 +120,4 @@ def main(num_drives: int, num_records: int, num_frames: int, width: int, height:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -21,6 +21,7 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.pool import NUM_FRAMES, Pool
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
@@ -100,4 +101,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

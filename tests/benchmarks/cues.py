@@ -22,6 +22,7 @@ from semcal_cli.config import CalibrationConfig, Cue, SynthConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_frame_image
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
@@ -112,4 +113,4 @@ def main(seeds: int, first_seed: int, label_noise: float, frames: int, width: in
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -20,6 +20,7 @@ import yaml
 from semcal_cli.config import CalibrationConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_observations
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -86,4 +87,4 @@ def main(seeds: int, first_seed: int, frames: int, width: int, noise: float, fro
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

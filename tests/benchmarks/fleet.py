@@ -12,6 +12,7 @@ import click
 import numpy as np
 
 from semcal_cli.config import Limits
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.members import Member
 from semcal_cli.geometry.poses import pose_from_mounting
@@ -57,4 +58,4 @@ def main(num_fleets: int, first_seed: int) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -26,6 +26,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from bags import NS, START_NS, BagWriter
 
 from semcal_cli.drive.document import Camera
+from semcal_cli.experiments.page_tables import run_script
 
 SEMCAL = (sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()")
 """The installed command, wherever this is run."""
@@ -124,4 +125,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -24,6 +24,7 @@ from semcal_cli import _core
 from semcal_cli.config import AlignmentConfig, InitializationConfig, SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN, initialize
@@ -247,4 +248,4 @@ def median_error(results: list[Result]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

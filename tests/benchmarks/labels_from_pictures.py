@@ -32,6 +32,7 @@ from semcal_cli.config import CalibrationConfig, SynthConfig
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import read_label_images
 from semcal_cli.errors import CalibrationError
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.files.images import read_image
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
@@ -309,4 +310,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.experiments.page_tables import run_script
 
 try:
     from pypcd4 import Encoding, PointCloud
@@ -184,4 +185,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -22,6 +22,7 @@ from semcal_cli.config import CalibrationConfig, Cue
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.errors import SemcalError
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.twists import displaced
@@ -186,4 +187,4 @@ def main(data: Path, starts: int, first_seed: int, only: str, max_frames: int) -
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 from semcal_cli.config import SynthConfig
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.synthetic.synthesis import synthesize
 
 SEMCAL = [sys.executable, "-I", "-c", "from semcal_cli.cli import main; main()"]
@@ -51,4 +52,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

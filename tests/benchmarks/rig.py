@@ -2,9 +2,9 @@
 
     python tests/benchmarks/rig.py --seeds 20
 
-Synthetic rigs, each with another world and other mountings, 20 % wrong labels on both sides. Prints, over all pairs of
-trusted cameras and six axes, how often 95 % intervals hold the true pose of one camera beside the other, and the time
-of one run of the command beside that of a run for each camera.
+Synthetic rigs, each with another world and other mountings, 20 % wrong labels on both sides. Prints a Markdown table:
+over all pairs of trusted cameras and six axes, how often 95 % intervals hold the true pose of one camera beside the
+other, in how many pairs the region of all six axes does, and the time of one run beside that of a run for each camera.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ import click
 import numpy as np
 
 from semcal_cli.config import SynthConfig
+from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.result_files import markdown_table
 from semcal_cli.experiments.speed import SEMCAL
 from semcal_cli.files.documents import read_document
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
@@ -77,17 +79,11 @@ def main(seeds: int, first_seed: int, num_cameras: int, num_frames: int, same_vi
             click.echo(
                 f"{seed}: {np.sum(held)} of {np.size(held)} axes, {ratios[-1]:.2f} of the time", err=True
             )
-    if held:
-        click.echo(
-            f"of trusted pairs, intervals of 95 % hold the truth in {np.mean(held):.1%} of the axes "
-            f"({', '.join(f'{share:.0%}' for share in np.mean(held, axis=0))}), and the region of all six together "
-            f"that of {explained}"
-        )
-    click.echo(
-        f"{len(held)} of {num_pairs} pairs are trusted; one run takes {np.median(ratios):.2f} of the time of "
-        f"{num_cameras}"
-    )
+    header = "| cameras | pairs | trusted | axes within 95 % intervals | regions of all six | one run, of the time |"
+    shares = (f"{np.mean(held):.1%}", explained) if held else ("", "")
+    row = (num_cameras, num_pairs, len(held), *shares, f"{np.median(ratios):.2f}")
+    click.echo(markdown_table(header, [row]), nl=False)
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

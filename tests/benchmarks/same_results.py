@@ -32,6 +32,8 @@ import cv2
 import numpy as np
 import yaml
 
+from semcal_cli.experiments.page_tables import run_script
+
 SHARED_DATA = os.environ.get("SEMCAL_TEST_DATA", Path(__file__).parents[2] / "../shared/data")
 LENSES: dict[str, dict[str, Any]] = {
     "double_sphere": {"distortion": [], "parameters": {"xi": 0.1, "alpha": 0.1}},
@@ -316,4 +318,4 @@ def main(before: Path, after: Path, work: Path, data: Path, only: tuple[str, ...
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

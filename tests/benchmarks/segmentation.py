@@ -18,6 +18,7 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.config import SynthConfig
 from semcal_cli.drive.cue_config import SegmentationConfig
+from semcal_cli.experiments.page_tables import run_script
 
 SEED = 5100
 GROUND_CLASSES = ("road", "road_line", "sidewalk", "terrain")
@@ -78,4 +79,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

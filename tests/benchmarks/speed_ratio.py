@@ -15,6 +15,7 @@ from statistics import median
 
 import click
 
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.experiments.speed import run_process
 
 PATH = click.Path(path_type=Path)
@@ -64,4 +65,4 @@ def _row(
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

@@ -23,6 +23,7 @@ from semcal_cli.drive.classes import NO_CLASS, class_table
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations
+from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.synthetic.synthesis import UNLABELED, make_camera, make_renderer, mounting
 
@@ -173,4 +174,4 @@ def main(seeds: int, frames: int, lenses: Sequence[Lens], drives: Sequence[Path]
 
 
 if __name__ == "__main__":
-    main()
+    run_script(main)

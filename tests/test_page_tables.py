@@ -1,0 +1,188 @@
+"""Tables are written into their places of a page, with where and when they were measured."""
+
+import re
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from documentation import ROOT
+
+from semcal_cli.cli import semcal
+from semcal_cli.errors import InputError
+from semcal_cli.experiments import journal, page_tables
+from semcal_cli.experiments.page_tables import command_line, find_place, measured_here, run_script
+from semcal_cli.experiments.runner import read_measured, run_cases
+
+BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"
+AFTER = "<!-- end of table -->\n\nMore \u00e9, without a line break at the end"
+THEIRS = "<!-- table: theirs -->\n<!-- end of table -->\n"
+PRINTED = "2 cores\n| a |\n|---|\n| 1 |\n\nwords | between\n| b |\n|---|\nwritten to FILE\n"
+
+
+@pytest.fixture
+def page(tmp_path: Path) -> Path:
+    page = tmp_path / "page.md"
+    page.write_text(f"{BEFORE}\n| old |\n\nMeasured long ago.\n\n{AFTER}")
+    return page
+
+
+def test_only_the_place_is_written(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["/usr/bin/semcal", "experiment", "ours", "--into", str(page)])
+    for _ in range(2):
+        find_place(str(page), "ours").write(PRINTED, ["one machine", "another"])
+        content = "\n| a |\n|---|\n| 1 |\n\n| b |\n|---|\n\n"
+        measured = "Measured by `semcal experiment ours` on one machine; on another.\n\n"
+        assert page.read_bytes().decode() == f"{BEFORE}{content}{measured}{AFTER}"
+
+
+def test_a_place_may_have_another_name(page: Path) -> None:
+    page.write_text(page.read_text() + f"\n{THEIRS}")
+    assert find_place(f"{page}#theirs", "ours").split()[1] == "<!-- end of table -->\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "found 0 lines '<!-- table: ours -->', needed one"),
+        (THEIRS, "found 0 lines '<!-- table: ours -->', needed one"),
+        (2 * (BEFORE + AFTER + "\n"), "found 2 lines '<!-- table: ours -->', needed one"),
+        (BEFORE, "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one"),
+        (BEFORE + THEIRS, "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one"),
+    ],
+)
+def test_a_page_without_one_such_place_is_refused(page: Path, text: str, message: str) -> None:
+    page.write_text(text)
+    with pytest.raises(InputError) as refused:
+        find_place(str(page), "ours")
+    assert str(refused.value) == f"{page}: {message}"
+    assert page.read_text() == text
+
+
+def test_an_experiment_refuses_before_it_measures(page: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    ended = CliRunner().invoke(semcal, ["experiment", "gradient", "-o", str(out), "--into", str(page)])
+    assert str(ended.exception) == f"{page}: found 0 lines '<!-- table: gradient -->', needed one"
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "line"),
+    [
+        (
+            ["/a/bin/semcal", "experiment", "accuracy", "--row", "16 channels", "--into=b.md", "-o", "/c/d/"],
+            "semcal experiment accuracy --row '16 channels' -o d",
+        ),
+        (
+            ["tests/benchmarks/cues.py", "--seeds", "2", "--pool=/a/b", "../shared/data", "x/y"],
+            "python tests/benchmarks/cues.py --seeds 2 --pool=b data x/y",
+        ),
+    ],
+)
+def test_a_command_is_told_without_this_machine(arguments: list[str], line: str) -> None:
+    assert command_line(arguments) == line
+
+
+def test_a_clone_tells_its_commit_and_whether_it_has_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def git(*words: str) -> str:
+        who = ["-c", "user.name=a", "-c", "user.email=a@b"]
+        return subprocess.check_output(["git", "-C", str(tmp_path), *who, *words], text=True).strip()
+
+    monkeypatch.setattr(page_tables, "ROOT", tmp_path)
+    assert page_tables._commit().startswith("semcal ")
+    git("init", "-q")
+    for name in ("code.py", "page.md"):
+        (tmp_path / name).write_text("1")
+    git("add", ".")
+    git("commit", "-qm", "first")
+    commit = f"commit {git('rev-parse', '--short', 'HEAD')}"
+    # A table that was just written is no change of what is measured.
+    (tmp_path / "page.md").write_text("2")
+    assert page_tables._commit() == commit
+    (tmp_path / "code.py").write_text("2")
+    assert page_tables._commit() == f"{commit} and changes"
+
+
+def test_this_machine_is_told() -> None:
+    told = (
+        r".+, \d+ cores?, (no NVIDIA GPU|.+), \d{4}-\d\d-\d\d, (commit [0-9a-f]+( and changes)?|semcal \S+)"
+    )
+    assert re.fullmatch(told, measured_here())
+
+
+@dataclass(frozen=True)
+class Case:
+    seed: int
+
+
+def run(case: Case) -> list[Case]:
+    return [case]
+
+
+def test_results_that_are_kept_tell_where_they_were_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for place, seeds in (("first", (1, 2)), ("second", (2, 3))):
+        monkeypatch.setattr(journal, "measured_here", lambda place=place: place)
+        run_cases([Case(seed) for seed in seeds], run, Case, tmp_path, 1)
+    assert read_measured(tmp_path) == ["first", "second"]
+    run_cases([Case(1)], run, Case, tmp_path, 1)
+    assert read_measured(tmp_path) == ["first"]
+
+
+def test_a_script_that_fails_leaves_the_page(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def main() -> None:
+        print("| half |")
+        raise SystemExit(1)
+
+    before = page.read_bytes()
+    monkeypatch.setattr(sys, "argv", ["ours.py", "--into", str(page)])
+    with pytest.raises(SystemExit, match="1"):
+        run_script(main)
+    assert page.read_bytes() == before
+
+
+UNMARKED = {
+    ("benchmarks_stages.md", "| | 5 frames | 10 frames | 20 frames |"): "`cargo bench` prints no table",
+    ("benchmarks_stages.md", "| | measured |"): "timed by hand, by the commands that its rows name",
+    ("rivals.md", "| points count | right labels | 10 % wrong on both sides |"): "an experiment that is gone",
+    ("rivals.md", "| pairs | SOIC | PMI |"): "of an earlier version, beside the place `pairs`",
+}
+"""Tables that no command writes, by their headers, and why."""
+
+
+def test_every_table_of_figures_has_its_command() -> None:
+    pages = [*sorted((ROOT / "docs").glob("benchmarks*.md")), ROOT / "docs/rivals.md"]
+    unmarked = set()
+    for page in pages:
+        rest = re.sub(r"<!-- table: .*?<!-- end of table -->", "", page.read_text(), flags=re.DOTALL)
+        tables = [table for table in page_tables.TABLE.findall(rest) if re.search(r"\d", table)]
+        unmarked |= {(page.name, table.splitlines()[0]) for table in tables}
+    assert unmarked == set(UNMARKED)
+
+
+def test_every_marked_table_tells_its_command() -> None:
+    for page in (ROOT / "docs").glob("*.md"):
+        places = re.findall(r"^<!-- table: (\w+) -->\n\n(.*?)^<!-- end", page.read_text(), re.M | re.DOTALL)
+        for name, content in places:
+            assert find_place(str(page), name)
+            told = re.fullmatch(r"(?:(?:\|.*\n)+\n)+(Measured by `(?:semcal|python) .*)\n\n", content)
+            assert told, (page.name, name)
+
+
+def test_the_figures_of_the_readme_are_those_of_the_pages() -> None:
+    """Rows of several tables stand there side by side."""
+    section = (ROOT / "README.md").read_text().partition("## How good it is")[2].partition("\n## ")[0]
+    rows = [line.strip("| ").split(" | ") for line in section.splitlines() if line.startswith("| ")]
+    pages = [(ROOT / f"docs/{name}.md").read_text() for name in ("benchmarks", "benchmarks_cues", "rivals")]
+    measured = [line for page in pages for line in page.splitlines() if line.startswith("| ")]
+    figures = [[cell for cell in row if re.fullmatch(r"[\d., ]*\d", cell)] for row in rows]
+    assert sum(map(bool, figures)) == 10
+    for cells in filter(None, figures):
+        # Between the median and the worst some tables have a quantile.
+        patterns = [rf"\b{cell.replace('.', '[.]').replace(', ', ', (?:[0-9.]+, )?')}\b" for cell in cells]
+        assert [row for row in measured if all(re.search(each, row) for each in patterns)], cells
