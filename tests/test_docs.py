@@ -2,18 +2,23 @@
 
 import ast
 import doctest
+import html
+import inspect
 import os
 import re
 import subprocess
 import sys
 from itertools import takewhile
 from pathlib import Path
+from types import FunctionType
 
 import click
 import pytest
 from documentation import PAGES, README, ROOT, anchors, blocks, commands, links, named_commands
 from test_findings import PLACES
 
+import semcal_cli
+from semcal_cli import pipeline
 from semcal_cli.batch import records
 from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_POINTS
@@ -91,15 +96,39 @@ def test_a_start_leads_to_every_page(start: Path) -> None:
     assert {path for path in PAGES if path != README} - {start} <= linked
 
 
-def test_the_site_builds(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The documentation as a site."""
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
     assert ended.returncode == 0, ended.stderr
     assert "WARNING" not in ended.stderr
+    return folder
+
+
+def test_the_site_builds(site: Path) -> None:
     for path in PAGES[1:]:
         name = "index.html" if path.stem == "index" else f"{path.stem}/index.html"
-        assert (tmp_path / "site" / name).stat().st_size > 0
+        assert (site / name).stat().st_size > 0
+
+
+def test_the_reference_has_every_public_name_with_its_docstring(site: Path) -> None:
+    page = (site / "python_reference/index.html").read_text()
+    of_stages = {name: each for name, each in vars(pipeline).items() if isinstance(each, FunctionType)}
+    public = {name: getattr(semcal_cli, name) for name in dir(semcal_cli) if name != "__version__"} | {
+        name: each
+        for name, each in of_stages.items()
+        if each.__module__ == pipeline.__name__ and not name.startswith("_")
+    }
+    shown = set(re.findall(r'<h3 id="([\w.]+)"', page))
+    missing = {f"{each.__module__}.{name}" for name, each in public.items()} - shown
+    assert missing == set()
+    text = " ".join(html.unescape(re.sub(r"<[^>]+>", "", page)).split())
+    assert "verify( drive: LoadedDrive | Drive | Path | str, transform: Path | str | ArrayLike," in text
+    for name, each in public.items():
+        assert inspect.getdoc(each).splitlines()[0].replace("`", "") in text, name
 
 
 def parse(words: list[str], group: click.Group = semcal) -> None:
