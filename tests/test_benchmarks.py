@@ -54,7 +54,7 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     ),
     "features": (
         "features.py --seeds 1 --frames 1 --width 128",
-        [rf"\| 41000 \| {NUMBER} \| {NUMBER} \| \d+ \|"],
+        [rf"\| features \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER}, {NUMBER} \|"],
     ),
     "fleet": (
         "fleet.py --fleets 1",

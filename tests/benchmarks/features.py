@@ -21,6 +21,7 @@ from semcal_cli.config import CalibrationConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_observations
 from semcal_cli.experiments.page_tables import run_script
+from semcal_cli.experiments.result_files import markdown_table
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -66,8 +67,7 @@ def embedded(drive: Drive, seed: int, noise: float) -> Drive:
 @click.option("--from-nothing", is_flag=True)
 def main(seeds: int, first_seed: int, frames: int, width: int, noise: float, from_nothing: bool) -> None:
     """Print the table."""
-    print("| seed | rotation, deg | camera centre, cm | seconds |")
-    print("|---|---|---|---|")
+    errors = []
     for seed in range(first_seed, first_seed + seeds):
         with TemporaryDirectory() as folder:
             street = SynthConfig(num_frames=frames, seed=seed, width=width, height=width * 9 // 16)
@@ -79,11 +79,12 @@ def main(seeds: int, first_seed: int, frames: int, width: int, noise: float, fro
             config = CalibrationConfig(cues=("features",), refinement=RefinementConfig("mine"))
             calibration = calibrate(drive, config, initial_pose=initial_pose)
             error = compare_poses(calibration.pose, T)
-            seconds = perf_counter() - begin
-            print(
-                f"| {seed} | {error.rotation_deg:.4f} | {error.camera_center_cm:.2f} | {seconds:.0f} |",
-                flush=True,
-            )
+            errors.append((error.rotation_deg, error.camera_center_cm))
+            click.echo(f"seed {seed}: {perf_counter() - begin:.0f} s", err=True)
+    (deg, cm), name = np.array(errors).T, "features, from nothing" if from_nothing else "features"
+    of_deg, of_cm = f"{np.median(deg):.4f}, {deg.max():.4f}", f"{np.median(cm):.2f}, {cm.max():.2f}"
+    header = "| cue | n | rotation, deg: median, worst | camera centre, cm: median, worst |"
+    click.echo(markdown_table(header, [(name, len(errors), of_deg, of_cm)]), nl=False)
 
 
 if __name__ == "__main__":
