@@ -19,12 +19,14 @@ from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.datasets import ply
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.documentation import ADDRESS, entry_address
+from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import journal
 from semcal_cli.files import picture_sizes, point_clouds, reading, rows, yaml_values
+from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
+from semcal_cli.schemas import MODELS, schema_file
 from semcal_cli.verification import LOOKS_LIKE
 
 DOCS = ROOT / "docs"
@@ -110,6 +112,9 @@ def test_the_site_builds(tmp_path: Path) -> None:
     page = (tmp_path / "site" / "troubleshooting" / "index.html").read_text()
     for topic in (*ENTRIES, LOOKS_LIKE):
         assert f'<a id="{topic}"></a>' in page
+    for key in MODELS:
+        published = tmp_path / "site" / schema_address(key, NEWEST_VERSION).removeprefix(f"{ADDRESS}/")
+        assert published.read_bytes() == schema_file(key).read_bytes()
     assert entry_address("clocks") == f"{ADDRESS}/troubleshooting/#clocks"
 
 
