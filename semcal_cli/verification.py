@@ -26,6 +26,8 @@ SAME_DEG = 3.0
 """Largest rotation between the estimate and a transform whose mistake is corrected, in degrees."""
 SAME_M = 0.3
 """Largest distance between the estimate and a transform whose mistake is corrected, in metres."""
+LOOKS_LIKE = "looks-like"
+"""Topic of a mistake that a transform looks like."""
 
 SENTENCES: dict[Verdict, str] = {
     "pass": "The transform still holds on this drive.",
@@ -44,6 +46,8 @@ class Verification:
     """Checks of the transform minus the estimate: the camera's position and its rotation, by axis and in all."""
     reasons: tuple[str, ...]
     """Findings that make the verdict inconclusive, or mistakes that the transform looks like."""
+    topics: tuple[str, ...]
+    """Topic of each of the reasons: its entry in docs/troubleshooting.md."""
     notes: tuple[str, ...]
     """Sentences that a person should know and that do not change the verdict."""
     T_camera_lidar: Pose
@@ -91,10 +95,12 @@ def verify(
     checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits or Limits())
     if stages.findings or uncertainty is None:
         reasons = tuple(finding.sentence for finding in stages.findings)
-        return Verification("inconclusive", checks, reasons, stages.notes, estimate)
+        topics = tuple(finding.topic for finding in stages.findings)
+        return Verification("inconclusive", checks, reasons, topics, stages.notes, estimate)
     verdict = together(check.verdict for check in checks)
     looks = recognise(T_stated, estimate) if verdict == "fail" else []
-    return Verification(verdict, checks, tuple(looks), stages.notes, estimate)
+    topics = (LOOKS_LIKE,) * len(looks)
+    return Verification(verdict, checks, tuple(looks), topics, stages.notes, estimate)
 
 
 def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: Listener) -> Stages | None:

@@ -51,7 +51,7 @@ def named_commands(path: Path) -> list[str]:
 
 def anchors(path: Path) -> set[str]:
     """The anchors that GitHub makes of the headings of a page."""
-    headings = re.findall(r"^#+ (.+)$", prose(path), re.MULTILINE)
+    headings = re.findall(r"^#+ (?:<a .*></a>)?(.+)$", prose(path), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 

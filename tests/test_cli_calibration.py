@@ -102,11 +102,13 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert stderr.startswith(annotation.replace("%", "%25"))
     code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
     lines = [line for line in stderr.splitlines() if not line.startswith("::")]
-    *_, written_to, verdict, next_step = lines
+    *_, written_to, verdict, next_step, why = lines
     assert told(lines, "doubt") == [*calibration.reasons]
     assert written_to == f"written to       {tmp_path / 'out.yaml'}"
     assert verdict == "verdict          not trusted: 1 doubt, see above"
     assert next_step == "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand"
+    assert why == "why              docs/troubleshooting.md explains each doubt"
+    assert calibration.topics == ("overlap",)
     assert re.fullmatch(
         r"visible labelled points cover \d\.\d% of the picture, needed at least 3%: label more of the points, or "
         "check which ids the drive ignores",

@@ -24,11 +24,15 @@ from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.datasets import ply
 from semcal_cli.datasets.ontologies import read_ontology
+from semcal_cli.documentation import ADDRESS, entry_address, schema_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.experiments import journal
 from semcal_cli.files import picture_sizes, point_clouds, reading, rows, yaml_values
+from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.formats import format
 from semcal_cli.geometry import poses
+from semcal_cli.schemas import MODELS, schema_file
+from semcal_cli.verification import LOOKS_LIKE
 
 DOCS = ROOT / "docs"
 MOST_README_LINES, MOST_LINES = 200, 300
@@ -96,6 +100,11 @@ def test_a_start_leads_to_every_page(start: Path) -> None:
     assert {path for path in PAGES if path != README} - {start} <= linked
 
 
+def test_the_address_of_the_documentation_is_stated_everywhere() -> None:
+    assert f'\nDocumentation = "{ADDRESS}"\n' in (ROOT / "pyproject.toml").read_text()
+    assert f"\nsite_url: {ADDRESS}/\n" in (ROOT / "mkdocs.yml").read_text()
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The documentation as a site."""
@@ -112,6 +121,13 @@ def test_the_site_builds(site: Path) -> None:
     for path in PAGES[1:]:
         name = "index.html" if path.stem == "index" else f"{path.stem}/index.html"
         assert (site / name).stat().st_size > 0
+    page = (site / "troubleshooting" / "index.html").read_text()
+    for topic in (*ENTRIES, LOOKS_LIKE):
+        assert f'<a id="{topic}"></a>' in page
+    for key in MODELS:
+        published = site / schema_address(key, NEWEST_VERSION).removeprefix(f"{ADDRESS}/")
+        assert published.read_bytes() == schema_file(key).read_bytes()
+    assert entry_address("clocks") == f"{ADDRESS}/troubleshooting/#clocks"
 
 
 def test_the_reference_has_every_public_name_with_its_docstring(site: Path) -> None:
@@ -246,30 +262,38 @@ def sentence_pattern(what: ast.expr, advice: ast.expr) -> re.Pattern[str]:
     return re.compile(f"{''.join(words)}: {re.escape(ast.literal_eval(advice))}")
 
 
-def entries() -> dict[str, str]:
-    """The entries of the page of reasons, by their headings."""
-    found = re.split(r"^### (.+)$", (DOCS / "troubleshooting.md").read_text(), flags=re.MULTILINE)
-    return dict(zip(found[1::2], found[2::2], strict=True))
+ENTRY = re.compile(r'^### <a id="([a-z-]+)"></a>.+\n((?:(?!##).*\n)*)', re.MULTILINE)
+ENTRIES = dict(ENTRY.findall((DOCS / "troubleshooting.md").read_text()))
+"""The entries of the page of reasons, by the topics that pages link to."""
+QUOTED = [
+    (topic, quoted) for topic, entry in ENTRIES.items() for quoted in re.findall(r"^> (.+)$", entry, re.M)
+]
+PATTERNS = [(ast.literal_eval(topic), sentence_pattern(*sentence)) for _, topic, *sentence in PLACES]
 
 
-QUOTED = re.findall(r"^> (.+)$", (DOCS / "troubleshooting.md").read_text(), re.MULTILINE)
-PATTERNS = {place: sentence_pattern(what, advice) for place, what, advice in PLACES}
+def test_every_heading_of_a_reason_is_an_entry() -> None:
+    assert len(ENTRIES) == (DOCS / "troubleshooting.md").read_text().count("\n### ")
 
 
-@pytest.mark.parametrize("place", PATTERNS)
-def test_every_reason_is_explained(place: str) -> None:
-    found = [quoted for quoted in QUOTED if PATTERNS[place].fullmatch(quoted)]
-    assert found, f"docs/troubleshooting.md quotes nothing like: {PATTERNS[place].pattern}"
+@pytest.mark.parametrize(("topic", "pattern"), PATTERNS, ids=[place for place, *_ in PLACES])
+def test_every_reason_is_explained_where_its_link_leads(topic: str, pattern: re.Pattern[str]) -> None:
+    found = [quoted for of, quoted in QUOTED if of == topic and pattern.fullmatch(quoted)]
+    assert found, f"docs/troubleshooting.md quotes nothing under {topic} like: {pattern.pattern}"
 
 
-@pytest.mark.parametrize("quoted", QUOTED)
-def test_every_explained_reason_is_given(quoted: str) -> None:
-    assert [place for place, pattern in PATTERNS.items() if pattern.fullmatch(quoted)]
+@pytest.mark.parametrize(("topic", "quoted"), QUOTED)
+def test_every_explained_reason_is_given(topic: str, quoted: str) -> None:
+    assert [pattern for of, pattern in PATTERNS if of == topic and pattern.fullmatch(quoted)]
 
 
-@pytest.mark.parametrize("heading", entries())
-def test_an_entry_says_what_why_and_what_now(heading: str) -> None:
-    entry = entries()[heading]
+def test_a_mistake_that_a_transform_looks_like_is_explained_where_its_link_leads() -> None:
+    _, _, section = (DOCS / "troubleshooting.md").read_text().partition(f'## <a id="{LOOKS_LIKE}"></a>')
+    assert "looks like" in section
+
+
+@pytest.mark.parametrize("topic", ENTRIES)
+def test_an_entry_says_what_why_and_what_now(topic: str) -> None:
+    entry = ENTRIES[topic]
     assert entry.count("\n> ") >= 1
     for part in ("What it means.", "Why it comes up.", "What to do."):
         assert re.search(rf"^- \*\*{re.escape(part)}\*\* \S", entry, re.MULTILINE), part

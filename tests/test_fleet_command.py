@@ -13,6 +13,7 @@ from fleets import line, series_of, write_summary
 
 from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
+from semcal_cli.documentation import entry_address
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.fleet.members import _Line
@@ -25,7 +26,7 @@ def run(*arguments: object) -> Result:
 
 def test_the_command(tmp_path: Path) -> None:
     lines = [line(member) for member in series_of("change")]
-    lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "exit_code": 3}
+    lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "topics": ["overlap"], "exit_code": 3}
     lines[4] |= {"status": "failed", "T_camera_lidar": None, "covariance": None, "exit_code": 1}
     batch = write_summary(tmp_path / "batch", lines)
     out = tmp_path / "fleet.yaml"
@@ -45,7 +46,9 @@ def test_the_command(tmp_path: Path) -> None:
     page = (tmp_path / "f.html").read_text()
     assert "<h1>The rig changed</h1>" in page
     assert "changed between drives/014 and drives/015: " in page
-    assert "://" not in page
+    link = f'<a href="{entry_address("overlap")}">why this comes up</a>'
+    assert f"not trusted; overlap 3 % ({link})</td>" in page
+    assert "://" not in page.replace(link, "")
     first = {name: (tmp_path / name).read_bytes() for name in ("fleet.yaml", "f.html", "f.svg", "f.xml")}
     assert run(batch, "-o", out, *extra).exit_code == 3
     assert first == {name: (tmp_path / name).read_bytes() for name in first}

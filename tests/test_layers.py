@@ -15,6 +15,7 @@ MAY_IMPORT = {
     "extras": "",
     "config": "",
     "_core": "",
+    "documentation": "",
     "geometry": "",
     "events": "geometry",
     "files": "geometry",
@@ -46,8 +47,8 @@ MAY_IMPORT = {
     "cli": "library labelling bags view experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
-import the first four. The two stages, `initialization` and `refinement`, never meet but in a pose."""
-EVERYWHERE = {"errors", "extras", "config", "_core"}
+import the first five. The two stages, `initialization` and `refinement`, never meet but in a pose."""
+EVERYWHERE = {"errors", "extras", "config", "_core", "documentation"}
 WITH_TORCH = {
     f"refinement/{name}"
     for name in (

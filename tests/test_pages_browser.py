@@ -62,7 +62,7 @@ def fleet_page(folder: Path, kind: str, count: int, prefix: str, has_stamps: boo
     for drive in series_of(kind, count):
         lines.append(line(drive, drive=f"{prefix}{drive.drive}"))
         lines[-1]["stamp"] = drive.stamp if has_stamps else None
-    lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "exit_code": 3}
+    lines[3] |= {"status": "not_trusted", "reasons": ["overlap 3 %"], "topics": ["overlap"], "exit_code": 3}
     page = folder / "fleet.html"
     command = ["fleet", str(write_summary(folder / "batch", lines)), "--report", str(page)]
     found = CliRunner().invoke(semcal, command)

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from semcal_cli import _core
 from semcal_cli.cli import semcal
 from semcal_cli.config import Lens, SynthConfig
+from semcal_cli.documentation import ADDRESS
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import read_drive
 from semcal_cli.formats import find_format
@@ -28,7 +29,7 @@ from semcal_cli.report.colors import class_colors
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.words import uncertainty_sentences, verdict
+from semcal_cli.report.words import Reason, uncertainty_sentences, verdict, verdict_of
 from semcal_cli.result.calibration import read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -55,7 +56,7 @@ def test_one_run_leaves_the_page_and_the_pictures(made: Path, street: Path, tmp_
 
 
 def test_the_page_needs_no_network(made: Path) -> None:
-    page = (made / "r.html").read_text()
+    page = (made / "r.html").read_text().replace(f'<a href="{ADDRESS}/', "")
     assert "default-src 'none'" in page
     assert not re.search(r"""(src|href)=["'](?!data:)""", page)
     assert not re.search(r"url\((?!data:)", page)
@@ -63,13 +64,22 @@ def test_the_page_needs_no_network(made: Path) -> None:
 
 def test_the_verdict_and_its_reasons_come_first(made: Path, street: Path, tmp_path: Path) -> None:
     record = read_calibration(made / "c.yaml")
-    damned = record.model_copy(update={"status": "not_trusted", "reasons": ("1 < 2 <script>",)})
+    reasons = {"reasons": ("1 < 2 <script>", "3 < 4"), "topics": ("clocks", "focal-length")}
+    damned = record.model_copy(update={"status": "not_trusted", **reasons})
     write_calibration(damned, tmp_path / "c.yaml")
     write_report(read_report_input(read_drive(street), tmp_path / "c.yaml"), tmp_path / "r.html")
     header = (tmp_path / "r.html").read_text().split("</header>")[0]
     assert "<h1>Not trusted</h1>" in header
-    assert "<li>1 &lt; 2 &lt;script&gt;</li>" in header
+    address = "https://semcal.readthedocs.io/troubleshooting/#clocks"
+    assert f'<li>1 &lt; 2 &lt;script&gt; (<a href="{address}">why this comes up</a>)</li>' in header
+    assert header.count(f'<a href="{ADDRESS}/troubleshooting/#') == 2
     assert f"<h1>{record.status.replace('_', ' ').capitalize()}</h1>" in (made / "r.html").read_text()
+
+
+def test_reasons_of_a_file_without_topics_are_shown_without_links(made: Path) -> None:
+    reasons = {"reasons": ("3 < 4",), "topics": ()}
+    earlier = read_calibration(made / "c.yaml").model_copy(update={"status": "not_trusted", **reasons})
+    assert verdict_of(earlier).reasons == (Reason("3 < 4", None),)
 
 
 def test_a_bare_transform_is_shown_without_a_verdict(street: Path, tmp_path: Path) -> None:

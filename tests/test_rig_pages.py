@@ -12,6 +12,7 @@ from click.testing import CliRunner, Result
 from conftest import NAMES, make_pose
 
 from semcal_cli.cli import semcal
+from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.geometry.poses import inverse
@@ -45,7 +46,7 @@ def test_the_page_of_a_rig(rig: Path, rig_results: Results, tmp_path: Path) -> N
     assert first == second == (rig.parents[1] / "rig.html").read_bytes()
     assert len(first) < 5e6
     page = first.decode()
-    assert "://" not in page
+    assert "://" not in page.replace(f'<a href="{ADDRESS}/', "")
     assert page.count("data:image/webp") == len(NAMES)
     # Each pair and each camera has its matrix to copy, and the pair its direction in words.
     matrices = {
@@ -65,16 +66,21 @@ def test_the_page_of_a_rig(rig: Path, rig_results: Results, tmp_path: Path) -> N
 def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
     drives = read_rig(rig).read_drives()
     found = read_rig_result(read_rig(rig), drives, result_file(rig_results[1]))
-    doubted = found.cameras["camera_1"].model_copy(update={"status": "not_trusted", "reasons": ("overlap",)})
-    trusted = found.cameras["camera_0"].model_copy(update={"status": "trusted", "reasons": ()})
+    reasons = {"reasons": ("few < many",), "topics": ("overlap",)}
+    doubted = found.cameras["camera_1"].model_copy(update={"status": "not_trusted", **reasons})
+    sound = {"status": "trusted", "reasons": (), "topics": ()}
+    trusted = found.cameras["camera_0"].model_copy(update=sound)
     worse = RigCalibration({"camera_0": trusted, "camera_1": doubted}, {}, found.pairs, 3)
     verdict = rig_verdict(worse)
     assert (verdict.status, verdict.title) == ("not_trusted", "1 of 2 cameras is not trusted")
     assert verdict.sentence == (
         "These can be used: camera_0. Do not use these, for the reasons below: camera_1."
     )
-    assert verdict.reasons == ("camera_1: overlap",)
+    assert verdict.reasons == (("camera_1: few < many", entry_address("overlap")),)
     page = rig_page_html(worse, drives, ("rig", "result"))
+    link = f'few &lt; many (<a href="{entry_address("overlap")}">why this comes up</a>)</li>'
+    assert f"<li>camera_1: {link}" in page
+    assert f"<li>{link}" in page
     assert re.findall(r"</i>(camera_\d): <span", page) == ["camera_1", "camera_0"]
     failed = RigCalibration({"camera_0": trusted}, {"camera_1": "no <labels>"}, (), 3)
     verdict = rig_verdict(failed)
@@ -82,9 +88,9 @@ def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
     page = rig_page_html(failed, drives, ("rig", "result"))
     assert page.index("no &lt;labels&gt;") < page.index("</i>camera_0: <span")
     assert "There is no transform." in page
-    sound = RigCalibration({"camera_0": trusted, "camera_1": trusted}, {}, found.pairs, 3)
-    assert rig_verdict(sound).sentence == "Both cameras are trusted."
-    assert rig_verdict(sound).figures.startswith("each is known to +- ")
+    good = RigCalibration({"camera_0": trusted, "camera_1": trusted}, {}, found.pairs, 3)
+    assert rig_verdict(good).sentence == "Both cameras are trusted."
+    assert rig_verdict(good).figures.startswith("each is known to +- ")
 
 
 def test_each_camera_has_a_folder_of_pictures(rig: Path, rig_results: Results, tmp_path: Path) -> None:

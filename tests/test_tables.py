@@ -62,6 +62,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             [
                 "verdict          not trusted: 1 doubt, see above",
                 "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
+                "why              docs/troubleshooting.md explains each doubt",
             ],
         ),
         (
@@ -71,6 +72,7 @@ def test_a_summary_fits_and_figures_for_experts_are_on_request(verbose: bool) ->
             [
                 "verdict          not trusted: 3 doubts, see above",
                 "next             semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
+                "why              docs/troubleshooting.md explains each doubt",
             ],
         ),
         (

@@ -14,6 +14,7 @@ from conftest import make_pose, run
 from scipy.spatial.transform import Rotation
 
 from semcal_cli.cli import semcal
+from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
@@ -21,7 +22,7 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
-from semcal_cli.verification import recognise
+from semcal_cli.verification import LOOKS_LIKE, recognise
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 GREEN, RED = "\x1b[1;32m", "\x1b[1;31m"
@@ -184,8 +185,11 @@ def test_data_that_cannot_decide(street: Path, street_truth: Pose, tmp_path: Pat
 
 
 def test_the_inverse_is_named(street: Path, street_truth: Pose, tmp_path: Path) -> None:
-    found = verify(street, write_transform(inverse(street_truth), street, tmp_path), GITHUB_ACTIONS="true")
+    given, page = write_transform(inverse(street_truth), street, tmp_path), tmp_path / "v.html"
+    found = verify(street, given, "--report", page, GITHUB_ACTIONS="true")
     assert found.exit_code == FAIL, found.output
+    link = f'<a href="{entry_address(LOOKS_LIKE)}">why this comes up</a>'
+    assert f"<li>this looks like the inverse, T_lidar_camera ({link})</li>" in page.read_text()
     assert "this looks like the inverse, T_lidar_camera" in found.stdout
     assert "this looks like the inverse, T_lidar_camera" in found.stderr
 

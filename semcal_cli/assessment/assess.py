@@ -30,11 +30,13 @@ from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
 
 NOTHING = Finding(
+    "not-determined",
     "labels do not determine the pose, their agreement does not fall in every direction",
     "record frames with objects near and far, at the left and at the right, or state what is known with "
     "--prior-translation-m",
 )
 TOGETHER = Finding(
+    "not-determined-together",
     "labels and what is known do not determine the pose together",
     "record frames with objects near and far, or state more with --prior-translation-m and --prior-rotation-deg",
 )

@@ -124,7 +124,11 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[Fi
     counts = np.sum([np.bincount(each, minlength=NO_CLASS + 1) for each in ids], axis=0)[:NO_CLASS]
     if not counts.any():
         return [
-            Finding(f"none of the {name} are labelled", "label them, or check which ids the drive ignores")
+            Finding(
+                "nothing-labelled",
+                f"none of the {name} are labelled",
+                "label them, or check which ids the drive ignores",
+            )
         ]
     shares = counts[counts > 0] / counts.sum()
     # The number of equally frequent classes that would have the same entropy.
@@ -135,7 +139,7 @@ def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[Fi
         f"{name} are nearly all of one class, they vary like {effective:.2f} equally frequent classes, needed at least "
         f"{MIN_CLASSES:g}"
     )
-    return [Finding(found, "record frames with more kinds of things, or label more classes")]
+    return [Finding("one-class", found, "record frames with more kinds of things, or label more classes")]
 
 
 def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
@@ -155,7 +159,13 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Fin
         return []
     fit = _as_well(max(found), own)
     sentence = f"pictures of other frames fit the clouds {fit}, needed at most {MAX_EXCHANGED:.0%}"
-    return [Finding(sentence, "check that sweeps and pictures belong together, by their times and names")]
+    return [
+        Finding(
+            "wrong-pairing",
+            sentence,
+            "check that sweeps and pictures belong together, by their times and names",
+        )
+    ]
 
 
 def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
@@ -173,7 +183,13 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Fin
         return []
     fit = _as_well(best, own)
     found = f"with the camera turned by {best_deg:.0f} degrees labels fit {fit}, needed at most {most:.0%}"
-    return [Finding(found, "add frames from other places, or give --init with a mounting measured by hand")]
+    return [
+        Finding(
+            "other-azimuth",
+            found,
+            "add frames from other places, or give --init with a mounting measured by hand",
+        )
+    ]
 
 
 def _as_well(other: float, own: float) -> str:
@@ -227,7 +243,13 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[
         f"the focal length looks wrong, labels agree {better} with fx and fy {abs(best_change):.0%} "
         f"{'longer' if best_change > 0.0 else 'shorter'}"
     )
-    return [Finding(sentence, "check fx and fy of K, and that K is of pictures of this size, or add frames")]
+    return [
+        Finding(
+            "focal-length",
+            sentence,
+            "check fx and fy of K, and that K is of pictures of this size, or add frames",
+        )
+    ]
 
 
 def _tells_clocks(observations: Observations) -> bool:
@@ -254,7 +276,7 @@ def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Findin
         f"the clocks look wrong, labels agree better by {best:.1f} standard errors if pictures are "
         f"{1e3 * abs(best_delay_s):.0f} ms {'later' if best_delay_s > 0.0 else 'earlier'} than image_stamp says"
     )
-    return [Finding(sentence, "check the clocks of camera and LiDAR, and correct image_stamp")]
+    return [Finding("clocks", sentence, "check the clocks of camera and LiDAR, and correct image_stamp")]
 
 
 def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:

@@ -93,9 +93,11 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
     if len(parts) > 1 and all(_is_one(observations, part) for part in parts):
         described = tuple(_describe(parts, names))
         advice = "calibrate each part with `semcal calibrate --split`, or record again"
-        return FrameCheck((Finding(_moved_sentence(parts, described, names), advice),), described)
+        return FrameCheck(
+            (Finding("moved-camera", _moved_sentence(parts, described, names), advice),), described
+        )
     advice = "check the times of sweeps and pictures, the motion and the labels, or take these frames out"
-    return FrameCheck((Finding(_scatter_sentence(suspicion, names), advice),))
+    return FrameCheck((Finding("frames-disagree", _scatter_sentence(suspicion, names), advice),))
 
 
 @dataclass(frozen=True)

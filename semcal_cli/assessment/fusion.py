@@ -48,6 +48,7 @@ LEAST_BEND = 1e-6
 LEAST_INFORMATION = 1e-13
 """Smallest information along a direction, as a share of the best known direction's. Less is rounding."""
 UNSETTLED = Finding(
+    "fusion-not-settled",
     f"the pose that labels and what is known determine together had not settled in {MAX_ROUNDS} rounds",
     "add frames, or start nearer with --init",
 )
@@ -294,7 +295,7 @@ def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[
         f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {stated.sum()}, needed at most "
         f"{most:.0f}"
     )
-    return [Finding(found, MEASURE_AGAIN)]
+    return [Finding("prior", found, MEASURE_AGAIN)]
 
 
 def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
@@ -308,7 +309,7 @@ def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
         f"{prior.name} is {far} from the pose that all else leads to, {deviations[worst]:.1f} standard deviations, "
         f"needed at most {MAX_SIGMAS:.0f}"
     )
-    return [Finding(found, MEASURE_AGAIN)]
+    return [Finding("prior", found, MEASURE_AGAIN)]
 
 
 def _length(axis: int, off: float) -> str:

@@ -181,7 +181,7 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Findin
         f"chi-square {free.chi2:.0f} of 5, needed at most {limit:.0f}"
     )
     advice = "check K and the distortion, and that K is of pictures of this size, or calibrate the lens again"
-    return (Finding(found, advice),)
+    return (Finding("intrinsics", found, advice),)
 
 
 class _Freed(NamedTuple):

@@ -56,7 +56,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         of = _of(names, points.frames)
         sentence = f"labels of points{of} fit the clouds better shifted by {shift}, {_by(points)}"
         advice = "check that what wrote them left no point out, and label these sweeps again"
-        found.append(Finding(sentence, advice))
+        found.append(Finding("shifted-point-labels", sentence, advice))
     pixels = find_moved_pixels(observations, partial(_read_picture, drive, unread))
     if pixels is not None and pixels.displaced.z > MIN_Z:
         of = _of(names, pixels.displaced.frames, pixels.num_pictures)
@@ -64,7 +64,7 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
             f"label images{of} fit their pictures better {_words(pixels.move)}, {_by(pixels.displaced)}"
         )
         advice = "check that they were made from these pictures, in their size, and label them again"
-        found.append(Finding(sentence, advice))
+        found.append(Finding("shifted-label-images", sentence, advice))
     return LabelAlignment(tuple(found), _note(sorted(set(unread))))
 
 

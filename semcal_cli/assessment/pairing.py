@@ -76,7 +76,11 @@ def check_pairs(
         f"points and pixels of {frame_list(names, wrong)} may not belong together, {frame_name(names, worst)} agrees "
         f"{as_well}, needed at least {MIN_INFORMATION:.0%} or more than with pictures of other frames"
     )
-    return (Finding(sentence, "check the times and the names of their files, or take these frames out"),)
+    return (
+        Finding(
+            "odd-frames", sentence, "check the times and the names of their files, or take these frames out"
+        ),
+    )
 
 
 def information_by_frame(joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]) -> Information:

@@ -26,7 +26,9 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
         f"the LiDAR's motion is not compensated, half of the points are {motion_error_px:.1f} pixels off or more, "
         f"needed at most {MAX_MOTION_PX:.0f}"
     )
-    return (Finding(found, "give motion.poses or motion.twist in the drive, or record at lower speed"),)
+    return (
+        Finding("motion", found, "give motion.poses or motion.twist in the drive, or record at lower speed"),
+    )
 
 
 def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:
@@ -35,7 +37,7 @@ def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding
     if distance_m <= max_baseline_m:
         return ()
     found = f"the camera is {distance_m:.3g} m from the LiDAR, --max-baseline-m allows {max_baseline_m:g} m"
-    return (Finding(found, "give a larger --max-baseline-m if it is farther away"),)
+    return (Finding("baseline", found, "give a larger --max-baseline-m if it is farther away"),)
 
 
 def check_pose(
@@ -52,13 +54,17 @@ def check_pose(
     distance_m = baseline_m(T_camera_lidar)
     if distance_m >= AT_LIMIT * max_baseline_m:
         found = f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
-        findings.append(Finding(found, "give a larger --max-baseline-m if it is farther away"))
+        findings.append(Finding("baseline", found, "give a larger --max-baseline-m if it is farther away"))
     if agreement.overlap < MIN_OVERLAP:
         covered = f"visible labelled points cover {agreement.overlap:.1%} of the picture"
         found = f"{covered}, needed at least {MIN_OVERLAP:.0%}"
-        findings.append(Finding(found, "label more of the points, or check which ids the drive ignores"))
+        findings.append(
+            Finding("overlap", found, "label more of the points, or check which ids the drive ignores")
+        )
     if not agreement.mutual_information > agreement.bias:
         by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
         found = f"labels agree {by_chance:.0%} as well as unrelated ones do by chance, needed more than 100%"
-        findings.append(Finding(found, "check that the labels are those of these sweeps and pictures"))
+        findings.append(
+            Finding("chance", found, "check that the labels are those of these sweeps and pictures")
+        )
     return tuple(findings)

@@ -43,7 +43,7 @@ def compare_seeds(
     findings = []
     if found.num_failed:
         sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
-        findings.append(Finding(sentence, "add frames from other places"))
+        findings.append(Finding("seeds", sentence, "add frames from other places"))
     if uncertainty is not None:
         limits = np.array(uncertainty.half_widths) + ROUNDING
         if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
@@ -51,7 +51,7 @@ def compare_seeds(
                 f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "
                 f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
             )
-            findings.append(Finding(sentence, "add frames from other places"))
+            findings.append(Finding("seeds", sentence, "add frames from other places"))
     return found, tuple(findings)
 
 

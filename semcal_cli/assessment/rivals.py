@@ -64,7 +64,7 @@ def check_rivals(observations: Observations, T_camera_lidar: Pose) -> tuple[Find
         f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data {how}, "
         f"needed {MIN_SIGMAS:g} behind"
     )
-    return (Finding(found, "add frames from other places, or labels of points"),)
+    return (Finding("other-pose", found, "add frames from other places, or labels of points"),)
 
 
 def _tops(observations: Observations, T_camera_lidar: Pose) -> list[Pose]:

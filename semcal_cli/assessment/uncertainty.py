@@ -53,7 +53,7 @@ def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
         return ()
     needed = f"needed {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
     sentence = f"the pose is determined only {', '.join(found)} (95 %), {needed}"
-    return (Finding(sentence, "add frames with objects near and far, from a moving car"),)
+    return (Finding("wide-interval", sentence, "add frames with objects near and far, from a moving car"),)
 
 
 def estimate_uncertainty(

@@ -85,7 +85,7 @@ def _minimize(data: LoadedDrive, soic: Soic, T_init: Pose, on_event: Listener) -
     settled = soic.minimize(T_init)
     T = settled.T_camera_lidar
     unsettled = Finding(
-        f"SOIC had not settled after {soic.config.max_restarts} restarts", "start nearer with --init"
+        "soic", f"SOIC had not settled after {soic.config.max_restarts} restarts", "start nearer with --init"
     )
     found = StageResult(
         T_camera_lidar=T,

@@ -10,7 +10,7 @@ from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
-from semcal_cli.result.calibration import read_calibration
+from semcal_cli.result.calibration import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash
 from semcal_cli.result.uncertainty import CovarianceEntries
 
@@ -66,6 +66,8 @@ class Outcome:
     """Exit code of the command."""
     reasons: tuple[str, ...] = ()
     """Sentences that say why it is not trusted or has failed."""
+    topics: tuple[str, ...] = ()
+    """Topic of each of the reasons: its entry in docs/troubleshooting.md; none for one that has failed."""
     stamp: float | None = None
     """Stamp of the first frame in seconds, if it has one."""
     T_camera_lidar: tuple[tuple[float, ...], ...] | None = None
@@ -87,6 +89,7 @@ class OutcomeLine(StrictModel):
     status: Status
     exit_code: Literal[0, 1, 3, 4]
     reasons: Annotated[tuple[str, ...], length(0)]
+    topics: Annotated[tuple[Topic, ...], length(0)] = ()
     stamp: Stamp | None
     T_camera_lidar: Transform | None
     covariance: CovarianceEntries | None
@@ -121,6 +124,7 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
             found.status,
             exit_code,
             found.reasons,
+            found.topics,
             stamp,
             found.T_camera_lidar,
             None if uncertainty is None else uncertainty.covariance,
@@ -132,7 +136,7 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
     line = {
         **dict.fromkeys(OutcomeLine.model_fields),
         **{"drive": task.drive, "exit_code": exit_code, "stamp": stamp, "result": result},
-        **{key: document.get(key) for key in ("reasons", "T_camera_lidar")},
+        **{key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")},
         "status": document.get("verdict"),
     }
     return Outcome(**vars(validate(OutcomeLine, line, task.result)))

@@ -22,8 +22,11 @@ Rows: TypeAlias = list[tuple[str, str]]
 COLUMNS = 80
 LABEL_WIDTH = 17
 NEXT_STEPS = {
-    "not_trusted": "semcal inspect DRIVE: faults; semcal view DRIVE: move by hand",
-    "initial": "semcal refine DRIVE --init FILE refines and judges the start",
+    "not_trusted": (
+        ("next", "semcal inspect DRIVE: faults; semcal view DRIVE: move by hand"),
+        ("why", "docs/troubleshooting.md explains each doubt"),
+    ),
+    "initial": (("next", "semcal refine DRIVE --init FILE refines and judges the start"),),
 }
 """What to do about an answer that is not trusted, and about one that was only searched for."""
 WITHOUT_CHECKS = {"initial": "a rough start, not refined yet", "not_assessed": "nothing tells how sure it is"}
@@ -65,8 +68,7 @@ def verdict_lines(calibration: Calibration) -> list[str]:
     elif calibration.uncertainty is not None:
         how_good = stated_error(calibration.uncertainty, calibration.input.camera)
     verdict = ": ".join(filter(None, [status.replace("_", " "), how_good]))
-    next_step = NEXT_STEPS.get(case)
-    return [labelled("verdict", verdict), *([labelled("next", next_step)] if next_step else [])]
+    return [labelled("verdict", verdict), *(labelled(*step) for step in NEXT_STEPS.get(case, ()))]
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:

@@ -12,6 +12,7 @@ from typing import Any, Literal, TypeAlias
 
 import yaml
 
+from semcal_cli.documentation import WITH_SCHEMA, schema_address
 from semcal_cli.files.messages import describe
 from semcal_cli.files.yaml_values import CORE_SCHEMA, MAX_DEPTH, parse_yaml, plain_value
 
@@ -98,11 +99,21 @@ def scalar_of(node: yaml.Node) -> Any:
 
 
 def document_text(document: Mapping[str, Any], format: Format) -> str:
-    """Format a document of plain values as text, with keys in the order given and floats exact to the last bit."""
+    """Format a document of plain values as text, with keys in the order given and floats exact to the last bit.
+
+    YAML of a document that has a JSON Schema begins with a comment that tells editors where it is.
+    """
     plain = _plain(document)
     if format == "json":
         return json.dumps(plain, indent=2, allow_nan=False) + "\n"
-    return yaml.dump(plain, Dumper=_Dumper, sort_keys=False, width=float("inf"))
+    return _schema_comment(plain) + yaml.dump(plain, Dumper=_Dumper, sort_keys=False, width=float("inf"))
+
+
+def _schema_comment(document: Mapping[str, Any]) -> str:
+    key = next(iter(document), "")
+    if key not in WITH_SCHEMA:
+        return ""
+    return f"# yaml-language-server: $schema={schema_address(key, document[key])}\n"
 
 
 def _texts(document: object) -> Iterator[str]:

@@ -54,6 +54,8 @@ class Member:
     """Reason why the drive cannot be used; None if it can."""
     camera: str | None = None
     """Hash of the camera's lens and image size: see `provenance.camera_hash`."""
+    topic: str | None = None
+    """Entry of `left_out` in docs/troubleshooting.md, if it has one."""
 
     @property
     def has_stamp(self) -> bool:
@@ -124,7 +126,8 @@ def _member(line: _Line, where: Path) -> Member:
     stated = None if line.covariance is None else np.array(line.covariance)
     left_out = _left_out(line.status, line.reasons, stated)
     covariance = None if stated is None or left_out else _checked(stated, f"{where}: covariance")
-    return Member(line.drive, line.stamp, T, covariance, left_out, line.camera)
+    topic = _topic(line.status, line.topics)
+    return Member(line.drive, line.stamp, T, covariance, left_out, line.camera, topic)
 
 
 def _read_single(path: Path) -> tuple[Path, Member]:
@@ -143,13 +146,18 @@ def _read_single(path: Path) -> tuple[Path, Member]:
     with suppress(InputError):  # The drive may be elsewhere by now.
         stamp = first_stamp(read_drive(path.parent / found.input.drive))
     camera = camera_hash(found.input.camera)
-    return path, Member(str(path), stamp, found.pose, covariance, left_out, camera)
+    topic = _topic(found.status, found.topics)
+    return path, Member(str(path), stamp, found.pose, covariance, left_out, camera, topic)
 
 
 def _left_out(status: str, reasons: Sequence[str], covariance: npt.NDArray[np.float64] | None) -> str | None:
     if status in ("failed", "not_trusted"):
         return "; ".join([status.replace("_", " "), *reasons[:1]])
     return "nothing is known of its error" if covariance is None else None
+
+
+def _topic(status: str, topics: Sequence[str]) -> str | None:
+    return topics[0] if status == "not_trusted" and topics else None
 
 
 def _checked(covariance: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.float64]:

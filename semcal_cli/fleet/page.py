@@ -9,14 +9,16 @@ from pathlib import Path
 from markupsafe import Markup
 
 from semcal_cli.assessment.limits import IN_ALL, Check
+from semcal_cli.documentation import entry_address
 from semcal_cli.fleet.course import Kind, course_of, kind_of
 from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Part
+from semcal_cli.fleet.members import Member
 from semcal_cli.fleet.panels import BOX, panels
 from semcal_cli.fleet.words import SIGNS, figures, sentences, subject_of, title
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import Notation, notations
 from semcal_cli.report.template import ENVIRONMENT, source
-from semcal_cli.report.words import Verdict
+from semcal_cli.report.words import Reason, Verdict
 from semcal_cli.result.intervals import intervals, widest
 from semcal_cli.result.provenance import versions
 
@@ -100,7 +102,7 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
             title(fleet),
             " ".join(map(_cut, sentences(fleet))),
             f"known to {widest(known)}",
-            reasons=tuple(map(_cut, fleet.reasons)),
+            reasons=tuple(Reason(_cut(reason)) for reason in fleet.reasons),
         ),
         notices=fleet.notes,
         camera_center=camera_center(fleet.T_camera_lidar).tolist(),
@@ -117,9 +119,15 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         checks=[_check_row(check) for check in checks[:MAX_ROWS]],
         num_checks=len(checks),
         rows=rows[:MAX_ROWS],
-        left_out=[(_cut(m.drive), _cut(m.left_out or "")) for m in fleet.left_out[:MAX_ROWS]],
+        left_out=[_left_out(member) for member in fleet.left_out[:MAX_ROWS]],
         num_hidden=max(len(rows) - MAX_ROWS, 0) + max(len(fleet.left_out) - MAX_ROWS, 0),
     )
+
+
+def _left_out(member: Member) -> tuple[str, Reason]:
+    """Name a drive, and say why it was left out."""
+    address = None if member.topic is None else entry_address(member.topic)
+    return _cut(member.drive), Reason(_cut(member.left_out or ""), address)
 
 
 def _part_row(part: Part) -> PartRow:

@@ -25,6 +25,7 @@ MIN_RUNNER_UP_MARGIN = 2.0
 """Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
 
 NO_OTHER = Finding(
+    "nothing-to-compare",
     "no other mounting was left to compare with, needed one that is worse",
     "add frames from other places, or give --init with a mounting measured by hand",
 )
@@ -122,7 +123,13 @@ def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding
         f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well, "
         f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}"
     )
-    return (Finding(found, "add frames from other places, or give --init with a mounting measured by hand"),)
+    return (
+        Finding(
+            "other-mounting",
+            found,
+            "add frames from other places, or give --init with a mounting measured by hand",
+        ),
+    )
 
 
 class _Scored(NamedTuple):

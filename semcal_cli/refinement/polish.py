@@ -99,25 +99,27 @@ def _held_out_gain(
 def _rejected(check: HeldOut, max_loss: float) -> tuple[Finding, ...]:
     if check.held_out_sigma_nats is None:
         found = "the polish was rejected, too few pixels were held out to test it"
-        return (Finding(found, "add frames, or label more of the pictures"),)
+        return (Finding("polish-not-tested", found, "add frames, or label more of the pictures"),)
     by = -check.held_out_gain_nats / max(check.held_out_sigma_nats, LEAST_SIGMA)
     found = (
         f"the polish was rejected, held-out data agree less after it by {by:.1f} standard errors, needed at most "
         f"{max_loss:g}"
     )
     advice = "check with `semcal inspect` that sweeps, pictures and labels belong together, or add frames"
-    return (Finding(found, advice),)
+    return (Finding("polish-rejected", found, advice),)
 
 
 def _unsettled(moved_px: float, most_px: float) -> tuple[Finding, ...]:
     if not math.isfinite(moved_px):
         found = "the polish found no direction in which the pose changes the labels' agreement"
-        return (Finding(found, "record frames with more classes, such as poles, cars and kerbs"),)
+        return (
+            Finding("no-direction", found, "record frames with more classes, such as poles, cars and kerbs"),
+        )
     found = (
         f"the polish had not settled, its last round still moved points by {moved_px:.2f} pixels, needed at most "
         f"{most_px:g}"
     )
-    return (Finding(found, "add frames, or start nearer with --init"),)
+    return (Finding("polish-not-settled", found, "add frames, or start nearer with --init"),)
 
 
 def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:

@@ -135,7 +135,7 @@ def _not_settled(finest: Level, most: float) -> Finding:
         f"the refinement had not settled, the pose still moved points by {finest.drift:.1f} pixels over the last "
         f"quarters of the finest level, needed at most {most:g}"
     )
-    return Finding(found, "add frames, or start nearer with --init")
+    return Finding("refinement-not-settled", found, "add frames, or start nearer with --init")
 
 
 def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:

@@ -15,7 +15,7 @@ from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import ENVIRONMENT, source
-from semcal_cli.report.words import Verdict
+from semcal_cli.report.words import Verdict, linked
 from semcal_cli.result.axes import CHECK_NAMES
 from semcal_cli.result.provenance import versions
 from semcal_cli.verification import Verification
@@ -79,7 +79,7 @@ def write_verification(
             TITLES[found.verdict],
             found.sentence,
             "; ".join(offsets_in_all(found.checks)),
-            found.reasons,
+            linked(found.reasons, found.topics),
         ),
         notices=found.notes,
         name=initial_pose.name,

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import repeat
+from typing import NamedTuple
 
 import numpy as np
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets
+from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import Camera
 from semcal_cli.files.messages import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
@@ -23,6 +26,21 @@ DEPTHS_M = 10.0, 50.0
 TITLES = {"trusted": "Trusted", "not_trusted": "Not trusted", "not_assessed": "Not assessed"}
 
 
+class Reason(NamedTuple):
+    """A reason of a verdict, as a page shows it."""
+
+    sentence: str
+    """What was found, and what to do about it."""
+    address: str | None = None
+    """Where the documentation explains it; None if it has no entry."""
+
+
+def linked(reasons: Sequence[str], topics: Sequence[str]) -> tuple[Reason, ...]:
+    """Link reasons to their entries in the documentation; without topics, as in older files, none is linked."""
+    addresses = map(entry_address, topics) if topics else repeat(None, len(reasons))
+    return tuple(Reason(*each) for each in zip(reasons, addresses, strict=True))
+
+
 @dataclass(frozen=True)
 class Verdict:
     """The verdict on a calibration, as the report's heading states it."""
@@ -35,8 +53,8 @@ class Verdict:
     """What it means."""
     figures: str = ""
     """How good the transform is: intervals, and pixels some way ahead."""
-    reasons: tuple[str, ...] = ()
-    """What speaks against the transform, each a sentence."""
+    reasons: tuple[Reason, ...] = ()
+    """What speaks against the transform."""
 
 
 def verdict(report: ReportInput) -> Verdict:
@@ -55,7 +73,7 @@ def verdict(report: ReportInput) -> Verdict:
             "Not assessed here",
             f"Where it was computed it was found {record.status.replace('_', ' ')}. What follows was measured on other "
             "data; semcal verify tells whether it holds there.",
-            reasons=record.reasons,
+            reasons=linked(record.reasons, record.topics),
         )
     return verdict_of(record)
 
@@ -74,7 +92,8 @@ def verdict_of(record: Calibration) -> Verdict:
     figures = ""
     if record.uncertainty is not None and record.status == "trusted":  # a doubted interval misleads
         figures = stated_error(record.uncertainty, record.input.camera)
-    return Verdict(record.status, TITLES[record.status], sentence, figures, record.reasons)
+    reasons = linked(record.reasons, record.topics)
+    return Verdict(record.status, TITLES[record.status], sentence, figures, reasons)
 
 
 def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:

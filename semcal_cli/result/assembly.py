@@ -56,6 +56,7 @@ def assemble(
         last.T_camera_lidar,
         status="not_trusted" if findings else "trusted" if is_assessed else "not_assessed",
         reasons=tuple(finding.sentence for finding in findings),
+        topics=tuple(finding.topic for finding in findings),
         notes=notes,
         parts=parts,
         quality=_quality(last.agreement, num_frames, runner_up_margin),

@@ -38,6 +38,8 @@ AGREEMENT_TOLERANCE = 1e-6
 """Largest difference between the forms in which a file states one pose, in metres or as matrix entries."""
 
 Status: TypeAlias = Literal["trusted", "not_trusted", "not_assessed"]
+Topic = Annotated[str, Field(pattern=r"^[a-z]+(-[a-z]+)*$")]
+"""Name of an entry in docs/troubleshooting.md."""
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -154,6 +156,8 @@ class Calibration(StrictModel):
     `not_assessed` if the pose was not assessed."""
     reasons: Annotated[tuple[str, ...], length(0)]
     """Findings against the pose, as sentences with figures."""
+    topics: Annotated[tuple[Topic, ...], length(0)] = ()
+    """Topic of each of the reasons: its entry in docs/troubleshooting.md. Absent in files that do not state them."""
     notes: Annotated[tuple[str, ...], length(0)] = ()
     """Sentences that a person should know and that do not speak against the pose."""
     T_camera_lidar: StatedTransform
@@ -185,6 +189,10 @@ class Calibration(StrictModel):
 
     @model_validator(mode="after")
     def _check_agreement(self) -> "Calibration":
+        if self.topics and len(self.topics) != len(self.reasons):
+            raise mismatch(
+                f"topics: {len(self.topics)} of them", f"one for each of {len(self.reasons)} reasons"
+            )
         stated = self.pose
         check_forms(stated, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
         if (T := orthonormal(stated)) is not stated:

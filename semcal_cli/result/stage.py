@@ -13,6 +13,9 @@ from semcal_cli.geometry.poses import Pose
 class Finding(NamedTuple):
     """Something that speaks against a pose. The absence of findings does not prove that a pose is right."""
 
+    topic: str
+    """Short name of what it is about, which stays as sentences change: the anchor of its entry in
+    docs/troubleshooting.md."""
     found: str
     """What was found, with its figure and what was needed."""
     advice: str

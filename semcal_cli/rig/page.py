@@ -17,7 +17,7 @@ from semcal_cli.report.notations import Notation, matrix_text, notations
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_BYTES, MAX_PICTURE_BYTES, data_uri
 from semcal_cli.report.template import ENVIRONMENT, source
-from semcal_cli.report.words import Verdict
+from semcal_cli.report.words import Reason, Verdict, linked
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.intervals import intervals, widest
 from semcal_cli.result.provenance import versions
@@ -45,7 +45,7 @@ class CameraCard:
     color: str | None
     """Its colour in the 3-D view; None for a camera without a transform."""
     status: str
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
     sure: str
     """How sure its transform is, in words."""
     center: list[float] | None
@@ -131,7 +131,19 @@ def rig_verdict(found: RigCalibration) -> Verdict:
     if bad := names["failed"] + names["not_trusted"]:
         sentences.append(f"Do not use these, for the reasons below: {listed(bad)}.")
     status = "fail" if found.status == "failed" else found.status
-    return Verdict(status, title, " ".join(sentences), reasons=found.reasons)
+    return Verdict(status, title, " ".join(sentences), reasons=_reasons(found))
+
+
+def _reasons(found: RigCalibration) -> tuple[Reason, ...]:
+    """Errors and findings of all cameras, as `RigCalibration.reasons`."""
+    return (
+        *(Reason(f"{name}: {reason}") for name, reason in found.failures.items()),
+        *(
+            Reason(f"{name}: {reason.sentence}", reason.address)
+            for name, each in found.cameras.items()
+            for reason in linked(each.reasons, each.topics)
+        ),
+    )
 
 
 def _statuses(found: RigCalibration) -> dict[str, str]:
@@ -168,7 +180,7 @@ def _camera_cards(
 
 
 def _failed_card(name: str, reason: str) -> CameraCard:
-    return CameraCard(name, None, "failed", (reason,), "There is no transform.", None, None, None, "")
+    return CameraCard(name, None, "failed", (Reason(reason),), "There is no transform.", None, None, None, "")
 
 
 def _camera_card(calibration: Calibration, view: CameraView, picture: str) -> CameraCard:
@@ -179,7 +191,7 @@ def _camera_card(calibration: Calibration, view: CameraView, picture: str) -> Ca
         name=view.name,
         color="#{:02x}{:02x}{:02x}".format(*view.color),
         status=calibration.status,
-        reasons=calibration.reasons,
+        reasons=linked(calibration.reasons, calibration.topics),
         sure=sure,
         center=camera_center(view.T_camera_lidar).tolist(),
         notation=notations(view.T_camera_lidar)[0],

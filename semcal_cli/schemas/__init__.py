@@ -1,28 +1,41 @@
-"""JSON Schemas of drive.yaml, rig.yaml, the calibration and model cards, for editors and other tools.
+"""JSON Schemas of the documents that people write and read, for editors and other tools.
 
-`python -m semcal_cli.schemas` regenerates them from the models.
+`python -m semcal_cli.schemas` regenerates those of the newest version from the models. The site of the documentation
+publishes all of them, those of earlier versions too, at the addresses that they state as `$id`.
 """
 
 import json
 from pathlib import Path
 
+from semcal_cli.documentation import schema_address, schema_name
 from semcal_cli.drive.document import Drive
-from semcal_cli.files.validation import StrictModel
+from semcal_cli.files.validation import NEWEST_VERSION, StrictModel
 from semcal_cli.labelling.card import PictureCard, PointCard
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.rig.document import Rig
+from semcal_cli.rig.result import RigResult
 
 FOLDER = Path(__file__).parent
-SCHEMAS: dict[str, type[StrictModel]] = {
-    "drive.schema.json": Drive,
-    "rig.schema.json": Rig,
-    "calibration.schema.json": Calibration,
-    "picture_card.schema.json": PictureCard,
-    "point_card.schema.json": PointCard,
+MODELS: dict[str, type[StrictModel]] = {
+    "semcal_drive": Drive,
+    "semcal_rig": Rig,
+    "semcal_calibration": Calibration,
+    "semcal_rig_calibration": RigResult,
+    "semcal_picture_model": PictureCard,
+    "semcal_point_model": PointCard,
 }
+"""Model of each document by its first key."""
 
 
-def schema_text(model: type[StrictModel]) -> str:
-    """Format the JSON Schema of a model as text."""
-    dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return json.dumps(dialect | model.model_json_schema(), indent=2) + "\n"
+def schema_file(key: str) -> Path:
+    """Give the file of the JSON Schema of the newest version of a document, by its first key."""
+    return FOLDER / schema_name(key, NEWEST_VERSION)
+
+
+def schema_text(key: str) -> str:
+    """Format the JSON Schema of the newest version of a document as text, by its first key."""
+    head = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": schema_address(key, NEWEST_VERSION),
+    }
+    return json.dumps(head | MODELS[key].model_json_schema(), indent=2) + "\n"

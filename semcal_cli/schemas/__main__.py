@@ -1,6 +1,6 @@
 """Command that writes the schemas beside this file."""
 
-from semcal_cli.schemas import FOLDER, SCHEMAS, schema_text
+from semcal_cli.schemas import MODELS, schema_file, schema_text
 
-for name, model in SCHEMAS.items():
-    (FOLDER / name).write_text(schema_text(model), encoding="utf-8")
+for key in MODELS:
+    schema_file(key).write_text(schema_text(key), encoding="utf-8")

@@ -252,7 +252,7 @@ def _answer(calibration: Calibration) -> dict[str, Any]:
         "status": verdict.status,
         "title": verdict.title,
         "figures": verdict.figures,
-        "reasons": list(verdict.reasons),
+        "reasons": [reason.sentence for reason in verdict.reasons],
     }
 
 

@@ -67,6 +67,7 @@ def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
                 "trusted",
                 0,
                 (),
+                (),
                 1.5,
                 rows,
                 covariance,

@@ -1,0 +1,31 @@
+"""Where the documentation is: the entry of each reason of a verdict, and the JSON Schema of each document.
+
+`pyproject.toml` and `mkdocs.yml` state the same address.
+"""
+
+ADDRESS = "https://semcal.readthedocs.io"
+"""Address of the documentation, which is built from the folder `docs`."""
+WITH_SCHEMA = (
+    *("semcal_drive", "semcal_rig", "semcal_calibration", "semcal_rig_calibration"),
+    *("semcal_picture_model", "semcal_point_model"),
+)
+"""First keys of the documents that have a JSON Schema; their values are the versions."""
+
+
+def entry_address(topic: str) -> str:
+    """Give the address of the entry that explains a reason.
+
+    Args:
+        topic: `Finding.topic`, the anchor of the entry in docs/troubleshooting.md.
+    """
+    return f"{ADDRESS}/troubleshooting/#{topic}"
+
+
+def schema_name(key: str, version: int) -> str:
+    """Name the file of the JSON Schema of a document that begins with this key and version."""
+    return f"{key}-{version}.schema.json"
+
+
+def schema_address(key: str, version: int) -> str:
+    """Give the address of the JSON Schema of a document, which is also its `$id`."""
+    return f"{ADDRESS}/schemas/{schema_name(key, version)}"
