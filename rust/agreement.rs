@@ -140,8 +140,8 @@ struct FrameAgreement {
 impl FrameAgreement {
     fn new(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Self {
         let camera = &observations.camera;
-        let projected = project_points(camera, &frame.points, t_camera_lidar);
-        let hidden = hidden(camera, &projected);
+        let projected = project_points(camera, &frame.points, 0..frame.points.len(), t_camera_lidar);
+        let hidden = hidden(camera, &frame.points, &projected);
         let across = (CLUSTERS_ACROSS / (observations.frames.len() as f64).sqrt()).ceil();
         let areas = Blocks::new(camera, across);
         let empty = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
@@ -157,7 +157,7 @@ impl FrameAgreement {
             num_inside += 1;
             num_hidden += usize::from(hidden);
             if !hidden {
-                add_bilinear(&mut clusters[areas.at(pixel)], class, &frame.image_classes, pixel);
+                add_bilinear(&mut clusters[areas.at(pixel)], class, &frame.image.classes, pixel);
                 covered[cover.at(pixel)] = true;
             }
         }

@@ -78,7 +78,7 @@ fn agreeing(
     let frames = images.returns.iter().zip(&observations.frames);
     frames
         .flat_map(|(returns, frame)| {
-            thinned(returns.len(), stride).filter_map(|i| pair(&returns[i], &frame.image_classes))
+            thinned(returns.len(), stride).filter_map(|i| pair(&returns[i], &frame.image.classes))
         })
         .collect()
 }

@@ -9,6 +9,7 @@ use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 use crate::partitions::Partitions;
+use crate::pyramid::LabelPyramid;
 
 /// A sweep and an image taken at one moment. A clone shares all arrays; frames that differ, for example in the label
 /// image over one cloud, share the others.
@@ -18,13 +19,11 @@ pub struct Frame {
     pub points: Arc<Vec<[f32; 3]>>,
     /// One class for each point.
     pub point_classes: Arc<Vec<u8>>,
-    /// One class for each pixel.
-    pub image_classes: Arc<LabelImage<u8>>,
+    /// Classes of the pixels, with their levels.
+    pub image: Arc<LabelPyramid>,
     /// Shares of classes of each point, where a network gave them; the classes are then the largest. A point of
     /// [`NO_CLASS`] carries no information, whatever its shares are.
     pub point_shares: Option<Arc<ClassShares>>,
-    /// Shares of classes of each pixel, with the same rules as for points.
-    pub image_shares: Option<Arc<ClassShares>>,
     /// Segments of the points, which take the place of their classes when a pose is refined.
     pub partitions: Option<Arc<Partitions>>,
     /// Weight of each of its points when a pose is refined.
@@ -37,9 +36,8 @@ impl Frame {
         Self {
             points: points.into(),
             point_classes: point_classes.into(),
-            image_classes: image_classes.into(),
+            image: Arc::new(LabelPyramid::new(image_classes.into(), None)),
             point_shares: None,
-            image_shares: None,
             partitions: None,
             weight: 1.0,
         }
@@ -78,7 +76,7 @@ impl Observations {
             return Err(Error::Input("a calibration needs at least one frame".into()));
         }
         for (index, frame) in frames.iter().enumerate() {
-            let (points, image) = (frame.points.len(), &frame.image_classes);
+            let (points, image) = (frame.points.len(), &frame.image.classes);
             let complaint = if points != frame.point_classes.len() {
                 format!("{points} points have {} classes", frame.point_classes.len())
             } else if (image.width, image.height) != (camera.width, camera.height) {
@@ -92,7 +90,7 @@ impl Observations {
                 format!("a pixel's class is not below {num_image_classes}")
             } else if !fits(frame.point_shares.as_deref(), points, num_point_classes) {
                 format!("{points} points need as many shares of classes below {num_point_classes}")
-            } else if !fits(frame.image_shares.as_deref(), image.ids.len(), num_image_classes) {
+            } else if !fits(frame.image.shares.as_deref(), image.ids.len(), num_image_classes) {
                 format!("{} pixels need as many shares of classes below {num_image_classes}", image.ids.len())
             } else if frame.partitions.as_ref().is_some_and(|found| found.num_points() != points) {
                 format!("{points} points need as many segments")

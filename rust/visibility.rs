@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, Point2, Vector3};
 
-use crate::camera::Camera;
+use crate::camera::{Camera, RUN};
 use crate::spherical::to_f64;
 
 /// A point inside the image.
@@ -12,12 +12,16 @@ pub struct Projected {
     pub index: usize,
     /// `(u, v)`.
     pub pixel: Point2<f64>,
-    /// Distance from the camera's centre, metres.
-    pub range: f64,
-    /// Unit direction from the LiDAR, LiDAR frame.
-    pub direction_lidar: Vector3<f64>,
-    /// Unit direction from the camera, camera frame.
-    pub direction_camera: Vector3<f64>,
+    /// Metres, camera frame.
+    pub p_camera: Vector3<f64>,
+}
+
+impl Projected {
+    /// Square of the distance from the camera's centre.
+    #[inline]
+    fn range2(&self) -> f64 {
+        self.p_camera.norm_squared()
+    }
 }
 
 /// Only what is nearer than this share of the range hides: parallax between things closer to one another is small, and
@@ -27,27 +31,30 @@ const NEARER: f64 = 0.8;
 /// Chords of the unit sphere that differ by less are equal.
 const ROUND_OFF: f64 = 1e-9;
 
-/// Projects points (metres, LiDAR frame), and keeps those inside the image, in their order.
+/// Projects some of the points (metres, LiDAR frame), given by their indices, and keeps those inside the image, in their
+/// order.
 pub fn project_points(
     camera: &Camera,
     points: &[[f32; 3]],
+    indices: impl IntoIterator<Item = usize>,
     t_camera_lidar: &Isometry3<f64>,
 ) -> Vec<Projected> {
-    let rotation = t_camera_lidar.rotation.to_rotation_matrix();
-    let project = |(index, point): (usize, &[f32; 3])| {
-        let p_lidar = to_f64(point);
-        let p_camera = rotation * p_lidar + t_camera_lidar.translation.vector;
-        let pixel = camera.project(&p_camera).filter(|pixel| camera.contains(pixel))?;
-        let range = p_camera.norm();
-        Some(Projected {
-            index,
-            pixel,
-            range,
-            direction_lidar: p_lidar.normalize(),
-            direction_camera: p_camera / range,
-        })
+    let (rotation, translation) =
+        (*t_camera_lidar.rotation.to_rotation_matrix().matrix(), t_camera_lidar.translation.vector);
+    let project = |index: usize| {
+        let p_camera = rotation * to_f64(&points[index]) + translation;
+        camera.project(&p_camera).map(|pixel| Projected { index, pixel, p_camera })
     };
-    points.iter().enumerate().filter_map(project).collect()
+    let mut indices = indices.into_iter();
+    let (mut run, mut projected) = (Vec::with_capacity(RUN), Vec::new());
+    loop {
+        run.clear();
+        run.extend(indices.by_ref().take(RUN).map(project));
+        if run.is_empty() {
+            return projected;
+        }
+        projected.extend(run.iter().flatten().filter(|point| camera.contains(&point.pixel)));
+    }
 }
 
 /// Tells which of the projected points are hidden from the camera.
@@ -56,29 +63,28 @@ pub fn project_points(
 /// camera, sees past the nearer one. So a point is hidden when some nearer return projects within about one spacing of the
 /// projected points, and the LiDAR separates the two by more than the camera does: without a baseline nothing is hidden.
 /// Some visible points beside an edge are lost to this; what counts is that hidden ones do not pull at it.
-pub fn hidden(camera: &Camera, projected: &[Projected]) -> Vec<bool> {
+///
+/// `points` are all that `projected` were taken from, metres, LiDAR frame.
+pub fn hidden(camera: &Camera, points: &[[f32; 3]], projected: &[Projected]) -> Vec<bool> {
     let area = (camera.width * camera.height) as f64;
     let spacing = (area / projected.len().max(1) as f64).sqrt().max(1.0);
     let buffer = NearestReturns::new(camera, projected, spacing);
-    let hides = |near: &Projected, far: &Projected| {
-        // Chords instead of angles: for what is close together they are the same, and exact.
-        let seen_from_lidar = (near.direction_lidar - far.direction_lidar).norm();
-        let seen_from_camera = (near.direction_camera - far.direction_camera).norm();
-        seen_from_lidar > seen_from_camera + ROUND_OFF
+    // Unit directions from the LiDAR and from the camera, each in its own frame.
+    let directions =
+        |point: &Projected| (to_f64(&points[point.index]).normalize(), point.p_camera.normalize());
+    let is_hidden = |far: &Projected| {
+        let mut nearer = buffer.nearer_around(&far.pixel, NEARER * NEARER * far.range2()).peekable();
+        if nearer.peek().is_none() {
+            return false;
+        }
+        let (far_lidar, far_camera) = directions(far);
+        nearer.any(|near| {
+            // Chords instead of angles: for what is close together they are the same, and exact.
+            let (near_lidar, near_camera) = directions(near);
+            (near_lidar - far_lidar).norm() > (near_camera - far_camera).norm() + ROUND_OFF
+        })
     };
-    let is_hidden =
-        |l: &Projected| buffer.nearer_around(&l.pixel, NEARER * l.range).any(|near| hides(near, l));
     projected.iter().map(is_hidden).collect()
-}
-
-/// Tells of each point (metres, LiDAR frame) whether it is inside the image and hidden from the camera.
-pub fn hidden_points(camera: &Camera, points: &[[f32; 3]], t_camera_lidar: &Isometry3<f64>) -> Vec<bool> {
-    let projected = project_points(camera, points, t_camera_lidar);
-    let mut flags = vec![false; points.len()];
-    for (point, hidden) in projected.iter().zip(hidden(camera, &projected)) {
-        flags[point.index] = hidden;
-    }
-    flags
 }
 
 /// A coarse z-buffer: the nearest of the points that project into each square block.
@@ -86,7 +92,7 @@ struct NearestReturns<'a> {
     block: f64,
     columns: usize,
     rows: usize,
-    /// Ranges, infinite in blocks without a point, and the points: most are only compared by their range.
+    /// Squares of ranges, infinite in blocks without a point, and the points: most are only compared by their range.
     nearest: Vec<(f64, Option<&'a Projected>)>,
 }
 
@@ -98,8 +104,9 @@ impl<'a> NearestReturns<'a> {
         for point in projected {
             let (column, row) = buffer.at(&point.pixel);
             let nearest = &mut buffer.nearest[row * columns + column];
-            if point.range < nearest.0 {
-                *nearest = (point.range, Some(point));
+            let range2 = point.range2();
+            if range2 < nearest.0 {
+                *nearest = (range2, Some(point));
             }
         }
         buffer
@@ -110,13 +117,13 @@ impl<'a> NearestReturns<'a> {
         (index(pixel.x, self.columns), index(pixel.y, self.rows))
     }
 
-    /// The nearest returns of the 3 x 3 blocks around a pixel that are nearer than a range.
-    fn nearer_around(&self, pixel: &Point2<f64>, range: f64) -> impl Iterator<Item = &'a Projected> {
+    /// The nearest returns of the 3 x 3 blocks around a pixel that are nearer than the square of a range.
+    fn nearer_around(&self, pixel: &Point2<f64>, range2: f64) -> impl Iterator<Item = &'a Projected> {
         let (column, row) = self.at(pixel);
         let columns = column.saturating_sub(1)..(column + 2).min(self.columns);
         let rows = row.saturating_sub(1)..(row + 2).min(self.rows);
         rows.flat_map(move |row| &self.nearest[row * self.columns..][columns.clone()])
-            .filter(move |(nearest, _)| *nearest < range)
+            .filter(move |(nearest, _)| *nearest < range2)
             .filter_map(|(_, point)| *point)
     }
 }
@@ -140,11 +147,11 @@ mod tests {
     #[test]
     fn the_wall_behind_the_post_is_hidden_and_nothing_else() {
         let (camera, points, t_camera_lidar) = scene(0.5);
-        let projected = project_points(&camera, &points, &t_camera_lidar);
+        let projected = project_points(&camera, &points, 0..points.len(), &t_camera_lidar);
         let mut num_hidden = 0;
-        for (point, hidden) in projected.iter().zip(hidden(&camera, &projected)) {
-            let Projected { pixel, range, .. } = point;
-            let behind_the_post = *range > 5.0 && (pixel.x - 319.5).abs() < 17.0;
+        for (point, hidden) in projected.iter().zip(hidden(&camera, &points, &projected)) {
+            let (pixel, range) = (point.pixel, point.p_camera.norm());
+            let behind_the_post = range > 5.0 && (pixel.x - 319.5).abs() < 17.0;
             assert!(behind_the_post || !hidden, "{pixel} at {range} m");
             num_hidden += usize::from(hidden);
         }
@@ -154,6 +161,9 @@ mod tests {
     #[test]
     fn without_a_baseline_nothing_is_hidden() {
         let (camera, points, t_camera_lidar) = scene(0.0);
-        assert!(!hidden(&camera, &project_points(&camera, &points, &t_camera_lidar)).contains(&true));
+        assert!(
+            !hidden(&camera, &points, &project_points(&camera, &points, 0..points.len(), &t_camera_lidar))
+                .contains(&true)
+        );
     }
 }

@@ -280,6 +280,9 @@ class Hypothesis:
     """A placement of the picture on the sphere of LiDAR directions."""
 
     @property
+    def mutual_information(self) -> float:
+        """Mutual information of the pairs, nats, less its bias."""
+    @property
     def num_pairs(self) -> int:
         """Labelled returns, of those that were looked at, that fall on a labelled pixel, over all frames."""
     def zoomed(

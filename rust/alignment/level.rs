@@ -8,25 +8,26 @@ use rayon::prelude::*;
 use super::adjusted::adjusted;
 use super::pose::to_camera;
 use super::sample::{Counted, ProjectedSample, Sample};
+use super::sloped::Motion;
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{Sampled, ShareMap};
 use crate::spherical::to_f64;
 use crate::thinning::{stride, thinned};
-use crate::visibility::hidden_points;
+use crate::visibility::{Projected, hidden, project_points};
 
 /// Weight, in points, of pairs that a batch has not seen: their pointwise mutual information has to be finite.
 const LEAST_WEIGHT: f64 = 0.1;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
-const CHUNK: usize = 8192;
+pub(super) const CHUNK: usize = 8192;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
 pub struct Level {
     pub(super) observations: Arc<Observations>,
     /// Label shares of each frame.
-    pub(super) maps: Vec<ShareMap>,
+    pub(super) maps: Vec<Arc<ShareMap>>,
     /// Side of a block, pixels.
     pub(super) factor: usize,
     /// Step between the points that are used.
@@ -43,9 +44,7 @@ impl Level {
         max_points: usize,
     ) -> Self {
         let frames = &observations.frames;
-        let map = |frame: &Frame| {
-            ShareMap::new(&frame.image_classes, frame.image_shares.as_deref(), factor, edge_band_px)
-        };
+        let map = |frame: &Frame| frame.image.level(factor, edge_band_px);
         let maps = frames.par_iter().map(map).collect();
         let num_points: usize = frames.iter().map(|frame| frame.points.len()).sum();
         let stride = stride(num_points, max_points);
@@ -54,20 +53,11 @@ impl Level {
 
     /// The labelled points on labelled pixels, with their weights at the anchor pose.
     pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
-        let to_camera = to_camera(pose);
-        let camera = &self.observations.camera;
         let of_frame = |(index, frame): (usize, &Frame)| {
-            let hidden = match counted {
-                Counted::All => Vec::new(),
-                Counted::Visible => hidden_points(camera, &frame.points, pose),
-            };
-            let seen = |i: &usize| frame.point_classes[*i] != NO_CLASS && !hidden.get(*i).is_some_and(|h| *h);
             let mut samples = Vec::new();
-            for i in thinned(frame.points.len(), self.stride).filter(seen) {
+            for Projected { index: i, pixel, .. } in self.counted_points(frame, pose, counted) {
+                let weight = self.maps[index].at(&pixel).total() as f32 * frame.weight;
                 let position = to_f64(&frame.points[i]);
-                let pixel = camera.project(&to_camera(&position)).filter(|pixel| camera.contains(pixel));
-                let share = pixel.map_or(0.0, |pixel| self.maps[index].at(&pixel).total() as f32);
-                let weight = share * frame.weight;
                 let (class, frame_index, point) = (frame.point_classes[i], index as u32, i as u32);
                 let sample = Sample { position, class, frame: frame_index, point, weight };
                 match &frame.point_shares {
@@ -84,6 +74,22 @@ impl Level {
         };
         let frames: Vec<_> = self.observations.frames.par_iter().enumerate().map(of_frame).collect();
         frames.concat()
+    }
+
+    /// The labelled points of a frame inside the image that count, thinned.
+    fn counted_points(&self, frame: &Frame, pose: &Isometry3<f64>, counted: Counted) -> Vec<Projected> {
+        let (camera, points) = (&self.observations.camera, &frame.points);
+        let chosen = || thinned(points.len(), self.stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
+        if counted == Counted::All {
+            return project_points(camera, points, chosen(), pose);
+        }
+        // Points that do not count hide others.
+        let mut counts = vec![false; points.len()];
+        chosen().for_each(|i| counts[i] = true);
+        let projected = project_points(camera, points, 0..points.len(), pose);
+        let hidden = hidden(camera, points, &projected);
+        let seen = projected.into_iter().zip(hidden).filter(|(point, hidden)| !hidden && counts[point.index]);
+        seen.map(|(point, _)| point).collect()
     }
 
     /// Removes the points inside one class, whose pairs do not change while they move by less than `radius` blocks, and
@@ -125,6 +131,14 @@ impl Level {
         constant: &JointHistogram,
         pose: &Isometry3<f64>,
     ) -> (JointHistogram, Vector6<f64>) {
+        if !self.observations.has_partitions() {
+            let motion = |p_camera: &Vector3<f64>, _: &Point2<f64>| self.motion::<8>(p_camera);
+            let sloped = self.sloped(samples, self.projection(pose), at_anchor, motion);
+            let joint = sloped.with(constant);
+            let gradient = sloped.gradient(&joint.pointwise_at_least(LEAST_WEIGHT));
+            let total = f64::max(joint.total(), 1.0);
+            return (joint, gradient.fixed_rows::<6>(1) / total);
+        }
         let (mut joint, mixed) =
             self.joint_and_mixed(samples, self.projection(pose), at_anchor, |projected| projected);
         joint.merge(constant);
@@ -248,6 +262,19 @@ impl Level {
         };
         Values { observations: &self.observations, table }
     }
+
+    /// How the pixel of a point (camera frame) moves with a twist on the left of the pose, in the entries after the first.
+    pub(super) fn motion<const WIDTH: usize>(&self, p_camera: &Vector3<f64>) -> Motion<WIDTH> {
+        let jacobian = self.observations.camera.jacobian(p_camera);
+        [0, 1].map(|row| {
+            let force = jacobian.row(row).transpose();
+            let torque = p_camera.cross(&force);
+            let mut motion = [0.0; WIDTH];
+            motion[1..4].copy_from_slice(force.as_slice());
+            motion[4..7].copy_from_slice(torque.as_slice());
+            motion
+        })
+    }
 }
 
 /// Pointwise mutual information of each pair of a joint histogram, or what it adds to the adjusted one.
@@ -257,6 +284,11 @@ pub(super) struct Values<'a> {
 }
 
 impl Values<'_> {
+    /// The value of each pair of classes, where no point has partitions.
+    pub(super) fn of_classes(&self) -> &[f64] {
+        &self.table
+    }
+
     /// Calls `with` with what each image class would add to the information under a point.
     #[inline]
     pub(super) fn of<T>(&self, projected: &ProjectedSample, with: impl FnOnce(&[f64]) -> T) -> T {

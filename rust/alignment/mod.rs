@@ -24,6 +24,7 @@ mod sample;
 #[cfg(test)]
 mod scene;
 mod sensitivity;
+mod sloped;
 mod view;
 
 pub use anchored::{Anchored, MiniBatch};

@@ -3,7 +3,7 @@
 use nalgebra::{Isometry3, Vector3};
 
 /// Maps points from the LiDAR frame to the camera frame.
-pub(super) fn to_camera(pose: &Isometry3<f64>) -> impl Fn(&Vector3<f64>) -> Vector3<f64> {
+pub(super) fn to_camera(pose: &Isometry3<f64>) -> impl Fn(&Vector3<f64>) -> Vector3<f64> + use<> {
     let (rotation, translation) = (*pose.rotation.to_rotation_matrix().matrix(), pose.translation.vector);
     move |point| rotation * point + translation
 }

@@ -7,13 +7,14 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::{DMatrix, DVector, Isometry3, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Isometry3, Point2, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::level::{Level, Values};
 use super::pose::to_camera;
 use super::preconditioner::MAX_MOTION_POINTS;
 use super::sample::{Counted, ProjectedSample, Sample};
+use super::sloped::{Motion, SlopedHistogram};
 use super::view::in_view;
 use crate::camera::{Camera, NUM_INTRINSICS};
 use crate::mutual_information::JointHistogram;
@@ -105,6 +106,11 @@ pub fn sensitivity(
     })
 }
 
+/// The labelled share where a point lands, of its share of a class.
+fn weigh_there(sample: &Sample, sampled: &Sampled) -> f32 {
+    (f64::from(sample.weight) * sampled.total()) as f32
+}
+
 struct Problem<'a> {
     level: &'a Level,
     /// Points whose weights are shares of a class.
@@ -126,22 +132,30 @@ impl Problem<'_> {
 
     /// Projections of the points at some parameters, with the weights there: chosen again, as at the end of the polish.
     fn projected(&self, parameters: &DVector<f64>) -> (JointHistogram, Vec<Vec<ProjectedSample>>) {
+        let (mut joint, projected) =
+            self.level.joint_and_mixed(self.samples, self.projection(parameters), weigh_there, |projected| {
+                projected
+            });
+        joint.merge(self.constant);
+        (joint, projected)
+    }
+
+    /// A sample in the camera frame, and its pixel, at some parameters.
+    fn projection(
+        &self,
+        parameters: &DVector<f64>,
+    ) -> impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync {
         let camera = self.camera();
         let pose = se3::exp(&parameters.fixed_rows::<6>(0).into()) * self.pose;
         let to_camera = to_camera(&pose);
         let intrinsics =
             self.config.with_intrinsics.then(|| parameters.fixed_rows::<NUM_INTRINSICS>(6).into_owned());
-        let project = |sample: &Sample| {
+        move |sample| {
             let p_camera = to_camera(&sample.position);
             let pixel = camera.project(&p_camera)?;
             let shift = intrinsics.map(|by| camera.intrinsics_jacobian(&pixel) * by);
             Some((p_camera, shift.map_or(pixel, |shift| pixel + shift)))
-        };
-        let weigh = |sample: &Sample, sampled: &Sampled| (f64::from(sample.weight) * sampled.total()) as f32;
-        let (mut joint, projected) =
-            self.level.joint_and_mixed(self.samples, project, weigh, |projected| projected);
-        joint.merge(self.constant);
-        (joint, projected)
+        }
     }
 
     /// Shares of the frames in minus the second derivative: differences of gradients along the steps, and back to the
@@ -166,6 +180,44 @@ impl Problem<'_> {
     /// Shares of the frames in the gradient at some parameters, a column for each frame, with the points and weights
     /// chosen at the pose.
     fn gradients(&self, parameters: &DVector<f64>) -> DMatrix<f64> {
+        match (self.level.observations.has_partitions(), self.config.with_intrinsics) {
+            (true, _) => self.gradients_by_point(parameters),
+            (false, false) => self.gradients_by_class::<8>(parameters),
+            (false, true) => self.gradients_by_class::<12>(parameters),
+        }
+    }
+
+    /// The same by the histogram of each frame with its slopes, for points without partitions. There is one slope for
+    /// each parameter among the `WIDTH` entries of a cell.
+    fn gradients_by_class<const WIDTH: usize>(&self, parameters: &DVector<f64>) -> DMatrix<f64> {
+        let n = self.num_parameters();
+        let motion = |p_camera: &Vector3<f64>, pixel: &Point2<f64>| {
+            let mut motion: Motion<WIDTH> = self.level.motion(p_camera);
+            if self.config.with_intrinsics {
+                let jacobian = self.camera().intrinsics_jacobian(pixel);
+                for (row, of_pixel) in motion.iter_mut().enumerate() {
+                    (0..NUM_INTRINSICS).for_each(|i| of_pixel[7 + i] = jacobian[(row, i)]);
+                }
+            }
+            motion
+        };
+        let project = self.projection(parameters);
+        let of_frame = |samples: &&[Sample]| {
+            (samples[0].frame as usize, self.level.sloped(samples, &project, weigh_there, motion))
+        };
+        let frames: Vec<&[Sample]> = self.samples.chunk_by(|a, b| a.frame == b.frame).collect();
+        let frames: Vec<(usize, SlopedHistogram<WIDTH>)> = frames.par_iter().map(of_frame).collect();
+        let joint = frames.iter().fold(self.constant.clone(), |joint, (_, frame)| frame.with(&joint));
+        let values = self.level.values(&joint);
+        let mut gradients = DMatrix::zeros(n, self.level.maps.len());
+        for (frame, sloped) in &frames {
+            gradients.column_mut(*frame).copy_from(&sloped.gradient(values.of_classes()).rows(1, n));
+        }
+        gradients / self.level.total(&joint).max(1.0)
+    }
+
+    /// The same point by point.
+    fn gradients_by_point(&self, parameters: &DVector<f64>) -> DMatrix<f64> {
         let (joint, chunks) = self.projected(parameters);
         let values = self.level.values(&joint);
         let of_chunk = |chunk: &Vec<ProjectedSample>| {

@@ -101,7 +101,7 @@ fn one_frame(c: &mut Criterion) {
     let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
     let level = Placement { azimuth: 0.0, elevation: 0.0, roll: 0.0, scale: 1.0 };
     c.bench_function("one frame/majority of blocks of 8 pixels", |b| {
-        b.iter(|| majority(black_box(&frame.image_classes), 8));
+        b.iter(|| majority(black_box(&frame.image.classes), 8));
     });
     c.bench_function("one frame/resampling of the label image onto the grid", |b| {
         b.iter(|| {
@@ -110,7 +110,7 @@ fn one_frame(c: &mut Criterion) {
             let directions = cells.map(|(row, column)| grid().direction(row, column));
             let classes = directions
                 .filter_map(|direction| pixel_of(&direction))
-                .map(|pixel| frame.image_classes.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize));
+                .map(|pixel| frame.image.classes.at((pixel.x + 0.5) as usize, (pixel.y + 0.5) as usize));
             classes.map(u64::from).sum::<u64>()
         });
     });

@@ -13,7 +13,8 @@ const RADII: usize = 4096;
 const DIRECTIONS: usize = 16;
 /// At the limit itself a distortion stands still, and Newton's method does not know where to go.
 const NEAR_LIMIT: f64 = 0.95;
-const NEWTON_STEPS: usize = 50;
+const FEW_NEWTON_STEPS: usize = 6;
+const MAX_NEWTON_STEPS: usize = 50;
 
 /// k1 k2 p1 p2 k3 k4 k5 k6: radial, rational and tangential.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -56,8 +57,8 @@ impl Distortion {
     }
 }
 
-/// The normalised coordinates, within a radius, that a distortion puts on `distorted`: Newton's method from what would
-/// be right if the distortion were radial.
+/// The normalised coordinates, within a radius, that a distortion puts on `distorted`: Newton's method from there, which is
+/// enough for most lenses and pixels, or else from what would be right if the distortion were radial.
 pub(super) fn undistort(
     distort: impl Fn(Vector2<f64>) -> Vector2<f64>,
     jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>,
@@ -65,17 +66,20 @@ pub(super) fn undistort(
     limit: f64,
 ) -> Option<Vector2<f64>> {
     let tolerance = TOLERANCE * (1.0 + distorted.norm());
-    let mut xy = along(&distort, distorted, limit);
-    for _ in 0..NEWTON_STEPS {
-        // From beyond the limit, where the distortion may fold, the way would lead anywhere.
-        xy *= (limit / xy.norm()).min(1.0);
-        let residual = distort(xy) - distorted;
-        if residual.norm() < tolerance {
-            return Some(xy);
+    let newton = |mut xy: Vector2<f64>, steps: usize| {
+        for _ in 0..steps {
+            // From beyond the limit, where the distortion may fold, the way would lead anywhere.
+            xy *= (limit / xy.norm()).min(1.0);
+            let residual = distort(xy) - distorted;
+            if residual.norm() < tolerance {
+                return Some(xy);
+            }
+            xy -= jacobian(xy).try_inverse()? * residual;
         }
-        xy -= jacobian(xy).lu().solve(&residual)?;
-    }
-    None
+        None
+    };
+    newton(*distorted, FEW_NEWTON_STEPS)
+        .or_else(|| newton(along(&distort, distorted, limit), MAX_NEWTON_STEPS))
 }
 
 /// The place in the direction of `distorted` that is put as far from the middle, or one near the limit.

@@ -89,7 +89,7 @@ macro_rules! each_model {
 }
 
 impl Model for Lens {
-    #[inline]
+    #[inline(always)]
     fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         each_model!(self, model => model.project(point))
     }

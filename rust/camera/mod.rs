@@ -30,6 +30,10 @@ use model::Model;
 /// fx, fy, cx, cy, k1: see [`Camera::intrinsics_jacobian`].
 pub const NUM_INTRINSICS: usize = 5;
 
+/// Number of points that loops project before they look at the first of them: divisions of many points overlap as long as
+/// no branch has to be guessed between them.
+pub const RUN: usize = 128;
+
 /// A calibrated camera: image size, focal lengths, principal point and lens.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Camera {
@@ -90,7 +94,7 @@ impl Camera {
 
     /// The pixel of a point (camera frame, metres); `None` where the model does not hold. The pixel may lie outside
     /// the picture: see [`Camera::contains`].
-    #[inline]
+    #[inline(always)]
     pub fn project(&self, point: &Vector3<f64>) -> Option<Point2<f64>> {
         let distorted = self.lens.project(point)?;
         Some(Point2::from(self.focal.component_mul(&distorted) + self.center))

@@ -22,7 +22,7 @@ impl Polynomial {
 }
 
 impl Model for Polynomial {
-    #[inline]
+    #[inline(always)]
     fn project(&self, point: &Vector3<f64>) -> Option<Vector2<f64>> {
         let normalised = normalised(point, self.max_radius)?;
         Some(self.distortion.at(normalised))

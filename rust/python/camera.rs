@@ -80,10 +80,10 @@ pub(super) fn project_points(
     let (mut pixels, mut ranges, mut is_hidden) =
         (vec![[f64::NAN; 2]; points.len()], vec![f64::NAN; points.len()], vec![false; points.len()]);
     detached(py, || {
-        let projected = visibility::project_points(&camera.0, &points, &pose);
-        for (point, hidden) in projected.iter().zip(visibility::hidden(&camera.0, &projected)) {
+        let projected = visibility::project_points(&camera.0, &points, 0..points.len(), &pose);
+        for (point, hidden) in projected.iter().zip(visibility::hidden(&camera.0, &points, &projected)) {
             pixels[point.index] = point.pixel.into();
-            ranges[point.index] = point.range;
+            ranges[point.index] = point.p_camera.norm();
             is_hidden[point.index] = hidden;
         }
     });

@@ -13,6 +13,7 @@ use crate::class_shares::ClassShares;
 use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
 use crate::partitions::Partitions;
+use crate::pyramid::LabelPyramid;
 
 #[pyclass(name = "LabelledCloud", frozen)]
 pub(super) struct PyLabelledCloud {
@@ -50,15 +51,15 @@ impl PyLabelledCloud {
 
 #[pyclass(name = "LabelledImage", frozen)]
 pub(super) struct PyLabelledImage {
-    classes: Arc<LabelImage<u8>>,
-    shares: Option<Arc<ClassShares>>,
+    pyramid: Arc<LabelPyramid>,
 }
 
 #[pymethods]
 impl PyLabelledImage {
     #[new]
     fn new(classes: PyReadonlyArray2<u8>, shares: Option<&PyClassShares>) -> Self {
-        Self { classes: Arc::new(dense_image(&classes)), shares: shares.map(|shares| Arc::clone(&shares.0)) }
+        let shares = shares.map(|shares| Arc::clone(&shares.0));
+        Self { pyramid: Arc::new(LabelPyramid::new(Arc::new(dense_image(&classes)), shares)) }
     }
 }
 
@@ -88,7 +89,7 @@ impl PyObservations {
 impl PyLabelledImage {
     /// The classes of the pixels.
     pub(super) fn classes(&self) -> &LabelImage<u8> {
-        &self.classes
+        &self.pyramid.classes
     }
 }
 
@@ -96,9 +97,8 @@ fn frame(cloud: &PyLabelledCloud, image: &PyLabelledImage, weight: f32, by_class
     Frame {
         points: Arc::clone(&cloud.points),
         point_classes: Arc::clone(&cloud.classes),
-        image_classes: Arc::clone(&image.classes),
+        image: Arc::clone(&image.pyramid),
         point_shares: cloud.shares.clone(),
-        image_shares: image.shares.clone(),
         partitions: cloud.partitions.clone().filter(|_| !by_classes),
         weight,
     }

@@ -19,6 +19,11 @@ pub(super) struct PyHypothesis(pub(super) Hypothesis);
 #[pymethods]
 impl PyHypothesis {
     #[getter]
+    fn mutual_information(&self) -> f64 {
+        self.0.mutual_information
+    }
+
+    #[getter]
     fn num_pairs(&self) -> usize {
         self.0.num_pairs as usize
     }
@@ -36,7 +41,7 @@ impl PyHypothesis {
             return Err(value_error(format!("frame {frame} is not one of {}", observations.frames.len())));
         };
         let zoomed = Zoomed::new(&observations.camera, zoom)?;
-        image_array(py, zoom::zoom(&zoomed, &shown.image_classes, &self.0.placement, &images.0.grid))
+        image_array(py, zoom::zoom(&zoomed, &shown.image.classes, &self.0.placement, &images.0.grid))
     }
 }
 

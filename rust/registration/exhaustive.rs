@@ -193,15 +193,13 @@ impl Template {
 
     /// The candidate that lies `shift` columns to the right of azimuth zero.
     fn score(&self, rings: &[Vec<u32>], shift: usize, counts: &mut Counts) -> Candidate {
-        counts.pairs.fill(0);
+        counts.clear();
         for (ring, classes) in rings.iter().zip(&self.classes) {
             for (start, cells) in &self.runs {
-                let ring = &ring[start + shift..][..cells.len()];
-                for (&row, &column) in ring.iter().zip(&classes[cells.clone()]) {
-                    counts.pairs[(row + u32::from(column)) as usize] += 1;
-                }
+                counts.add(&ring[start + shift..][..cells.len()], &classes[cells.clone()]);
             }
         }
+        counts.pool();
         let (mutual_information, num_cells) = counts.mutual_information();
         Candidate { placement: shifted(&self.upright, shift, self.columns), mutual_information, num_cells }
     }
@@ -213,6 +211,8 @@ impl Template {
 struct Counts<'a> {
     width: usize,
     pairs: Vec<u32>,
+    /// Pairs of every other cell: neighbours are mostly of one pair, and a count waits for the one before it.
+    odd_pairs: Vec<u32>,
     /// `n log n` of every count that can occur.
     n_log_n: &'a [f64],
 }
@@ -220,7 +220,30 @@ struct Counts<'a> {
 impl<'a> Counts<'a> {
     fn new(observations: &Observations, n_log_n: &'a [f64]) -> Self {
         let width = observations.num_image_classes + 1;
-        Self { width, pairs: vec![0; (observations.num_point_classes + 1) * width], n_log_n }
+        let pairs = vec![0; (observations.num_point_classes + 1) * width];
+        Self { width, odd_pairs: pairs.clone(), pairs, n_log_n }
+    }
+
+    fn clear(&mut self) {
+        self.pairs.fill(0);
+        self.odd_pairs.fill(0);
+    }
+
+    /// Adds neighbouring cells, given by the starts of rows and by columns.
+    fn add(&mut self, rows: &[u32], columns: &[u8]) {
+        let ((rows, last_row), (columns, last_column)) = (rows.as_chunks::<2>(), columns.as_chunks::<2>());
+        for (row, column) in rows.iter().zip(columns) {
+            self.pairs[(row[0] + u32::from(column[0])) as usize] += 1;
+            self.odd_pairs[(row[1] + u32::from(column[1])) as usize] += 1;
+        }
+        for (&row, &column) in last_row.iter().zip(last_column) {
+            self.pairs[(row + u32::from(column)) as usize] += 1;
+        }
+    }
+
+    /// Brings all pairs together.
+    fn pool(&mut self) {
+        self.pairs.iter_mut().zip(&self.odd_pairs).for_each(|(sum, count)| *sum += count);
     }
 
     /// Mutual information less its bias, as [`JointHistogram`] has them, and the number of pairs with two classes.
@@ -279,7 +302,7 @@ mod tests {
         fn counts_have_the_information_of_the_joint_histogram(pairs in prop::collection::vec((0usize..5, 0usize..4), 1..300)) {
             let n_log_n: Vec<f64> = (0..=300).map(|n| f64::from(n) * f64::from(n.max(1)).ln()).collect();
             // The last row and the last column are those without a class.
-            let mut counts = Counts { width: 4, pairs: vec![0; 5 * 4], n_log_n: &n_log_n };
+            let mut counts = Counts { width: 4, pairs: vec![0; 5 * 4], odd_pairs: vec![0; 5 * 4], n_log_n: &n_log_n };
             let mut joint = JointHistogram::new(4, 3);
             for (row, column) in pairs {
                 counts.pairs[row * 4 + column] += 1;

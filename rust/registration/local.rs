@@ -8,6 +8,7 @@ use rayon::prelude::*;
 use super::config::RegistrationConfig;
 use super::downsampled::{Downsampled, downsampled};
 use super::hypothesis::Hypothesis;
+use crate::camera::RUN;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::powell::{PowellConfig, minimize};
@@ -64,10 +65,15 @@ impl<'a> Level<'a> {
         let pixel_of = self.zoomed.pixel_map(placement);
         let Observations { num_point_classes, num_image_classes, .. } = *self.observations;
         let mut joint = JointHistogram::new(num_point_classes, num_image_classes);
+        let mut pixels = Vec::with_capacity(RUN);
         for (frame, returns) in returns.iter().enumerate() {
-            for (direction, class) in returns {
-                if let Some(pixel) = pixel_of(direction) {
-                    joint.add(*class, self.images.class(frame, &pixel), 1.0);
+            for run in returns.chunks(RUN) {
+                pixels.clear();
+                pixels.extend(run.iter().map(|(direction, _)| pixel_of(direction)));
+                for ((_, class), pixel) in run.iter().zip(&pixels) {
+                    if let Some(pixel) = pixel {
+                        joint.add(*class, self.images.class(frame, pixel), 1.0);
+                    }
                 }
             }
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,19 +89,23 @@ def register(
         config.num_correspondences,
         seed,
     )
-    found: list[Candidate] = []
-    failure = "no placement of the picture"
-    for placement, pairs in zip(placed.placements, samples, strict=True):
+
+    def solve(placement: _core.Hypothesis, pairs: _core.Correspondences) -> Candidate | CalibrationError:
         try:
             T_camera_lidar, num_inliers = solve_pnp(
                 pairs.points, pairs.pixels, observations.camera, config.pnp
             )
         except CalibrationError as error:
-            failure = str(error)
-            continue
+            return error
         T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ placed.center
-        found.append(Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
+        return Candidate(T_camera_lidar, placement.num_pairs, num_inliers)
+
+    # OpenCV solves one after the other on one core.
+    with ThreadPoolExecutor() as pool:
+        solved = list(pool.map(solve, placed.placements, samples))
+    found = [each for each in solved if isinstance(each, Candidate)]
     if not found:
+        failure = solved[-1] if solved else "no placement of the picture"
         raise CalibrationError(f"no initial calibration: {failure}")
     return found
 

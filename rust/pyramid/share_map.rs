@@ -1,0 +1,266 @@
+//! Class shares of label images: what one-hot label maps become when they are averaged over blocks.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use nalgebra::Point2;
+
+use super::averaging::{amounts, averaged};
+use super::sampled::{Sampled, Shares};
+use crate::class_shares::{ClassShares, Share};
+use crate::classes::NO_CLASS;
+use crate::label_image::LabelImage;
+
+/// The class shares of one label image at one level, for sampling.
+#[derive(Clone, Debug)]
+pub struct ShareMap {
+    blocks_per_pixel: f64,
+    columns: usize,
+    rows: usize,
+    blocks: Blocks,
+}
+
+/// The classes in each block, row by row.
+#[derive(Clone, Debug)]
+enum Blocks {
+    /// Blocks of one pixel.
+    Pixels(Arc<LabelImage<u8>>),
+    /// Blocks of one pixel, and how much each counts, in 1/255.
+    Banded(Arc<LabelImage<u8>>, Vec<u8>),
+    /// Blocks of several pixels, or pixels of several classes.
+    Shares {
+        shares: ClassShares,
+        /// The class of blocks that are all of one, else [`NO_CLASS`].
+        only: Vec<u8>,
+        /// Labelled share of each block, in 1/255.
+        amounts: Vec<u16>,
+    },
+}
+
+impl Blocks {
+    #[inline]
+    fn at(&self, index: usize) -> &[Share] {
+        match self {
+            Self::Pixels(image) => {
+                let class = usize::from(image.ids[index]);
+                &WHOLE[class..class + usize::from(class < WHOLE.len())]
+            }
+            Self::Banded(image, amounts) => {
+                let shares = if amounts[index] == u8::MAX { &WHOLE } else { &FAINT };
+                let class = usize::from(image.ids[index]);
+                &shares[class..class + usize::from(class < shares.len())]
+            }
+            Self::Shares { shares, only, .. } => match only[index] {
+                NO_CLASS => shares.at(index),
+                class => std::slice::from_ref(&WHOLE[usize::from(class)]),
+            },
+        }
+    }
+
+    /// The labelled share, in 1/255.
+    #[inline]
+    fn amount(&self, index: usize) -> u16 {
+        match self {
+            Self::Pixels(image) | Self::Banded(image, _) if image.ids[index] == NO_CLASS => 0,
+            Self::Pixels(_) => u8::MAX.into(),
+            Self::Banded(_, amounts) => amounts[index].into(),
+            Self::Shares { amounts, .. } => amounts[index],
+        }
+    }
+
+    /// The class of each block that is all of it, but for the band along borders; [`NO_CLASS`] where that is not so.
+    #[inline]
+    fn classes(&self) -> &[u8] {
+        match self {
+            Self::Pixels(image) | Self::Banded(image, _) => &image.ids,
+            Self::Shares { only, .. } => only,
+        }
+    }
+
+    /// The class of four blocks that are all of it; [`NO_CLASS`] where that is not so.
+    #[inline]
+    fn only_class(&self, around: [usize; 4]) -> u8 {
+        let [a, b, c, d] = around.map(|index| self.classes()[index]);
+        let is_whole = match self {
+            Self::Banded(_, amounts) => around.map(|index| amounts[index]) == [u8::MAX; 4],
+            _ => true,
+        };
+        if a == b && a == c && a == d && is_whole { a } else { NO_CLASS }
+    }
+
+    /// Whether neighbouring blocks are all of one class.
+    #[inline]
+    fn are_all_of(&self, class: u8, line: Range<usize>) -> bool {
+        // Without a branch within a line.
+        let differs = self.classes()[line.clone()].iter().fold(0, |differs, other| differs | (other ^ class));
+        let is_faint = match self {
+            Self::Banded(_, amounts) => amounts[line].iter().fold(0, |faint, amount| faint | !amount),
+            _ => 0,
+        };
+        differs | is_faint == 0
+    }
+}
+
+/// Weight, of 255, of pixels in the band along the borders of classes.
+pub(super) const FAINT_AMOUNT: u8 = 26;
+
+/// The shares of a pixel of each class: with full weight, or with the small weight of the band.
+pub(super) static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
+static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
+
+const fn pixels_of(amount: u8) -> [Share; NO_CLASS as usize] {
+    let mut shares = [Share { class: 0, amount }; NO_CLASS as usize];
+    let mut class = 0;
+    while class < NO_CLASS {
+        shares[class as usize].class = class;
+        class += 1;
+    }
+    shares
+}
+
+impl ShareMap {
+    /// Averages the classes of blocks of `factor x factor` pixels, or the shares of their classes where a network gave
+    /// them.
+    ///
+    /// Only whole blocks count, so that block `(i, j)` is centred on pixel `factor * (i + 1/2) - 1/2` exactly; pixels
+    /// without a class take their share but give it to none. Pixels less than `edge_band_px` pixels from one of another
+    /// class count little; where a network gave shares there is no band, since these say themselves how sure a border is
+    /// (with a band, labels blurred by 5 pixels ended at 0.06 instead of 0.03 degrees).
+    pub fn new(
+        image: &Arc<LabelImage<u8>>,
+        shares: Option<&ClassShares>,
+        factor: usize,
+        edge_band_px: usize,
+    ) -> Self {
+        let blocks = match (shares, factor, edge_band_px) {
+            (None, 1, 0) => Blocks::Pixels(Arc::clone(image)),
+            (None, 1, _) => Blocks::Banded(Arc::clone(image), amounts(image, edge_band_px)),
+            _ => {
+                let shares = averaged(image, shares, factor, edge_band_px);
+                let each = || (0..shares.len()).map(|index| shares.at(index));
+                let amount = |shares: &[Share]| shares.iter().map(|share| u16::from(share.amount)).sum();
+                let (only, amounts) = (each().map(only_class).collect(), each().map(amount).collect());
+                Blocks::Shares { shares, only, amounts }
+            }
+        };
+        let (columns, rows) = (image.width / factor, image.height / factor);
+        Self { blocks_per_pixel: 1.0 / factor as f64, columns, rows, blocks }
+    }
+
+    /// The shares at a pixel of the full-resolution picture, bilinear between the centres of blocks, and continued
+    /// beyond the outermost ones.
+    #[inline]
+    pub fn at(&self, pixel: &Point2<f64>) -> Sampled<'_> {
+        let (column, right) = self.between(pixel.x, self.columns);
+        let (row, down) = self.between(pixel.y, self.rows);
+        let (next_column, next_row) = ((column + 1).min(self.columns - 1), (row + 1).min(self.rows - 1));
+        let (above, below) = (row * self.columns, next_row * self.columns);
+        let around = [above + column, above + next_column, below + column, below + next_column];
+        match self.blocks.only_class(around) {
+            NO_CLASS => Sampled::Mixed(self.mixed(around, right, down)),
+            class => Sampled::Uniform(class),
+        }
+    }
+
+    fn mixed(&self, around: [usize; 4], right: Option<f64>, down: Option<f64>) -> Shares<'_> {
+        let corners = around.map(|index| self.blocks.at(index));
+        let (r, d) = (right.unwrap_or(0.0), down.unwrap_or(0.0));
+        let weights = [(1.0 - r) * (1.0 - d), r * (1.0 - d), (1.0 - r) * d, r * d];
+        let amounts = around.map(|index| f64::from(self.blocks.amount(index)));
+        let total = (0..4).map(|i| weights[i] * amounts[i]).sum::<f64>() * (1.0 / 255.0);
+        Shares {
+            corners,
+            right: r,
+            down: d,
+            weights,
+            amounts,
+            total,
+            moves: (right.is_some(), down.is_some()),
+            per_pixel: self.blocks_per_pixel,
+        }
+    }
+
+    /// Whether a pixel lies amid blocks of one class that reach at least `radius` blocks to each side of it.
+    pub fn is_amid_one_class(&self, pixel: &Point2<f64>, radius: usize) -> bool {
+        let span = |pixel: f64, count: usize| {
+            let first = self.between(pixel, count).0;
+            first.saturating_sub(radius)..(first + radius + 2).min(count)
+        };
+        let (columns, rows) = (span(pixel.x, self.columns), span(pixel.y, self.rows));
+        let first = rows.start * self.columns + columns.start;
+        let class = self.blocks.classes()[first];
+        let mut lines = rows.map(|row| row * self.columns + columns.start..row * self.columns + columns.end);
+        class != NO_CLASS && lines.all(|line| self.blocks.are_all_of(class, line))
+    }
+
+    /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
+    #[inline]
+    fn between(&self, pixel: f64, count: usize) -> (usize, Option<f64>) {
+        let place = (pixel + 0.5) * self.blocks_per_pixel - 0.5;
+        // Conversions of 32 bits are faster than those of 64, and no picture is as wide.
+        let last = count as i32 - 1;
+        if place > 0.0 && place < f64::from(last) {
+            let before = place as i32;
+            (before as usize, Some(place - f64::from(before)))
+        } else {
+            (if place > 0.0 { count - 1 } else { 0 }, None)
+        }
+    }
+}
+
+/// The class of a block that is all of it; [`NO_CLASS`] where that is not so.
+fn only_class(shares: &[Share]) -> u8 {
+    match shares {
+        [share] if share.amount == u8::MAX => share.class,
+        _ => NO_CLASS,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_count_each_class_in_each_whole_block() {
+        let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9]; // the last column is no whole block
+        let map = ShareMap::new(&Arc::new(LabelImage { width: 5, height: 2, ids }), None, 2, 0);
+        let shares = |block| map.blocks.at(block).iter().map(|s| (s.class, s.amount)).collect::<Vec<_>>();
+        assert_eq!(shares(0), [(0, 128), (1, 64)]);
+        assert_eq!(shares(1), [(1, 255)]);
+    }
+
+    #[test]
+    fn shares_are_bilinear_between_the_centres_of_blocks() {
+        let ids = vec![0, 0, 1, 1, 0, 0, 1, 1, 0, 0, NO_CLASS, 2, 0, 0, 2, 2];
+        let map = ShareMap::new(&Arc::new(LabelImage { width: 4, height: 4, ids }), None, 2, 0);
+        let shares = |u: f64, v: f64| {
+            let mut classes = [0.0; 3];
+            let sampled = map.at(&Point2::new(u, v));
+            sampled.add_to(&mut classes, 1.0);
+            (classes, sampled.total())
+        };
+        assert_eq!(shares(0.5, 0.5), ([1.0, 0.0, 0.0], 1.0));
+        assert_eq!(shares(-3.0, 9.0), ([1.0, 0.0, 0.0], 1.0));
+        let (classes, total) = shares(1.5, 1.5);
+        // A quarter of one of the four blocks has no class.
+        let three_quarters = 191.0 / 255.0;
+        assert!((total - (3.0 + three_quarters) / 4.0).abs() < 1e-12);
+        assert!((classes[0] - 2.0 / (3.0 + three_quarters)).abs() < 1e-12);
+        assert!((classes.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn pixels_along_borders_count_little() {
+        let ids = vec![0, 0, 0, 0, 1, 1, 1, 1];
+        let image = Arc::new(LabelImage { width: 8, height: 1, ids });
+        let (all, few) = (u8::MAX, FAINT_AMOUNT);
+        assert_eq!(amounts(&image, 2), [all, all, few, few, few, few, all, all]);
+        let map = ShareMap::new(&image, None, 1, 2);
+        let total = |u: f64| map.at(&Point2::new(u, 0.0)).total();
+        assert_eq!((total(0.0), total(3.0)), (1.0, f64::from(FAINT_AMOUNT) / 255.0));
+        // Little weight, and the same shares.
+        let mut classes = [0.0; 2];
+        map.at(&Point2::new(3.5, 0.0)).add_to(&mut classes, 1.0);
+        assert_eq!(classes, [0.5, 0.5]);
+    }
+}
