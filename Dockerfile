@@ -1,4 +1,5 @@
-# semcal without MINE: `docker build -t semcal .`, then `docker run --rm -v "$PWD:/data" semcal calibrate drive -o c.yaml`.
+# semcal without MINE: `docker build -t semcal .`, and where the drive is
+# `docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/data" semcal calibrate drive -o calibration.yaml`.
 # EXTRAS adds others: `--build-arg EXTRAS=bag,las`.
 FROM rust:1.95-slim-bookworm AS build
 RUN apt-get update && apt-get install --yes --no-install-recommends python3 python3-venv \
@@ -14,6 +15,8 @@ ARG EXTRAS=""
 RUN --mount=type=bind,from=build,source=/wheels,target=/wheels \
     wheel=$(echo /wheels/*.whl) && pip install --no-cache-dir "${wheel}${EXTRAS:+[$EXTRAS]}" \
     && useradd --create-home --uid 1000 semcal
+# Matplotlib's cache, which any user may write: without it, each run warns.
+ENV MPLCONFIGDIR=/tmp/matplotlib
 USER semcal
 WORKDIR /data
 ENTRYPOINT ["semcal"]

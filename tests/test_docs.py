@@ -130,6 +130,19 @@ def test_the_site_builds(site: Path) -> None:
     assert entry_address("clocks") == f"{ADDRESS}/troubleshooting/#clocks"
 
 
+def test_links_of_the_page_on_pypi_lead_to_the_site(site: Path) -> None:
+    printed = subprocess.check_output([ROOT / ".ci" / "readme_for_pypi"], text=True)
+    assert len(printed.splitlines()) == len(README.read_text().splitlines())
+    targets = re.findall(r"\]\(([^)\s]+)\)", printed)
+    assert [target for target in targets if not target.startswith("https://")] == []
+    for target in targets:
+        path, _, anchor = target.removeprefix(f"{ADDRESS}/").partition("#")
+        if target.startswith(ADDRESS):
+            page = site / path / ("index.html" if target.endswith("/") or anchor else "")
+            assert page.is_file(), target
+            assert not anchor or f'id="{anchor}"' in page.read_text(), target
+
+
 def test_the_reference_has_every_public_name_with_its_docstring(site: Path) -> None:
     page = (site / "python_reference/index.html").read_text()
     of_stages = {name: each for name, each in vars(pipeline).items() if isinstance(each, FunctionType)}

@@ -141,7 +141,7 @@ def batch(
             "--jobs: is of this machine; with --dask, the cluster has as many as its workers' threads"
         )
     num_jobs = jobs or 1
-    num_threads = threads or (1 if address is not None else max(len(os.sched_getaffinity(0)) // num_jobs, 1))
+    num_threads = threads or (1 if address is not None else max(_num_cores() // num_jobs, 1))
     tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s, address is None)
     folder = output.absolute()
     with ExitStack() as stack:
@@ -158,6 +158,13 @@ def batch(
     print_end(show.console, outcomes, output)
     _report(command, output, outcomes).tell_github()
     sys.exit(worst(outcome.exit_code for outcome in outcomes))
+
+
+def _num_cores() -> int:
+    """Count the cores that this process may use; macOS knows only those of the machine."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _report(command: str, output: Path, outcomes: Sequence[Outcome]) -> CiReport:
