@@ -144,8 +144,14 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     ),
     "speed ratio": (
         "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed "
-        "--repeats 1 --pairs 1 --width 64 --height 48",
-        [rf"\| {name} \| {NUMBER} \| {NUMBER} \| {NUMBER} \|" for name in ("--help", "calibrate, 1 pair")],
+        "--repeats 1 --pairs 1 --width 64 --height 48 --process calibrate --process inspect",
+        [
+            *(
+                rf"\| {name} \| {NUMBER} \| {NUMBER} \| {NUMBER} \| {NUMBER}, {NUMBER} \|"
+                for name in ("--help", "calibrate, 1 pair", "inspect, 1 pair")
+            ),
+            rf"\| 1 pair: the rest \| {NUMBER} \| {NUMBER} \|",
+        ],
     ),
     "world realism": (
         "world_realism.py --seeds 1 --frames 1 --drive DRIVE",

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -145,11 +145,18 @@ class Experiment:
             process = [*SEMCAL, command, *options, "-q", "--no-polish", "--init", str(start)]
         else:
             process = [sys.executable, str(self.plain_torch), *options, "--init", str(start)]
-        seconds, peak_gib = run_process(process)
+        run = run_process(process)
         T = np.load(output) if command == PLAIN_TORCH else read_transform(output)
         error = compare_poses(T, truth)
         return [
-            Timing(case.name, case.num_pairs, seconds, peak_gib, error.rotation_deg, error.camera_center_cm)
+            Timing(
+                case.name,
+                case.num_pairs,
+                run.seconds,
+                run.peak_gib,
+                error.rotation_deg,
+                error.camera_center_cm,
+            )
         ]
 
 
@@ -202,8 +209,19 @@ def _plot(timings: Sequence[Timing]) -> Figure:
     return figure
 
 
-def run_process(command: list[str]) -> tuple[float, float]:
-    """Run a process, and measure its wall time in seconds and its peak memory in GiB.
+class Run(NamedTuple):
+    """A process that ended."""
+
+    seconds: float
+    """Wall time."""
+    peak_gib: float
+    """Largest resident memory."""
+    messages: str
+    """What it wrote to standard error."""
+
+
+def run_process(command: list[str]) -> Run:
+    """Run a process, and measure its time and memory.
 
     Until the process begins, Linux counts the memory of this one as its own: the peak is at least that.
 
@@ -214,13 +232,13 @@ def run_process(command: list[str]) -> tuple[float, float]:
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     assert process.stderr is not None
     with process.stderr as errors:
-        complaint = errors.read()
+        messages = errors.read()
     # `wait` does not return the memory.
     _, status, usage = os.wait4(process.pid, 0)
     code = process.returncode = os.waitstatus_to_exitcode(status)
     if code not in (0, 3):
-        raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(complaint.split()[-30:])}")
-    return perf_counter() - begin, usage.ru_maxrss / 2**20
+        raise CalibrationError(f"{' '.join(command)}: exit code {code}: {' '.join(messages.split()[-30:])}")
+    return Run(perf_counter() - begin, usage.ru_maxrss / 2**20, messages)
 
 
 def markdown(summaries: Sequence[Summary]) -> str:
