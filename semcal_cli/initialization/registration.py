@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,16 +89,22 @@ def register(
         config.num_correspondences,
         seed,
     )
+
+    def solve(pairs: _core.Correspondences) -> tuple[Pose, int] | CalibrationError:
+        try:
+            return solve_pnp(pairs.points, pairs.pixels, observations.camera, config.pnp)
+        except CalibrationError as error:
+            return error
+
+    with ThreadPoolExecutor() as pool:
+        solutions = list(pool.map(solve, samples))
     found: list[Candidate] = []
     failure = "no placement of the picture"
-    for placement, pairs in zip(placed.placements, samples, strict=True):
-        try:
-            T_camera_lidar, num_inliers = solve_pnp(
-                pairs.points, pairs.pixels, observations.camera, config.pnp
-            )
-        except CalibrationError as error:
-            failure = str(error)
+    for placement, solution in zip(placed.placements, solutions, strict=True):
+        if isinstance(solution, CalibrationError):
+            failure = str(solution)
             continue
+        T_camera_lidar, num_inliers = solution
         T_camera_lidar[:3, 3] -= T_camera_lidar[:3, :3] @ placed.center
         found.append(Candidate(T_camera_lidar, placement.num_pairs, num_inliers))
     if not found:
@@ -116,8 +123,8 @@ def _grid(observations: Observations) -> _core.Grid:
 
 
 def _check_field_of_view(observations: Observations, grid: _core.Grid) -> None:
-    x, y, z = np.concatenate([cloud.points for cloud in observations.clouds]).T
-    elevations = np.arctan2(z, np.hypot(x, y))
+    columns = (cloud.points.T for cloud in observations.clouds)
+    elevations = np.concatenate([np.arctan2(z, np.hypot(x, y)) for x, y, z in columns])
     bottom = grid.top - grid.rows * grid.cell_height
     outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
     if outside > MAX_SHARE_OUTSIDE:
