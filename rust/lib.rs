@@ -11,6 +11,7 @@ pub mod classes;
 pub mod correspondences;
 pub mod error;
 pub mod file;
+pub mod fisher;
 pub mod label_borders;
 pub mod label_image;
 pub mod labelling;

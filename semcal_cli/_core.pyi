@@ -63,6 +63,7 @@ __all__ = [
     "despeckle",
     "estimate_grid",
     "estimate_up",
+    "fisher_limit",
     "held_out_gain",
     "information_gains",
     "parse_point_cloud",
@@ -500,6 +501,12 @@ def sensitivity(
     """How the mutual information depends on pose and intrinsics around a pose: see `rust/alignment/sensitivity.rs`.
 
     None where no point lands on a label, or nothing changes the information.
+    """
+
+def fisher_limit(alpha: float, numerator: float, denominator: float) -> float:
+    """The value that Fisher's F exceeds with probability `alpha`: see `rust/fisher.rs`.
+
+    Raises `ValueError` unless `alpha` is above 0 and at most 0.1, and degrees of freedom are at least 1 and above 0.
     """
 
 def student_quantile(probability: float, degrees_of_freedom: float) -> float:

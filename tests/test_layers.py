@@ -69,6 +69,7 @@ WITH_OPENCV = {
     "bags/pictures",
     "labelling/sides",
     "initialization/pnp",
+    "assessment/scale",
     "assessment/uncertainty",
     "baselines/soic",
     "report",

@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 from conftest import make_pose, poses, triples
 from hypothesis import given
+from scipy.spatial.transform import Rotation
 
 from semcal_cli.errors import InputError
 from semcal_cli.geometry.baseline import baseline_m, check_baseline, within_baseline
 from semcal_cli.geometry.poses import Pose, camera_center, rotation_difference
-from semcal_cli.geometry.twists import apply_twist, inverse_left_jacobian, local_coordinates, pose_at
+from semcal_cli.geometry.twists import (
+    apply_twist,
+    inverse_left_jacobian,
+    local_coordinates,
+    pose_at,
+    rotation_matrix,
+)
 
 ROUND_OFF = 1e-9
 STEP = 1e-6
@@ -20,6 +27,13 @@ def test_a_pose_at_its_local_coordinates_is_itself(T_reference: Pose, rho: tuple
     coordinates = np.array([*rho, 0.3, -0.2, 0.1])
     (again,) = local_coordinates([pose_at(T_reference, coordinates)], T_reference)
     np.testing.assert_allclose(again, coordinates, rtol=ROUND_OFF, atol=1e-6)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 9.9e-4, 1.1e-3, 1.0, 3.0, 7.0])
+def test_a_rotation_matrix_is_scipys(angle: float) -> None:
+    vector = angle * np.array([2.0, -1.0, 2.0]) / 3.0
+    expected = Rotation.from_rotvec(vector).as_matrix()
+    np.testing.assert_allclose(rotation_matrix(vector), expected, rtol=0.0, atol=1e-15)
 
 
 def test_a_twist_is_the_local_coordinates_to_first_order() -> None:

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from scipy.stats import chi2, t
+from scipy.stats import chi2, f, t
 
 from semcal_cli import _core
 from semcal_cli.assessment.sensitivity import SHARED_FRAMES, Matrix, Sensitivity
@@ -138,6 +138,15 @@ def test_a_pose_that_is_not_determined_to_any_use_is_not_trusted(
 @pytest.mark.parametrize("dof", [1.3, 4.0, 37.5])
 def test_student_quantile_is_scipys(dof: float) -> None:
     assert _core.student_quantile(0.975, dof) == pytest.approx(t.ppf(0.975, dof), rel=1e-6)
+
+
+@pytest.mark.parametrize("alpha", [0.05, 1e-3, 2.5e-5, 1e-7])
+@pytest.mark.parametrize("numerator", [1, 3, 6, 114, 5994])
+def test_fisher_limit_is_exceeded_with_its_probability(alpha: float, numerator: int) -> None:
+    denominators = [0.5, 1.0, 4.5, 37.5, 300.0, 1e4, 1e6]
+    limits = [_core.fisher_limit(alpha, numerator, dof) for dof in denominators]
+    # The core subtracts logarithms of gamma functions, which are up to 1e7.
+    assert f.sf(limits, numerator, denominators) == pytest.approx(alpha, rel=1e-8)
 
 
 def test_the_rarer_class_bleeds() -> None:

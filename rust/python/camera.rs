@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
+use rayon::prelude::*;
 
 use super::arrays::{Array2, rows, to_array2};
 use super::poses::isometry;
@@ -46,7 +47,8 @@ impl PyCamera {
     fn unproject<'py>(&self, py: Python<'py>, pixels: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
         let pixels: Vec<[f64; 2]> = rows("pixels", &pixels)?;
         let ray = |&p: &[f64; 2]| self.0.unproject(&p.into()).map_or([f64::NAN; 3], Into::into);
-        to_array2(py, &pixels.iter().map(ray).collect::<Vec<_>>())
+        let rays: Vec<[f64; 3]> = detached(py, || pixels.par_iter().map(ray).collect());
+        to_array2(py, &rays)
     }
 
     /// The largest incidence angle, radians, at which the model holds.

@@ -75,7 +75,7 @@ mod _core {
     #[pymodule_export]
     use super::spherical::{PyGrid, PySphericalImages, estimate_grid, scan_grid};
     #[pymodule_export]
-    use super::statistics::student_quantile;
+    use super::statistics::{fisher_limit, student_quantile};
     #[pymodule_export]
     use super::threads::set_num_threads;
     #[pymodule_export]

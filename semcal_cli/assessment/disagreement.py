@@ -150,9 +150,7 @@ def _blocks_px(camera: Camera) -> tuple[int, int]:
 
 def _scatter_by_chance(num_frames: int, num_squares: int) -> float:
     """Compute the Q over its degrees of freedom that chance exceeds with probability `ALPHA`."""
-    from scipy.special import fdtri
-
-    return float(fdtri(6 * (num_frames - 1), num_squares - num_frames, 1.0 - ALPHA))
+    return _core.fisher_limit(ALPHA, 6 * (num_frames - 1), num_squares - num_frames)
 
 
 def _is_one(observations: Observations, part: Part) -> bool:

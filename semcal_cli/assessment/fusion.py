@@ -274,8 +274,6 @@ def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
 
 def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     """Compare a prior with the optimum of the labels alone, over all known axes at once."""
-    from scipy.special import fdtri
-
     stated = np.isfinite(prior.sigmas)
     alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
     jacobian = prior.jacobian(T_camera_lidar)[stated]
@@ -285,14 +283,14 @@ def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[
     chi2 = float(off @ np.linalg.solve(covariance, off))
     fewest = float(_degrees_of_freedom(labels, alone).min())
     # With few parts of the images almost any distance may be chance, so it is limited as well.
-    by_chance = float(stated.sum() * fdtri(stated.sum(), fewest, 1.0 - CONTRADICTION_LEVEL))
-    most = min(by_chance, float(stated.sum()) * MAX_SIGMAS**2)
+    num_axes = int(stated.sum())
+    most = num_axes * min(_core.fisher_limit(CONTRADICTION_LEVEL, num_axes, fewest), MAX_SIGMAS**2)
     if chi2 <= most:
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
     far = _length(int(np.flatnonzero(stated)[worst]), float(off[worst]))
     found = (
-        f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {stated.sum()}, needed at most "
+        f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {num_axes}, needed at most "
         f"{most:.0f}"
     )
     return [Finding("prior", found, MEASURE_AGAIN)]

@@ -8,6 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from semcal_cli import _core
 from semcal_cli.config import Limits
 
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
@@ -96,9 +97,7 @@ def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
         alpha: Probability that chance exceeds the quantile.
         degrees_of_freedom: Degrees of freedom of the standard errors; with very many, the quantile is chi-square's.
     """
-    from scipy.special import fdtri  # scipy.stats takes half a second to import.
-
-    return 6.0 * float(fdtri(6, degrees_of_freedom, 1.0 - alpha))
+    return 6.0 * _core.fisher_limit(alpha, 6, degrees_of_freedom)
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:

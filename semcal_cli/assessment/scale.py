@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -191,8 +192,6 @@ def _measure(frames: Sequence[_Upright], names: Sequence[str]) -> dict[str, Numb
 
 def _heights(frame: _Upright, of_kind: Sequence[int], grounds: Sequence[int]) -> Iterator[float]:
     """Measure the things of one kind in one cloud: clusters of neighbouring cells with points of the kind."""
-    from scipy.ndimage import label
-
     points = frame.points[np.isin(frame.classes, of_kind)]
     ground = frame.points[np.isin(frame.classes, grounds)]
     ground = ground[:: max(len(ground) // MAX_GROUND, 1)]
@@ -200,11 +199,11 @@ def _heights(frame: _Upright, of_kind: Sequence[int], grounds: Sequence[int]) ->
         return
     cells = np.floor(points[:, :2] / (CELL * frame.sensor_m)).astype(int)
     cells -= cells.min(axis=0)
-    occupied = np.zeros(cells.max(axis=0) + 1, bool)
-    occupied[tuple(cells.T)] = True
-    clusters, count = label(occupied, np.ones((3, 3)))
+    occupied = np.zeros(cells.max(axis=0) + 1, np.uint8)
+    occupied[tuple(cells.T)] = 1
+    num_clusters, clusters = cv2.connectedComponents(occupied, connectivity=8)
     of_point = clusters[tuple(cells.T)]
-    for index in range(1, count + 1):
+    for index in range(1, num_clusters):  # 0 is what is not occupied.
         thing = points[of_point == index]
         if len(thing) >= MIN_POINTS and (height := _height(thing, ground, frame.sensor_m)) is not None:
             yield height

@@ -76,6 +76,8 @@ def run(arguments: Sequence[str]) -> Ending:
     # OpenCV reads these when it is imported: they limit the size of an unpacked image, and leave error messages to us.
     os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(MAX_PIXELS))
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
+    # NumPy and SciPy each start a thread pool for matrices; none here is large, and idle threads slow the core down.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     # NumPy need not warn of overflowing numbers: their results are checked.
     warnings.simplefilter("ignore", RuntimeWarning)
     try:

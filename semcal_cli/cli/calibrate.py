@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from semcal_cli.assessment.priors import Prior
     from semcal_cli.baselines.config import PaperConfig
     from semcal_cli.cli.outputs import Outputs
+    from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
     from semcal_cli.result.calibration import Calibration
 
@@ -193,7 +194,7 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
     image_labels = take_image_labels(options)
     search_config, initial_pose = make_search(options)
     to, format_options = options["to"], take_format_options(options, "to_")
-    if to is None and any(vars(format_options).values()):
+    if to is None and any(format_options.values()):
         raise click.UsageError(
             "--to-direction, --to-frame, --to-camera, --to-lidar: are of --to: give it, too"
         )
@@ -211,7 +212,7 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
         options["repeat"] or 1,
         is_raw=is_paper,
     )
-    formatted = None if to is None else (to, format_options)
+    formatted = None if to is None else _formatted(to, format_options)
     page, images = options["page"], options["images"]
     outputs = Outputs(common.output, common.log, formatted, page, images, common.as_json)
     if options["split"]:
@@ -227,6 +228,12 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
         options["split"],
         image_labels,
     )
+
+
+def _formatted(to: str, options: Mapping[str, Any]) -> tuple[str, FormatOptions]:
+    from semcal_cli.formats.format import FormatOptions
+
+    return to, FormatOptions(**options)
 
 
 def _by_method(settings: Settings) -> Callable[..., Calibration]:

@@ -60,11 +60,9 @@ def open_options(prefix: str, of: str) -> Callable[[Command], Command]:
     return add
 
 
-def take_format_options(options: dict[str, Any], prefix: str = "") -> FormatOptions:
-    """Take these options out of a command's options."""
-    from semcal_cli.formats.format import FormatOptions
-
-    return FormatOptions(*(options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")))
+def take_format_options(options: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Take these options out of a command's options, by their names in `FormatOptions`."""
+    return {name: options.pop(prefix + name) for name in ("direction", "frame", "camera", "lidar")}
 
 
 def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) -> None:
@@ -138,6 +136,7 @@ def convert(
     from semcal_cli.files.reading import is_same_file
     from semcal_cli.files.streams import check_descriptor, descriptor
     from semcal_cli.formats import put_transform, read_transform, write_transform
+    from semcal_cli.formats.format import FormatOptions
 
     if (to is None) == (into is None):
         raise click.UsageError("give --to FORMAT, or --into FILE")
@@ -147,7 +146,8 @@ def convert(
         raise InputError(f"{into}: found a descriptor, needed a file to change")
     if output is not None:
         check_descriptor(output)
-    written, read = take_format_options(options, "to_"), take_format_options(options)
+    written = FormatOptions(**take_format_options(options, "to_"))
+    read = FormatOptions(**take_format_options(options))
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
     T_camera_lidar = read_transform(source, from_, replace(read, on_repair=on_repair))
     if into is not None:

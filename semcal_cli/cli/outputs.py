@@ -21,7 +21,6 @@ from semcal_cli.files.documents import output_format
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.streams import check_descriptor, descriptor, is_standard_stream, takes_several
 from semcal_cli.files.writing import write_text
-from semcal_cli.formats import write_transform
 from semcal_cli.result.calibration import calibration_text, write_calibration
 from semcal_cli.result.intervals import stated_error
 
@@ -89,6 +88,8 @@ class Outputs:
         written += [path for part in parts for path in (part.output, part.log)]
         check_outputs(read, [path for path in written if path is not None])
         if self.to is not None:
+            from semcal_cli.formats import write_transform
+
             write_transform(np.eye(4), None, *self.to)
         elif self.output is not None:
             output_format(self.output)
@@ -130,6 +131,8 @@ class Outputs:
         if self.as_json:
             click.echo(calibration_text(calibration, "json"), nl=False)
         if self.to is not None:
+            from semcal_cli.formats import write_transform
+
             content = write_transform(calibration.pose, self.output, *self.to)
             if self.output is None:
                 click.echo(content, nl=False)

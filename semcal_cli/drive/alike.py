@@ -82,7 +82,9 @@ def _nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 def _share_alike(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
     """Share of the directions seen in either frame that have the same range in both."""
-    seen = np.isfinite(a) | np.isfinite(b)
-    both = np.isfinite(a) & np.isfinite(b)
-    same = np.abs(a[both] - b[both]) < SAME_RANGE_M + SAME_RANGE * np.minimum(a[both], b[both])
-    return float(same.sum() / max(seen.sum(), 1))
+    nearer = np.minimum(a, b)
+    with np.errstate(
+        invalid="ignore"
+    ):  # The difference of two infinite ranges is no number, and below nothing.
+        is_same = np.abs(a - b) < SAME_RANGE_M + SAME_RANGE * nearer
+    return int(is_same.sum()) / max(int(np.isfinite(nearer).sum()), 1)

@@ -26,7 +26,7 @@ class ClassTable:
 
     def __call__(self, ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint8]:
         """Look up the classes of raw ids."""
-        return self.lookup[ids]
+        return self.lookup.take(ids)
 
 
 def class_table(
@@ -43,8 +43,10 @@ def class_table(
         ValueError: there are more than 255 classes.
     """
     seen = np.zeros(NUM_IDS, dtype=bool)
-    for ids in raw:
-        seen |= np.bincount(ids.ravel(), minlength=NUM_IDS) > 0
+    for ids in map(np.ravel, raw):
+        # Neighbours are mostly alike, so few ids differ from the next one.
+        seen[ids[:-1][ids[:-1] != ids[1:]]] = True
+        seen[ids[-1:]] = True
     seen[list(ignored)] = False
     groups = named or {str(value): (int(value),) for value in np.flatnonzero(seen)}
     listed = {name: [i for i in ids if seen[i]] for name, ids in groups.items()}

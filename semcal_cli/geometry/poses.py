@@ -4,7 +4,6 @@ The core provides what every calibration needs, since loading SciPy takes longer
 """
 
 import math
-import warnings
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -24,6 +23,9 @@ RIGID_TOLERANCE = 1e-3
 
 ROUND_OFF = 1e-12
 """Largest error of a rotation that a program computed and wrote to the last bit."""
+
+UPRIGHT = 1e-7
+"""Cosine of a pitch of nearly 90 degrees, at which roll and yaw turn about the same axis."""
 
 OPTICAL_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Rotation from a camera's optical frame (right, down, forward) to its body frame (forward, left, up)."""
@@ -134,12 +136,12 @@ def mounting_rpy_deg(T_camera_lidar: Pose) -> Vector:
 
 def rpy(T: Pose) -> list[float]:
     """Roll, pitch and yaw of a rotation in radians, as in URDF: R = Rz(yaw) Ry(pitch) Rx(roll)."""
-    from scipy.spatial.transform import Rotation
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # At a pitch of 90 degrees roll is set to 0, which is as good as any.
-        angles: list[float] = Rotation.from_matrix(T[:3, :3]).as_euler("xyz").tolist()
-    return angles
+    R = (T[:3, :3] + 0.0).tolist()  # no -0.0
+    cos_pitch = math.hypot(R[0][0], R[1][0])
+    pitch = math.atan2(0.0 - R[2][0], cos_pitch)
+    if cos_pitch < UPRIGHT:  # Yaw is set to 0, which is as good as any.
+        return [math.atan2(0.0 - R[1][2], R[1][1]), pitch, 0.0]
+    return [math.atan2(R[2][1], R[2][2]), pitch, math.atan2(R[1][0], R[0][0])]
 
 
 def rotation_vector_deg(T: Pose) -> Vector:

@@ -3,6 +3,7 @@
 Source: Solà, Deray and Atchuthan, *A micro Lie theory for state estimation in robotics* (arXiv 1812.01537).
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,13 +16,28 @@ Twist = NDArray[np.float64]
 
 SMALL_ANGLE = 1e-4
 """Angle in radians below which the second-order term of the inverse Jacobian is rounding."""
+SMALL_TURN = 1e-3
+"""Angle in radians up to which the sine of its half over it is computed by its series."""
 
 
 def rotation_matrix(rotation_vector: Vector) -> NDArray[np.float64]:
-    """Matrix exp(phi), (3, 3), of a rotation vector in radians."""
-    from scipy.spatial.transform import Rotation
+    """Matrix exp(phi), (3, 3), of a rotation vector in radians, by way of its unit quaternion.
 
-    return Rotation.from_rotvec(rotation_vector).as_matrix()
+    This is SciPy's arithmetic, without the time that SciPy takes to load.
+    """
+    x, y, z = rotation_vector.tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    square = angle * angle
+    small = 0.5 - square / 48.0 + square * square / 3840.0
+    scale = math.sin(angle / 2.0) / angle if angle > SMALL_TURN else small
+    x, y, z, w = scale * x, scale * y, scale * z, math.cos(angle / 2.0)
+    return np.array(
+        [
+            [x * x - y * y - z * z + w * w, 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+            [2.0 * (x * y + z * w), -x * x + y * y - z * z + w * w, 2.0 * (y * z - x * w)],
+            [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), -x * x - y * y + z * z + w * w],
+        ]
+    )
 
 
 def apply_twist(T: Pose, twist: Twist) -> Pose:

@@ -121,8 +121,8 @@ def _grid(observations: Observations) -> _core.Grid:
 
 
 def _check_field_of_view(observations: Observations, grid: _core.Grid) -> None:
-    x, y, z = np.concatenate([cloud.points for cloud in observations.clouds]).T
-    elevations = np.arctan2(z, np.hypot(x, y))
+    columns = (cloud.points.T for cloud in observations.clouds)
+    elevations = np.concatenate([np.arctan2(z, np.hypot(x, y)) for x, y, z in columns])
     bottom = grid.top - grid.rows * grid.cell_height
     outside = float(np.mean((elevations > grid.top) | (elevations < bottom)))
     if outside > MAX_SHARE_OUTSIDE:

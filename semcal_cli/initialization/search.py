@@ -102,9 +102,10 @@ def initialize(
 
 def _check_classes(observations: Observations) -> None:
     """Check that points differ in what they carry: else no placement of the picture is better than another."""
-    found = {index for cloud in observations.clouds for index in np.unique(cloud.classes).tolist()} - {
-        NO_CLASS
-    }
+    counts = np.sum(
+        [np.bincount(each.classes, minlength=NO_CLASS + 1) for each in observations.clouds], axis=0
+    )
+    found = np.flatnonzero(counts[:NO_CLASS]).tolist()
     if len(found) < 2:
         of_what = " and ".join(observations.point_class_names[index] for index in found) or "no class"
         raise CalibrationError(f"no initial calibration: found points of {of_what} only, needed two classes")

@@ -130,9 +130,9 @@ def split(observations: Observations, config: PolishConfig) -> tuple[Observation
         return observations.of_frames(kept.tolist()), observations.of_frames(held_out.tolist())
     height, width = observations.images[0].classes.shape
     side = max(width / config.regions_across, 1.0)
-    row, column = np.arange(height)[:, None] // side, np.arange(width) // side
+    row, column = ((np.arange(size) // side).astype(np.int64) for size in (height, width))
     # Diagonal stripes, so that each part has pieces of every row and column.
-    region = (row + column) % HELD_OUT == HELD_OUT - 1
+    region = np.add.outer(row, column) % HELD_OUT == HELD_OUT - 1
     return _masked(observations, region), _masked(observations, ~region)
 
 

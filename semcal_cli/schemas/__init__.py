@@ -4,8 +4,14 @@
 publishes all of them, those of earlier versions too, at the addresses that they state as `$id`.
 """
 
+import ast
+import inspect
 import json
+from itertools import pairwise
 from pathlib import Path
+
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core.core_schema import ModelSchema
 
 from semcal_cli.documentation import schema_address, schema_name
 from semcal_cli.drive.document import Drive
@@ -38,4 +44,35 @@ def schema_text(key: str) -> str:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": schema_address(key, NEWEST_VERSION),
     }
-    return json.dumps(head | MODELS[key].model_json_schema(), indent=2) + "\n"
+    return json.dumps(head | MODELS[key].model_json_schema(schema_generator=_Described), indent=2) + "\n"
+
+
+class _Described(GenerateJsonSchema):
+    """Describes each property by the docstring of its field.
+
+    Pydantic's `use_attribute_docstrings` does so, too, but reads the sources at each start of semcal.
+    """
+
+    def model_schema(self, schema: ModelSchema) -> JsonSchemaValue:
+        """Make the JSON Schema of a model."""
+        made = super().model_schema(schema)
+        for model in reversed(schema["cls"].mro()):
+            for name, text in _docstrings(model).items() if issubclass(model, StrictModel) else ():
+                described = made["properties"][name] | {"description": text}
+                made["properties"][name] = self.handle_ref_overrides(described)
+        return made
+
+
+def _docstrings(model: type) -> dict[str, str]:
+    """Read the docstrings of the fields that a class itself has."""
+    (found,) = ast.parse(inspect.getsource(model)).body
+    assert isinstance(found, ast.ClassDef)
+    return {
+        field.target.id: inspect.cleandoc(text.value.value)
+        for field, text in pairwise(found.body)
+        if isinstance(field, ast.AnnAssign)
+        and isinstance(field.target, ast.Name)
+        and isinstance(text, ast.Expr)
+        and isinstance(text.value, ast.Constant)
+        and isinstance(text.value.value, str)
+    }
