@@ -73,18 +73,18 @@ class AlignmentConfig:
 
     blocks_across: tuple[int, ...] = (120, 60, 120, 240)
     """Each level has the largest power-of-two block, in pixels, of which at least this many fit across the picture."""
-    num_kept: tuple[int, ...] = (12, 8, 6, 6)
+    num_kept: tuple[int, ...] = (8, 6, 6, 6)
     """Number of the best hypotheses that go on from each level."""
     blocks_across_given: tuple[int, ...] = (16, 30, 60, 120, 240)
     """Levels for a given pose, which may be 20 degrees off."""
     blocks_across_near: tuple[int, ...] = (60, 120, 240)
     """Levels for a given pose that is off by a few degrees. What intensity tells is local, and coarse levels may lead
     away from it."""
-    steps: int = 60
+    steps: int = 40
     """Steps of Adam at each level."""
     batch_size: int = 2048
     """Points in a mini-batch."""
-    step_size: float = 0.2
+    step_size: float = 0.25
     """Length of the first steps, in blocks. Steps fall along a cosine."""
     final_step: float = 0.05
     """Share of the first steps' length that the last ones have."""

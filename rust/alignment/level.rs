@@ -7,20 +7,19 @@ use rayon::prelude::*;
 
 use super::adjusted::adjusted;
 use super::pose::to_camera;
-use super::sample::{Counted, ProjectedSample, Sample};
-use super::sloped::Motion;
+use super::sample::{ProjectedSample, Sample};
+use super::sloped::{Motion, SlopedHistogram};
+use crate::camera::RUN;
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations, PartitionRows};
 use crate::pyramid::{Sampled, ShareMap};
-use crate::spherical::to_f64;
-use crate::thinning::{stride, thinned};
-use crate::visibility::{Projected, hidden, project_points};
+use crate::thinning::stride;
 
 /// Weight, in points, of pairs that a batch has not seen: their pointwise mutual information has to be finite.
 const LEAST_WEIGHT: f64 = 0.1;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
-pub(super) const CHUNK: usize = 8192;
+const CHUNK: usize = 8192;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
@@ -31,7 +30,7 @@ pub struct Level {
     /// Side of a block, pixels.
     pub(super) factor: usize,
     /// Step between the points that are used.
-    stride: usize,
+    pub(super) stride: usize,
 }
 
 impl Level {
@@ -51,70 +50,6 @@ impl Level {
         Self { observations, maps, factor, stride }
     }
 
-    /// The labelled points on labelled pixels, with their weights at the anchor pose.
-    pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
-        let of_frame = |(index, frame): (usize, &Frame)| {
-            let mut samples = Vec::new();
-            for Projected { index: i, pixel, .. } in self.counted_points(frame, pose, counted) {
-                let weight = self.maps[index].at(&pixel).total() as f32 * frame.weight;
-                let position = to_f64(&frame.points[i]);
-                let (class, frame_index, point) = (frame.point_classes[i], index as u32, i as u32);
-                let sample = Sample { position, class, frame: frame_index, point, weight };
-                match &frame.point_shares {
-                    _ if weight <= 0.0 => {}
-                    None => samples.push(sample),
-                    // The joint histogram is linear in a point's shares: one sample for each of its classes.
-                    Some(shares) => samples.extend(shares.at(i).iter().map(|share| {
-                        let weight = f32::from(share.amount) / 255.0 * weight;
-                        Sample { class: share.class, weight, ..sample }
-                    })),
-                }
-            }
-            samples
-        };
-        let frames: Vec<_> = self.observations.frames.par_iter().enumerate().map(of_frame).collect();
-        frames.concat()
-    }
-
-    /// The labelled points of a frame inside the image that count, thinned.
-    fn counted_points(&self, frame: &Frame, pose: &Isometry3<f64>, counted: Counted) -> Vec<Projected> {
-        let (camera, points) = (&self.observations.camera, &frame.points);
-        let chosen = || thinned(points.len(), self.stride).filter(|&i| frame.point_classes[i] != NO_CLASS);
-        if counted == Counted::All {
-            return project_points(camera, points, chosen(), pose);
-        }
-        // Points that do not count hide others.
-        let mut counts = vec![false; points.len()];
-        chosen().for_each(|i| counts[i] = true);
-        let projected = project_points(camera, points, 0..points.len(), pose);
-        let hidden = hidden(camera, points, &projected);
-        let seen = projected.into_iter().zip(hidden).filter(|(point, hidden)| !hidden && counts[point.index]);
-        seen.map(|(point, _)| point).collect()
-    }
-
-    /// Removes the points inside one class, whose pairs do not change while they move by less than `radius` blocks, and
-    /// returns those pairs.
-    pub fn take_constant(
-        &self,
-        samples: &mut Vec<Sample>,
-        pose: &Isometry3<f64>,
-        radius: usize,
-    ) -> JointHistogram {
-        let to_camera = to_camera(pose);
-        let is_constant = |sample: &Sample| {
-            let pixel = self.observations.camera.project(&to_camera(&sample.position));
-            pixel.is_some_and(|pixel| self.maps[sample.frame as usize].is_amid_one_class(&pixel, radius))
-        };
-        let constant: Vec<bool> = samples.par_iter().map(is_constant).collect();
-        let of = |wanted: bool| {
-            let pairs = samples.iter().zip(&constant).filter(move |&(_, &is_constant)| is_constant == wanted);
-            pairs.map(|(sample, _)| *sample).collect::<Vec<_>>()
-        };
-        let (taken, left) = (of(true), of(false));
-        *samples = left;
-        self.joint(&taken, pose)
-    }
-
     /// The joint histogram of the points' classes and of the blocks that they project onto.
     pub fn joint(&self, samples: &[Sample], pose: &Isometry3<f64>) -> JointHistogram {
         self.joint_and_mixed(samples, self.projection(pose), at_anchor, |_| ()).0
@@ -131,14 +66,23 @@ impl Level {
         constant: &JointHistogram,
         pose: &Isometry3<f64>,
     ) -> (JointHistogram, Vector6<f64>) {
-        if !self.observations.has_partitions() {
-            let motion = |p_camera: &Vector3<f64>, _: &Point2<f64>| self.motion::<8>(p_camera);
-            let sloped = self.sloped(samples, self.projection(pose), at_anchor, motion);
-            let joint = sloped.with(constant);
-            let gradient = sloped.gradient(&joint.pointwise_at_least(LEAST_WEIGHT));
-            let total = f64::max(joint.total(), 1.0);
-            return (joint, gradient.fixed_rows::<6>(1) / total);
+        if self.observations.has_partitions() {
+            return self.joint_and_gradient_by_point(samples, constant, pose);
         }
+        let motion = |p_camera: &Vector3<f64>, _: &Point2<f64>| self.motion::<8>(p_camera);
+        let sloped = self.sloped(samples, self.projection(pose), at_anchor, motion);
+        let joint = sloped.with(constant);
+        let gradient = sloped.gradient(&joint.pointwise_at_least(LEAST_WEIGHT));
+        let total = f64::max(joint.total(), 1.0);
+        (joint, gradient.fixed_rows::<6>(1) / total)
+    }
+
+    fn joint_and_gradient_by_point(
+        &self,
+        samples: &[Sample],
+        constant: &JointHistogram,
+        pose: &Isometry3<f64>,
+    ) -> (JointHistogram, Vector6<f64>) {
         let (mut joint, mixed) =
             self.joint_and_mixed(samples, self.projection(pose), at_anchor, |projected| projected);
         joint.merge(constant);
@@ -160,6 +104,38 @@ impl Level {
         let chunks: Vec<Vector6<f64>> = mixed.par_iter().map(of_chunk).collect();
         let gradient = chunks.iter().sum::<Vector6<f64>>() / f64::max(self.total(&joint), 1.0);
         (joint, gradient)
+    }
+
+    /// The histogram of points without partitions, with weights from `weigh`.
+    pub(super) fn sloped<const WIDTH: usize>(
+        &self,
+        samples: &[Sample],
+        projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
+        weigh: impl Fn(&Sample, &Sampled) -> f32 + Sync,
+        motion: impl Fn(&Vector3<f64>, &Point2<f64>) -> Motion<WIDTH> + Sync,
+    ) -> SlopedHistogram<WIDTH> {
+        let empty =
+            || SlopedHistogram::new(self.observations.num_point_classes, self.observations.num_image_classes);
+        let of_chunk = |chunk: &[Sample]| {
+            let (mut sloped, mut projected) = (empty(), Vec::with_capacity(RUN));
+            for run in chunk.chunks(RUN) {
+                projected.clear();
+                projected.extend(run.iter().map(&projection));
+                for (sample, place) in run.iter().zip(&projected) {
+                    let Some((p_camera, pixel)) = place else { continue };
+                    let sampled = self.maps[sample.frame as usize].at(pixel);
+                    let weight = f64::from(weigh(sample, &sampled));
+                    sloped.add(sample.class, weight, &sampled, || motion(p_camera, pixel));
+                }
+            }
+            sloped
+        };
+        let chunks: Vec<SlopedHistogram<WIDTH>> = samples.par_chunks(CHUNK).map(of_chunk).collect();
+        let merged = chunks.into_iter().reduce(|mut sum, chunk| {
+            sum.merge(&chunk);
+            sum
+        });
+        merged.unwrap_or_else(empty)
     }
 
     /// A sample in the camera frame, and its pixel.
@@ -313,6 +289,7 @@ fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::sample::Counted;
     use super::super::scene::{scene, segmented};
     use super::*;
     use crate::se3;

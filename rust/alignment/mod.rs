@@ -15,6 +15,7 @@
 mod adjusted;
 mod anchored;
 mod ascent;
+mod choice;
 mod information;
 mod level;
 mod polish;

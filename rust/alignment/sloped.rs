@@ -1,11 +1,7 @@
 //! The joint histogram of points and blocks together with its slopes: value and gradient in one pass over the points.
 
-use nalgebra::{Point2, SVector, Vector3};
-use rayon::prelude::*;
+use nalgebra::SVector;
 
-use super::level::{CHUNK, Level};
-use super::sample::Sample;
-use crate::camera::RUN;
 use crate::mutual_information::JointHistogram;
 use crate::pyramid::Sampled;
 
@@ -21,13 +17,13 @@ pub(super) struct SlopedHistogram<const WIDTH: usize> {
 pub(super) type Motion<const WIDTH: usize> = [[f64; WIDTH]; 2];
 
 impl<const WIDTH: usize> SlopedHistogram<WIDTH> {
-    fn new(num_point_classes: usize, num_image_classes: usize) -> Self {
+    pub fn new(num_point_classes: usize, num_image_classes: usize) -> Self {
         Self { num_image_classes, cells: vec![[0.0; WIDTH]; num_point_classes * num_image_classes] }
     }
 
     /// Adds a point of a class whose pixel moves with the parameters.
     #[inline]
-    fn add(&mut self, class: u8, weight: f64, sampled: &Sampled, motion: impl FnOnce() -> Motion<WIDTH>) {
+    pub fn add(&mut self, class: u8, weight: f64, sampled: &Sampled, motion: impl FnOnce() -> Motion<WIDTH>) {
         let row = &mut self.cells[usize::from(class) * self.num_image_classes..][..self.num_image_classes];
         match sampled {
             Sampled::Uniform(class) => row[usize::from(*class)][0] += weight,
@@ -49,7 +45,7 @@ impl<const WIDTH: usize> SlopedHistogram<WIDTH> {
         }
     }
 
-    fn merge(&mut self, other: &Self) {
+    pub fn merge(&mut self, other: &Self) {
         for (cell, by) in self.cells.iter_mut().zip(&other.cells) {
             cell.iter_mut().zip(by).for_each(|(sum, x)| *sum += x);
         }
@@ -69,39 +65,5 @@ impl<const WIDTH: usize> SlopedHistogram<WIDTH> {
             sums.iter_mut().zip(cell).for_each(|(sum, x)| *sum += x * value);
         }
         SVector::from(sums)
-    }
-}
-
-impl Level {
-    /// The histogram of points without partitions, with weights from `weigh`.
-    pub(super) fn sloped<const WIDTH: usize>(
-        &self,
-        samples: &[Sample],
-        projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
-        weigh: impl Fn(&Sample, &Sampled) -> f32 + Sync,
-        motion: impl Fn(&Vector3<f64>, &Point2<f64>) -> Motion<WIDTH> + Sync,
-    ) -> SlopedHistogram<WIDTH> {
-        let empty =
-            || SlopedHistogram::new(self.observations.num_point_classes, self.observations.num_image_classes);
-        let of_chunk = |chunk: &[Sample]| {
-            let (mut sloped, mut projected) = (empty(), Vec::with_capacity(RUN));
-            for run in chunk.chunks(RUN) {
-                projected.clear();
-                projected.extend(run.iter().map(&projection));
-                for (sample, place) in run.iter().zip(&projected) {
-                    let Some((p_camera, pixel)) = place else { continue };
-                    let sampled = self.maps[sample.frame as usize].at(pixel);
-                    let weight = f64::from(weigh(sample, &sampled));
-                    sloped.add(sample.class, weight, &sampled, || motion(p_camera, pixel));
-                }
-            }
-            sloped
-        };
-        let chunks: Vec<SlopedHistogram<WIDTH>> = samples.par_chunks(CHUNK).map(of_chunk).collect();
-        let merged = chunks.into_iter().reduce(|mut sum, chunk| {
-            sum.merge(&chunk);
-            sum
-        });
-        merged.unwrap_or_else(empty)
     }
 }

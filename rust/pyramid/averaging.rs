@@ -2,10 +2,26 @@
 
 use std::ops::Range;
 
-use super::share_map::{FAINT_AMOUNT, WHOLE};
 use crate::class_shares::{ClassShares, Share};
 use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
+
+/// Weight, of 255, of pixels in the band along the borders of classes.
+pub(super) const FAINT_AMOUNT: u8 = 26;
+
+/// The shares of a pixel of each class: with full weight, or with the small weight of the band.
+pub(super) static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
+pub(super) static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
+
+const fn pixels_of(amount: u8) -> [Share; NO_CLASS as usize] {
+    let mut shares = [Share { class: 0, amount }; NO_CLASS as usize];
+    let mut class = 0;
+    while class < NO_CLASS {
+        shares[class as usize].class = class;
+        class += 1;
+    }
+    shares
+}
 
 /// The shares of the classes in whole blocks, row by row.
 pub(super) fn averaged(

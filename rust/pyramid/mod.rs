@@ -22,8 +22,11 @@ pub struct LabelPyramid {
     /// class carries no information, whatever its shares are.
     pub shares: Option<Arc<ClassShares>>,
     /// By the side of a block and the width of the band along borders.
-    levels: Mutex<HashMap<(usize, usize), Arc<OnceLock<Arc<ShareMap>>>>>,
+    levels: Mutex<HashMap<(usize, usize), Level>>,
 }
+
+/// A level that is made when it is first looked at, and by one thread.
+type Level = Arc<OnceLock<Arc<ShareMap>>>;
 
 impl LabelPyramid {
     /// A pyramid without levels as yet.

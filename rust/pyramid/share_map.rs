@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::averaging::{amounts, averaged};
+use super::averaging::{FAINT, WHOLE, amounts, averaged};
 use super::sampled::{Sampled, Shares};
 use crate::class_shares::{ClassShares, Share};
 use crate::classes::NO_CLASS;
@@ -99,23 +99,6 @@ impl Blocks {
         };
         differs | is_faint == 0
     }
-}
-
-/// Weight, of 255, of pixels in the band along the borders of classes.
-pub(super) const FAINT_AMOUNT: u8 = 26;
-
-/// The shares of a pixel of each class: with full weight, or with the small weight of the band.
-pub(super) static WHOLE: [Share; NO_CLASS as usize] = pixels_of(u8::MAX);
-static FAINT: [Share; NO_CLASS as usize] = pixels_of(FAINT_AMOUNT);
-
-const fn pixels_of(amount: u8) -> [Share; NO_CLASS as usize] {
-    let mut shares = [Share { class: 0, amount }; NO_CLASS as usize];
-    let mut class = 0;
-    while class < NO_CLASS {
-        shares[class as usize].class = class;
-        class += 1;
-    }
-    shares
 }
 
 impl ShareMap {
@@ -218,6 +201,7 @@ fn only_class(shares: &[Share]) -> u8 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::averaging::FAINT_AMOUNT;
     use super::*;
 
     #[test]
