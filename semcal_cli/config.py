@@ -185,7 +185,7 @@ class MineConfig:
     """Steps of theta and pose together at each level."""
     warm_up_steps: int = 60
     """Steps at the first level in which only theta learns. Later levels take a third of it."""
-    batch_size: int = 1024
+    batch_size: int = 2048
     """Points in a mini-batch."""
     max_points: int = 200_000
     """Points, over all frames and directions, that are looked at."""
