@@ -21,7 +21,6 @@ impl PyAnchoredPoints {
     #[new]
     #[pyo3(signature = (observations, anchor, *, factor, edge_band_px, visible_only, max_points=usize::MAX, constant_radius=0))]
     fn new(
-        py: Python<'_>,
         observations: &PyObservations,
         anchor: PyReadonlyArray2<f64>,
         factor: usize,
@@ -31,6 +30,7 @@ impl PyAnchoredPoints {
         constant_radius: usize,
     ) -> PyResult<Self> {
         check_factor(factor, &observations.0.camera)?;
+        let py = anchor.py();
         let (anchor, counted) = (isometry(&anchor)?, counted(visible_only));
         let new = || {
             Anchored::new(
