@@ -189,10 +189,17 @@ class AnchoredPoints:
         factor: int,
         edge_band_px: int,
         visible_only: bool,
-    ) -> AnchoredPoints: ...
+        max_points: int = ...,
+        constant_radius: int = 0,
+    ) -> AnchoredPoints:
+        """Choose the points, of at most `max_points`.
+
+        Points that lie at least `constant_radius` blocks inside one class are summed up once, not drawn from; none are
+        if it is zero.
+        """
     @property
     def classes(self) -> NDArray[np.uint8]:
-        """(N,) of each point."""
+        """(N,) of each point that is drawn from."""
     @property
     def preconditioner(self) -> _Float64:
         """(6, 6): columns are twists that each move the points by one block, independently of one another."""
@@ -201,17 +208,17 @@ class AnchoredPoints:
 
 @final
 class MiniBatch:
-    """Points of a level at a pose, and the class shares of the blocks under them."""
+    """Points of a level at a pose, and the class shares of the blocks under them.
+
+    Points on blocks of one class share a row, and a row follows for each point on blocks of several.
+    """
 
     @property
-    def classes(self) -> NDArray[np.int64]:
-        """(n,) of each point."""
-    @property
-    def weights(self) -> _Float32:
-        """(n,) labelled share of the blocks under each point at the anchor; zero where nothing is labelled now."""
+    def weights(self) -> _Float64:
+        """Weights of each class of points (R, num_point_classes), those of the anchor."""
     @property
     def shares(self) -> _Float64:
-        """Shares of each class (n, num_image_classes); rows add up to one, or to zero."""
+        """Shares of each class of pixels (R, num_image_classes); rows add up to one."""
     def pull_back(self, gradient: _Float64) -> _Float64:
         """The gradient (3, 4) with respect to the pose of what has `gradient` with respect to `shares`."""
 

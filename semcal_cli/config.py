@@ -82,7 +82,7 @@ class AlignmentConfig:
     away from it."""
     steps: int = 40
     """Steps of Adam at each level."""
-    batch_size: int = 2048
+    batch_size: int = 1024
     """Points in a mini-batch."""
     step_size: float = 0.25
     """Length of the first steps, in blocks. Steps fall along a cosine."""
@@ -187,6 +187,10 @@ class MineConfig:
     """Steps at the first level in which only theta learns. Later levels take a third of it."""
     batch_size: int = 2048
     """Points in a mini-batch."""
+    max_points: int = 200_000
+    """Points, over all frames and directions, that are looked at."""
+    constant_radius: int = 8
+    """Points at least this number of blocks inside one class are summed up once: steps do not take them out of it."""
     num_hidden: int = 32
     """Units of each hidden layer of the network."""
     num_embedding: int = 16

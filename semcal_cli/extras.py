@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 
 from semcal_cli.errors import InputError
@@ -42,3 +44,15 @@ def check_torch(asked: str) -> None:
         InputError: it is not installed.
     """
     check_installed(asked, "torch", "mine")
+
+
+@contextmanager
+def large_import() -> Iterator[None]:
+    """Let Python not look for garbage while a large library is imported: what that brings stays."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()

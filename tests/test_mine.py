@@ -85,7 +85,28 @@ def test_shares_add_up_to_one(street_observations: Observations, street_truth: P
     )
     indices = torch.arange(0, len(points.classes), 97)
     _, shares = sample(points, indices, torch.from_numpy(street_truth))
-    torch.testing.assert_close(shares.sum(1), torch.ones(len(indices), dtype=torch.float64))
+    torch.testing.assert_close(shares.sum(1), torch.ones(len(shares), dtype=torch.float64))
+
+
+def test_points_amid_one_class_count_as_if_drawn(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    def joint(constant_radius: int) -> np.ndarray:
+        points = _core.AnchoredPoints(
+            street_observations.core,
+            street_truth,
+            factor=4,
+            edge_band_px=1,
+            visible_only=True,
+            constant_radius=constant_radius,
+        )
+        counts.append(len(points.classes))
+        batch = points.sample(np.arange(len(points.classes)), street_truth)
+        return np.asarray(batch.weights.T @ batch.shares)
+
+    counts: list[int] = []
+    np.testing.assert_allclose(joint(3), joint(0), rtol=1e-6, atol=1e-6)
+    assert 0 < counts[0] < counts[1]
 
 
 def test_an_index_beyond_the_points_is_refused(street_observations: Observations, street_truth: Pose) -> None:

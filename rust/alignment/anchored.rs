@@ -6,6 +6,7 @@ use nalgebra::{Isometry3, Matrix3x4, Matrix6, Point2, Vector3};
 
 use super::level::Level;
 use super::sample::{Counted, Sample};
+use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
 use crate::pyramid::Sampled;
 
@@ -14,25 +15,36 @@ use crate::pyramid::Sampled;
 pub struct Anchored {
     level: Arc<Level>,
     samples: Vec<Sample>,
+    /// Pairs of the points that are not drawn, since they lie deep inside one class.
+    constant: JointHistogram,
     preconditioner: Matrix6<f64>,
 }
 
 impl Anchored {
-    /// Chooses the points; there are none where numbers overflow.
+    /// Chooses the points, of at most `max_points`; there are none where numbers overflow.
+    ///
+    /// Points that lie at least `constant_radius` blocks inside one class are summed up once; none are if it is zero.
     pub fn new(
         observations: Arc<Observations>,
         factor: usize,
         edge_band_px: usize,
+        max_points: usize,
         anchor: &Isometry3<f64>,
         counted: Counted,
+        constant_radius: usize,
     ) -> Self {
-        let level = Level::new(observations, factor, edge_band_px, usize::MAX);
-        let samples = level.samples(anchor, counted);
+        let level = Level::new(observations, factor, edge_band_px, max_points);
+        let mut samples = level.samples(anchor, counted);
         let preconditioner = level.preconditioner(&samples, anchor);
+        let constant = match constant_radius {
+            0 => level.empty_joint(),
+            radius => level.take_constant(&mut samples, anchor, radius),
+        };
         let samples = if preconditioner.is_some() { samples } else { Vec::new() };
         Self {
             level: Arc::new(level),
             samples,
+            constant,
             preconditioner: preconditioner.unwrap_or_else(Matrix6::zeros),
         }
     }
@@ -58,88 +70,89 @@ impl Anchored {
             (p_camera, self.level.observations.camera.project(&p_camera))
         };
         let projected: Vec<_> = samples.iter().map(project).collect();
-        let num_classes = self.level.observations.num_image_classes;
-        let mut batch = MiniBatch {
-            level: Arc::clone(&self.level),
-            classes: samples.iter().map(|sample| sample.class).collect(),
-            weights: vec![0.0; samples.len()],
-            shares: vec![0.0; samples.len() * num_classes],
-            mixed: Vec::new(),
-        };
-        for (row, (sample, (p_camera, pixel))) in samples.iter().zip(projected).enumerate() {
+        let mut uniform = self.constant.clone();
+        // The batch stands for all points that are drawn from.
+        let drawn = samples.len() as f64 / self.samples.len() as f64;
+        uniform.weights.iter_mut().for_each(|weight| *weight *= drawn);
+        let mut mixed = Vec::new();
+        for (sample, (p_camera, pixel)) in samples.into_iter().zip(projected) {
             let Some(pixel) = pixel else { continue };
-            let sampled = self.level.maps[sample.frame as usize].at(&pixel);
-            if sampled.total() > 0.0 {
-                batch.weights[row] = sample.weight;
-                sampled.add_to(&mut batch.shares[row * num_classes..][..num_classes], 1.0);
-                if matches!(sampled, Sampled::Mixed(_)) {
-                    batch.mixed.push(Mixed {
-                        row,
-                        frame: sample.frame,
-                        position: sample.position,
-                        p_camera,
-                        pixel,
-                    });
+            match self.level.maps[sample.frame as usize].at(&pixel) {
+                Sampled::Uniform(class) => uniform.add(sample.class, class, f64::from(sample.weight)),
+                Sampled::Mixed(shares) if shares.total() > 0.0 => {
+                    mixed.push(Mixed { sample, p_camera, pixel })
                 }
+                Sampled::Mixed(_) => {}
             }
         }
-        batch
+        MiniBatch { level: Arc::clone(&self.level), uniform, mixed }
     }
 }
 
 /// Points of a mini-batch at a pose, and the class shares of the blocks under them.
+///
+/// Points on blocks of one class are put together: the first rows of [`MiniBatch::shares`] are those of one class each. A
+/// row follows for each point on blocks of several. Points that the lens does not project, or with nothing labelled
+/// under them, are left out.
 #[derive(Clone, Debug)]
 pub struct MiniBatch {
     level: Arc<Level>,
-    classes: Vec<u8>,
-    weights: Vec<f32>,
-    shares: Vec<f64>,
+    uniform: JointHistogram,
     mixed: Vec<Mixed>,
 }
 
 /// A point on blocks of several classes, whose shares change with the pose.
 #[derive(Clone, Copy, Debug)]
 struct Mixed {
-    row: usize,
-    frame: u32,
-    position: Vector3<f64>,
+    sample: Sample,
     p_camera: Vector3<f64>,
     pixel: Point2<f64>,
 }
 
 impl MiniBatch {
-    /// The points' classes.
-    pub fn classes(&self) -> &[u8] {
-        &self.classes
+    /// Numbers of rows, of classes of points, and of classes of pixels.
+    pub fn shape(&self) -> [usize; 3] {
+        let Observations { num_point_classes, num_image_classes, .. } = *self.level.observations;
+        [num_image_classes + self.mixed.len(), num_point_classes, num_image_classes]
     }
 
-    /// The points' weights at the anchor; zero where the lens does not project the point now or nothing is labelled.
-    pub fn weights(&self) -> &[f32] {
-        &self.weights
+    /// Shares of each class of pixels, row by row, each row adding up to one.
+    pub fn shares(&self) -> Vec<f64> {
+        let [num_rows, _, num_y] = self.shape();
+        let mut shares = vec![0.0; num_rows * num_y];
+        let (of_classes, of_mixed) = shares.split_at_mut(num_y * num_y);
+        of_classes.iter_mut().step_by(num_y + 1).for_each(|share| *share = 1.0);
+        for (row, Mixed { sample, pixel, .. }) in of_mixed.chunks_exact_mut(num_y).zip(&self.mixed) {
+            self.level.maps[sample.frame as usize].at(pixel).add_to(row, 1.0);
+        }
+        shares
     }
 
-    /// Columns of [`MiniBatch::shares`].
-    pub fn num_image_classes(&self) -> usize {
-        self.level.observations.num_image_classes
-    }
-
-    /// Shares of each class under the points, `num_points x num_image_classes`, each row adding up to one; a row of zeros
-    /// where the weight is zero.
-    pub fn shares(&self) -> &[f64] {
-        &self.shares
+    /// Weights of each class of points, row by row. A point has the weight that it has at the anchor.
+    pub fn weights(&self) -> Vec<f64> {
+        let [num_rows, num_x, num_y] = self.shape();
+        let mut weights = vec![0.0; num_rows * num_x];
+        for (index, weight) in self.uniform.weights.iter().enumerate() {
+            weights[index % num_y * num_x + index / num_y] = *weight;
+        }
+        for (row, Mixed { sample, .. }) in self.mixed.iter().enumerate() {
+            weights[(num_y + row) * num_x + usize::from(sample.class)] = f64::from(sample.weight);
+        }
+        weights
     }
 
     /// The gradient with respect to the entries of `T_camera_lidar` of a value that has `gradient` with respect to
     /// [`MiniBatch::shares`].
     pub fn pull_back(&self, gradient: &[f64]) -> Matrix3x4<f64> {
-        let num_classes = self.num_image_classes();
+        let [_, _, num_y] = self.shape();
         let mut pulled = Matrix3x4::zeros();
-        for Mixed { row, frame, position, p_camera, pixel } in &self.mixed {
-            if let Sampled::Mixed(shares) = self.level.maps[*frame as usize].at(pixel) {
-                let values = &gradient[row * num_classes..][..num_classes];
+        for (Mixed { sample, p_camera, pixel }, values) in
+            self.mixed.iter().zip(gradient[num_y * num_y..].chunks_exact(num_y))
+        {
+            if let Sampled::Mixed(shares) = self.level.maps[sample.frame as usize].at(pixel) {
                 let jacobian = self.level.observations.camera.jacobian(p_camera);
                 let force: Vector3<f64> = jacobian.tr_mul(&shares.gradient(values));
-                pulled += force * position.push(1.0).transpose();
+                pulled += force * sample.position.push(1.0).transpose();
             }
         }
         pulled
@@ -161,14 +174,15 @@ mod tests {
         const STEP: f64 = 1e-7;
         let observations = scene(0.3);
         let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
-        let points = Anchored::new(Arc::clone(&observations), FACTOR, 0, &pose, Counted::All);
+        let points = Anchored::new(Arc::clone(&observations), FACTOR, 0, usize::MAX, &pose, Counted::All, 2);
         let indices: Vec<usize> = (0..points.classes().len()).step_by(37).collect();
-        let weights: Vec<f64> = (0..indices.len() * 3).map(|i| (i as f64).sin()).collect();
         let matrix = pose.to_homogeneous().fixed_rows::<3>(0).into_owned();
+        let batch = points.sample(&indices, &matrix);
+        let weights: Vec<f64> = (0..batch.shares().len()).map(|i| (i as f64).sin()).collect();
         let value = |matrix: &Matrix3x4<f64>| {
             points.sample(&indices, matrix).shares().iter().zip(&weights).map(|(a, b)| a * b).sum::<f64>()
         };
-        let pulled = points.sample(&indices, &matrix).pull_back(&weights);
+        let pulled = batch.pull_back(&weights);
         for entry in 0..12 {
             let mut step = Matrix3x4::zeros();
             step[entry] = STEP;

@@ -19,18 +19,30 @@ pub(super) struct PyAnchoredPoints(pub(super) Anchored);
 #[pymethods]
 impl PyAnchoredPoints {
     #[new]
-    #[pyo3(signature = (observations, anchor, *, factor, edge_band_px, visible_only))]
+    #[pyo3(signature = (observations, anchor, *, factor, edge_band_px, visible_only, max_points=usize::MAX, constant_radius=0))]
     fn new(
-        py: Python<'_>,
         observations: &PyObservations,
         anchor: PyReadonlyArray2<f64>,
         factor: usize,
         edge_band_px: usize,
         visible_only: bool,
+        max_points: usize,
+        constant_radius: usize,
     ) -> PyResult<Self> {
         check_factor(factor, &observations.0.camera)?;
+        let py = anchor.py();
         let (anchor, counted) = (isometry(&anchor)?, counted(visible_only));
-        let new = || Anchored::new(Arc::clone(&observations.0), factor, edge_band_px, &anchor, counted);
+        let new = || {
+            Anchored::new(
+                Arc::clone(&observations.0),
+                factor,
+                edge_band_px,
+                max_points,
+                &anchor,
+                counted,
+                constant_radius,
+            )
+        };
         Ok(Self(detached(py, new)))
     }
 
@@ -73,24 +85,21 @@ pub(super) struct PyMiniBatch(MiniBatch);
 #[pymethods]
 impl PyMiniBatch {
     #[getter]
-    fn classes<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
-        self.0.classes().iter().map(|&class| i64::from(class)).collect::<Vec<_>>().into_pyarray(py)
-    }
-
-    #[getter]
-    fn weights<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f32>> {
-        PyArray1::from_slice(py, self.0.weights())
-    }
-
-    #[getter]
     fn shares<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
-        let shares = PyArray1::from_slice(py, self.0.shares());
-        shares.reshape([self.0.classes().len(), self.0.num_image_classes()])
+        let [num_rows, _, num_y] = self.0.shape();
+        self.0.shares().into_pyarray(py).reshape([num_rows, num_y])
+    }
+
+    #[getter]
+    fn weights<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
+        let [num_rows, num_x, _] = self.0.shape();
+        self.0.weights().into_pyarray(py).reshape([num_rows, num_x])
     }
 
     fn pull_back<'py>(&self, py: Python<'py>, gradient: PyReadonlyArray2<f64>) -> PyResult<Array2<'py>> {
-        if gradient.as_array().dim() != (self.0.classes().len(), self.0.num_image_classes()) {
-            return Err(value_error("gradient needs a row for each point and a column for each image class"));
+        let [num_rows, _, num_y] = self.0.shape();
+        if gradient.as_array().shape() != [num_rows, num_y] {
+            return Err(value_error("gradient needs the shape of shares"));
         }
         let gradient = gradient.as_slice().map_err(|e| value_error(e.to_string()))?;
         let pulled = py.detach(|| self.0.pull_back(gradient));

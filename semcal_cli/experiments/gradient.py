@@ -57,7 +57,6 @@ class Objective:
         count = len(self.points.classes)
         chosen = np.random.default_rng(seed).permutation(count)[:MAX_POINTS]
         self.indices: npt.NDArray[np.int64] = np.sort(chosen).astype(np.int64)
-        self.one_hot = np.eye(len(observations.point_class_names))[self.points.classes[self.indices]]
         self.T_start, self.num_evaluations = T_start, 0
 
     def pose(self, v: Array) -> Pose:
@@ -72,7 +71,7 @@ class Objective:
         """Derivative (6,) of the mutual information with respect to a twist on the left of a pose, in blocks."""
         _, pointwise, total, batch = self._evaluate(T)
         # The marginals' shares of the derivative of sum p log p / (p_x p_y) add up to a constant.
-        of_shares = self.one_hot @ pointwise / total
+        of_shares = batch.weights @ pointwise / total
         of_T = batch.pull_back(of_shares)
         generators = np.zeros((6, 3, 4))
         for axis in range(3):
@@ -85,7 +84,7 @@ class Objective:
         """Compute the mutual information, its pointwise values (C_x, C_y), the histogram's sum, and the batch."""
         self.num_evaluations += 1
         batch = self.points.sample(self.indices, T)
-        joint = self.one_hot.T @ batch.shares
+        joint = batch.weights.T @ batch.shares
         total = max(float(joint.sum()), np.finfo(np.float64).tiny)
         joint = joint / total
         independent = joint.sum(1, keepdims=True) * joint.sum(0, keepdims=True)

@@ -8,7 +8,7 @@ from semcal_cli.config import MINE_WITH_VECTORS, ExactConfig, MineConfig, Refine
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.extras import check_torch
+from semcal_cli.extras import check_torch, large_import
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import LevelOptimizer
 from semcal_cli.refinement.several_starts import SeveralStarts
@@ -34,7 +34,8 @@ def make_estimator(
         return estimator, {"exact": asdict(estimator.config)}
     check_torch("--estimator mine")
     on_event(Progress("loading torch"))
-    from semcal_cli.refinement.mine import MineEstimator
+    with large_import():
+        from semcal_cli.refinement.mine import MineEstimator
 
     usual = MINE_WITH_VECTORS if observations.has_vectors else MineConfig()
     mine = replace(usual, max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)

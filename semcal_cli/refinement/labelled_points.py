@@ -17,7 +17,7 @@ class _Shares(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, T_camera_lidar: Tensor, batch: _core.MiniBatch) -> Tensor:
-        """Give (N, num_image_classes) float64; `T_camera_lidar` is the batch's, (4, 4) float64 on the CPU."""
+        """Give (R, num_y) float64; `T_camera_lidar` is the batch's, (4, 4) float64 on the CPU."""
         ctx.batch = batch
         return torch.from_numpy(batch.shares)
 
@@ -40,8 +40,8 @@ def sample(
         T_camera_lidar: (4, 4) float64, on the CPU.
 
     Returns:
-        The mini-batch, and its shares (N, num_image_classes) float64 of each class, adding up to one; zeros where
-        nothing is labelled. They are differentiable in `T_camera_lidar`.
+        The mini-batch, and its shares (R, num_y) float64 of each class, adding up to one, differentiable in
+        `T_camera_lidar`. Points on blocks of one class share a row.
     """
     batch = points.sample(indices.numpy(), T_camera_lidar.detach().numpy())
     shares: Tensor = _Shares.apply(T_camera_lidar, batch)
@@ -58,7 +58,6 @@ class LabelledPoints:
         self,
         points: _core.AnchoredPoints,
         network: StatisticsNetwork,
-        num_classes: int,
         device: torch.device,
     ) -> None:
         """Take the points of a level.
@@ -66,11 +65,10 @@ class LabelledPoints:
         Args:
             points: The points that land on labelled pixels at the anchor pose.
             network: The statistics F(x, y) of a point's class and the shares under it.
-            num_classes: Number of classes of points.
             device: Where the network computes.
         """
         self.network, self.points, self.device = network, points, device
-        self.num_points, self.num_classes = len(points.classes), num_classes
+        self.num_points = len(points.classes)
 
     def __len__(self) -> int:
         """Number of points."""
@@ -83,13 +81,13 @@ class LabelledPoints:
             CalibrationError: none of the chosen points is on a labelled pixel any more.
         """
         batch, shares = sample(self.points, chosen, T_camera_lidar)
-        y, x = shares.float().to(self.device), torch.from_numpy(batch.classes).to(self.device)
-        # A point that is on no labelled pixel any more counts for nothing.
-        weights = torch.from_numpy(batch.weights).to(self.device)
+        # A row for each vector of shares, and in it the weights of the classes of the points that land there. A point
+        # that is on no labelled pixel any more counts for nothing.
+        y, weights = shares.float().to(self.device), torch.from_numpy(batch.weights).float().to(self.device)
         if not weights.sum() > 0.0:
             raise CalibrationError("no overlap: the refinement left no labelled point on a labelled pixel")
         weights = weights / weights.sum()
-        # All classes stand for the marginal of x, weighed by how often they are seen.
-        p_x = torch.bincount(x, weights, minlength=self.num_classes)
         statistics = self.network(y)
-        return weights @ statistics.gather(1, x[:, None])[:, 0], weights @ (statistics.exp() @ p_x)
+        # All classes stand for the marginal of x, weighed by how often they are seen.
+        independent = weights.sum(1) @ (statistics.exp() @ weights.sum(0))
+        return (weights * statistics).sum(), independent

@@ -97,6 +97,8 @@ class MineEstimator:
                 factor=factor,
                 edge_band_px=self.config.edge_band_px,
                 visible_only=visible_only,
+                max_points=self.config.max_points,
+                constant_radius=self.config.constant_radius,
             )
             points = self._level_points(anchored, factor, T_start, visible_only)
             if len(points) < self.config.min_points:
@@ -117,7 +119,7 @@ class MineEstimator:
     ) -> LevelPoints:
         observations, network = self.observations, self.network
         if isinstance(network, StatisticsNetwork):
-            return LabelledPoints(anchored, network, len(observations.point_class_names), self.device)
+            return LabelledPoints(anchored, network, self.device)
         return FeaturePoints(
             observations, network, self.device, factor=factor, anchor=anchor, visible_only=visible_only
         )
