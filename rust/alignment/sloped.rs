@@ -61,7 +61,9 @@ impl<const WIDTH: usize> SlopedHistogram<WIDTH> {
     /// The gradient of the sum over all pairs where each adds one of `values`; the first entry is the sum itself.
     pub fn gradient(&self, values: &[f64]) -> SVector<f64, WIDTH> {
         let mut sums = [0.0; WIDTH];
-        for (cell, value) in self.cells.iter().zip(values) {
+        // Where there is no pair at all, values are infinite.
+        let occupied = self.cells.iter().zip(values).filter(|(cell, _)| **cell != [0.0; WIDTH]);
+        for (cell, value) in occupied {
             sums.iter_mut().zip(cell).for_each(|(sum, x)| *sum += x * value);
         }
         SVector::from(sums)

@@ -5,7 +5,7 @@ mod sampled;
 mod share_map;
 
 use std::collections::HashMap;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 
 use crate::class_shares::ClassShares;
 use crate::label_image::LabelImage;
@@ -13,7 +13,7 @@ use crate::label_image::LabelImage;
 pub use sampled::{Sampled, Shares};
 pub use share_map::ShareMap;
 
-/// A label image, and its levels, each made once: the stages of a calibration look at the same ones again and again.
+/// A label image, and its levels, which the stages of a calibration look at again and again.
 #[derive(Debug)]
 pub struct LabelPyramid {
     /// One class for each pixel.
@@ -22,11 +22,16 @@ pub struct LabelPyramid {
     /// class carries no information, whatever its shares are.
     pub shares: Option<Arc<ClassShares>>,
     /// By the side of a block and the width of the band along borders.
-    levels: Mutex<HashMap<(usize, usize), Level>>,
+    levels: Mutex<HashMap<(usize, usize), Arc<Mutex<Level>>>>,
 }
 
-/// A level that is made when it is first looked at, and by one thread.
-type Level = Arc<OnceLock<Arc<ShareMap>>>;
+/// A level of the pyramid, or the place of one.
+#[derive(Debug, Default)]
+struct Level {
+    map: Weak<ShareMap>,
+    /// Keeps the finest level, which most stages end with. Others take memory only while they are used.
+    _kept: Option<Arc<ShareMap>>,
+}
 
 impl LabelPyramid {
     /// A pyramid without levels as yet.
@@ -34,15 +39,22 @@ impl LabelPyramid {
         Self { classes, shares, levels: Mutex::default() }
     }
 
-    /// The level of blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`].
+    /// The level of blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. It is the
+    /// same one as long as somebody uses it.
     pub fn level(&self, factor: usize, edge_band_px: usize) -> Arc<ShareMap> {
-        let level = {
-            let mut levels = self.levels.lock().unwrap_or_else(PoisonError::into_inner);
-            Arc::clone(levels.entry((factor, edge_band_px)).or_default())
-        };
-        let make = || Arc::new(ShareMap::new(&self.classes, self.shares.as_deref(), factor, edge_band_px));
-        Arc::clone(level.get_or_init(make))
+        let level = Arc::clone(locked(&self.levels).entry((factor, edge_band_px)).or_default());
+        let mut level = locked(&level);
+        if let Some(map) = level.map.upgrade() {
+            return map;
+        }
+        let map = Arc::new(ShareMap::new(&self.classes, self.shares.as_deref(), factor, edge_band_px));
+        *level = Level { map: Arc::downgrade(&map), _kept: (factor == 1).then(|| Arc::clone(&map)) };
+        map
     }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]
@@ -50,10 +62,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_level_is_made_once() {
+    fn a_level_is_made_once_while_it_is_used_and_the_finest_one_is_kept() {
         let image = LabelImage { width: 4, height: 2, ids: vec![0, 0, 1, 1, 0, 0, 1, 1] };
         let pyramid = LabelPyramid::new(Arc::new(image), None);
-        assert!(Arc::ptr_eq(&pyramid.level(2, 0), &pyramid.level(2, 0)));
-        assert!(!Arc::ptr_eq(&pyramid.level(2, 0), &pyramid.level(2, 1)));
+        let level = pyramid.level(2, 0);
+        assert!(Arc::ptr_eq(&level, &pyramid.level(2, 0)));
+        assert!(!Arc::ptr_eq(&level, &pyramid.level(2, 1)));
+        let (coarse, finest) = (Arc::downgrade(&level), Arc::downgrade(&pyramid.level(1, 1)));
+        drop(level);
+        assert!(coarse.upgrade().is_none() && finest.upgrade().is_some());
     }
 }

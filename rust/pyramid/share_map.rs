@@ -32,8 +32,6 @@ enum Blocks {
         shares: ClassShares,
         /// The class of blocks that are all of one, else [`NO_CLASS`].
         only: Vec<u8>,
-        /// Labelled share of each block, in 1/255.
-        amounts: Vec<u16>,
     },
 }
 
@@ -50,7 +48,7 @@ impl Blocks {
                 let class = usize::from(image.ids[index]);
                 &shares[class..class + usize::from(class < shares.len())]
             }
-            Self::Shares { shares, only, .. } => match only[index] {
+            Self::Shares { shares, only } => match only[index] {
                 NO_CLASS => shares.at(index),
                 class => std::slice::from_ref(&WHOLE[usize::from(class)]),
             },
@@ -64,7 +62,10 @@ impl Blocks {
             Self::Pixels(image) | Self::Banded(image, _) if image.ids[index] == NO_CLASS => 0,
             Self::Pixels(_) => u8::MAX.into(),
             Self::Banded(_, amounts) => amounts[index].into(),
-            Self::Shares { amounts, .. } => amounts[index],
+            Self::Shares { shares, only } if only[index] == NO_CLASS => {
+                shares.at(index).iter().map(|share| u16::from(share.amount)).sum()
+            }
+            Self::Shares { .. } => u8::MAX.into(),
         }
     }
 
@@ -120,10 +121,8 @@ impl ShareMap {
             (None, 1, _) => Blocks::Banded(Arc::clone(image), amounts(image, edge_band_px)),
             _ => {
                 let shares = averaged(image, shares, factor, edge_band_px);
-                let each = || (0..shares.len()).map(|index| shares.at(index));
-                let amount = |shares: &[Share]| shares.iter().map(|share| u16::from(share.amount)).sum();
-                let (only, amounts) = (each().map(only_class).collect(), each().map(amount).collect());
-                Blocks::Shares { shares, only, amounts }
+                let only = (0..shares.len()).map(|index| only_class(shares.at(index))).collect();
+                Blocks::Shares { shares, only }
             }
         };
         let (columns, rows) = (image.width / factor, image.height / factor);
