@@ -131,6 +131,8 @@ class InitializationConfig:
     """Settings of the ascent over SE(3)."""
     min_overlap: float = MIN_OVERLAP
     """Least share of the picture that visible points have to cover."""
+    max_frames: int = 10
+    """Frames that are looked at, evenly spaced: more make the mounting no clearer, and the refinement takes all."""
     runner_up_deg: float = 7.5
     """The runner-up is the best hypothesis at least this far from the winner. Nearer ones mean the same answer."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 from semcal_cli import _core
@@ -85,25 +86,36 @@ def assess(
     cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
     if checked is not observations:
         around = around_intrinsics(checked, T_camera_lidar)
-    frames = compare_frames(data, T_camera_lidar, agreement)
-    findings = (
-        *frames.findings,
-        *check_consistency(checked, T_camera_lidar),
-        *_rivals(data, T_camera_lidar),
-        *wrong_intrinsics(around, camera),
-    )
-    notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *check_scale(checked))
-    uncertainty = (
-        estimate_uncertainty(
-            observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_intrinsics=known
+
+    def uncertain() -> Uncertainty | None:
+        found = (
+            estimate_uncertainty(
+                observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_intrinsics=known
+            )
+            if fused is None
+            else fused.uncertainty
         )
-        if fused is None
-        else fused.uncertainty
-    )
+        if found is None:
+            return None
+        bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
+        return found.model_copy(update={"label_bleed": bleed, "intrinsics_cost": cost})
+
+    # While one check is in Python, the core works for another one.
+    with ThreadPoolExecutor() as pool:
+        of_frames = pool.submit(compare_frames, data, T_camera_lidar, agreement)
+        of_consistency = pool.submit(check_consistency, checked, T_camera_lidar)
+        of_scale = pool.submit(check_scale, checked)
+        of_pose = pool.submit(uncertain)
+        frames, uncertainty = of_frames.result(), of_pose.result()
+        findings = (
+            *frames.findings,
+            *of_consistency.result(),
+            *_rivals(data, T_camera_lidar),
+            *wrong_intrinsics(around, camera),
+        )
+        notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
     if uncertainty is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
-    bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
-    uncertainty = uncertainty.model_copy(update={"label_bleed": bleed, "intrinsics_cost": cost})
     return Assessment(uncertainty, (*findings, *undetermined(uncertainty)), notes, frames.parts)
 
 
