@@ -21,9 +21,11 @@ pub struct LabelPyramid {
     /// Shares of classes of each pixel, where a network gave them; the classes are then the largest. A pixel without a
     /// class carries no information, whatever its shares are.
     pub shares: Option<Arc<ClassShares>>,
-    /// By the side of a block and the width of the band along borders.
-    levels: Mutex<HashMap<(usize, usize), Arc<Mutex<Level>>>>,
+    levels: Mutex<Levels>,
 }
+
+/// Levels by the side of a block and the width of the band along borders.
+type Levels = HashMap<(usize, usize), Arc<Mutex<Level>>>;
 
 /// A level of the pyramid, or the place of one.
 #[derive(Debug, Default)]
