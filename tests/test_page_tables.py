@@ -147,8 +147,6 @@ def test_a_script_that_fails_leaves_the_page(page: Path, monkeypatch: pytest.Mon
 
 
 UNMARKED = {
-    ("benchmarks_stages.md", "| | 5 frames | 10 frames | 20 frames |"): "`cargo bench` prints no table",
-    ("benchmarks_stages.md", "| | measured |"): "timed by hand, by the commands that its rows name",
     ("rivals.md", "| points count | right labels | 10 % wrong on both sides |"): "an experiment that is gone",
     ("rivals.md", "| pairs | SOIC | PMI |"): "of an earlier version, beside the place `pairs`",
 }

@@ -5,7 +5,6 @@ Nothing heavy is imported here or at the top of a subcommand's file, so that `se
 
 from __future__ import annotations
 
-import gc
 import os
 import sys
 import warnings
@@ -69,10 +68,7 @@ class Ending(NamedTuple):
 
 def main() -> None:
     """Run the command line."""
-    exit_code = run(sys.argv[1:]).exit_code
-    # Python ends by looking through all objects for garbage, of torch's for 0.2 s; the process ends anyway.
-    gc.freeze()
-    sys.exit(exit_code)
+    sys.exit(run(sys.argv[1:]).exit_code)
 
 
 def run(arguments: Sequence[str]) -> Ending:
