@@ -24,8 +24,8 @@ from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting
 
 FLAT_NATS = 0.02
-"""Mutual information of the frame changes by less over a metre along the optical axis, so that tops near one another are
-as good: that of semcal is among the highest."""
+"""Mutual information of the frame changes by less over a metre along the optical axis: tops near one another are as
+good, and that of semcal is among them."""
 
 
 def run_table(drive: Path, out: Path, *arguments: object) -> str:
