@@ -23,8 +23,9 @@ const RANGE_BANDS: [f64; 4] = [5.0, 10.0, 20.0, 40.0];
 /// A band of a block that holds fewer pairs than its share leaves the rest to the others.
 const SHARE_MARGIN: usize = 3;
 
-/// Returns are thinned to at most this number, over all frames and directions.
-const MAX_RETURNS: usize = 200_000;
+/// Returns are thinned to at most this number, over all frames and directions: a picture shows a quarter of them or less,
+/// and PnP takes some thousand.
+const MAX_RETURNS: usize = 50_000;
 
 /// A LiDAR point (metres, LiDAR frame), and the raw pixel that the registration maps it to.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -32,6 +32,7 @@ __all__ = [
     "Agreement",
     "Aligned",
     "AnchoredPoints",
+    "Ascended",
     "Camera",
     "ClassShares",
     "Correspondences",
@@ -400,8 +401,22 @@ class HeldOutGain:
         """Its standard error over parts of the pictures, nats; infinite if there are fewer than two."""
 
 @final
-class Aligned:
+class Ascended:
     """Where an ascent ended."""
+
+    @property
+    def T_camera_lidar(self) -> _Float64:
+        """(4, 4)."""
+    @property
+    def num_points(self) -> int:
+        """Labelled points on labelled blocks at its start, which it drew from."""
+    @property
+    def drift(self) -> float:
+        """Blocks between the mean poses of the last two quarters: how far it was from settled."""
+
+@final
+class Aligned:
+    """Where one of several ascents ended that are compared."""
 
     @property
     def T_camera_lidar(self) -> _Float64:
@@ -636,6 +651,17 @@ def sample_correspondences(
     They are spread over the picture and over range.
     """
 
+def ascend(
+    observations: Observations,
+    t_camera_lidar: _Float64,
+    config: AlignmentConfig | ExactConfig,
+    *,
+    factor: int,
+    visible_only: bool,
+    seed: int,
+) -> Ascended:
+    """Let a pose ascend the mutual information of points and blocks of `factor x factor` pixels, over SE(3)."""
+
 def align(
     observations: Observations,
     poses: Sequence[_Float64],
@@ -645,7 +671,7 @@ def align(
     visible_only: bool,
     seed: int,
 ) -> list[Aligned]:
-    """Let poses ascend the mutual information of points and blocks of `factor x factor` pixels, over SE(3)."""
+    """Let poses ascend as `ascend` does, and tell how good each end is, so that they can be compared."""
 
 def polish(
     observations: Observations,

@@ -43,6 +43,17 @@ pub struct AlignmentConfig {
 
 /// The result of an ascent.
 #[derive(Clone, Copy, Debug)]
+pub struct Ascended {
+    /// `T_camera_lidar`.
+    pub pose: Isometry3<f64>,
+    /// Blocks between the mean poses of the last two quarters of the ascent; small if it has converged.
+    pub drift: f64,
+    /// Number of labelled points on labelled blocks at the start, which it drew from.
+    pub num_points: usize,
+}
+
+/// The result of one of several ascents that are compared.
+#[derive(Clone, Copy, Debug)]
 pub struct Aligned {
     /// `T_camera_lidar`.
     pub pose: Isometry3<f64>,
@@ -54,7 +65,21 @@ pub struct Aligned {
     pub num_points: usize,
 }
 
-/// Ascends the mutual information of all frames from each of the poses, on blocks of `factor` pixels.
+/// Ascends the mutual information of all frames from a pose, on blocks of `factor` pixels.
+pub fn ascend(
+    observations: &Arc<Observations>,
+    start: &Isometry3<f64>,
+    factor: usize,
+    counted: Counted,
+    config: &AlignmentConfig,
+    seed: u64,
+) -> Ascended {
+    let observations = in_view(observations, &[*start]);
+    let level = Level::new(observations, factor, config.edge_band_px, config.max_points);
+    level.ascend(start, counted, config, seed)
+}
+
+/// Ascends from each of the poses, and tells how good each end is.
 pub fn align(
     observations: &Arc<Observations>,
     starts: &[Isometry3<f64>],
@@ -65,7 +90,7 @@ pub fn align(
 ) -> Vec<Aligned> {
     let level = Level::new(in_view(observations, starts), factor, config.edge_band_px, config.max_points);
     let align = |start| {
-        let (pose, drift) = ascend(&level, start, counted, config, seed);
+        let Ascended { pose, drift, .. } = level.ascend(start, counted, config, seed);
         let samples = level.samples(&pose, counted);
         let joint = level.joint(&samples, &pose);
         let mutual_information = level.information(&joint) - level.bias(&joint);
@@ -74,49 +99,51 @@ pub fn align(
     starts.par_iter().map(align).collect()
 }
 
-/// The pose at the end, and the drift.
-fn ascend(
-    level: &Level,
-    start: &Isometry3<f64>,
-    counted: Counted,
-    config: &AlignmentConfig,
-    seed: u64,
-) -> (Isometry3<f64>, f64) {
-    let mut pose = within_baseline(start, config.max_baseline_m);
-    let mut samples = level.samples(&pose, counted);
-    if samples.len() < MIN_POINTS {
-        return (pose, 0.0);
-    }
-    // All of one size, or nearly: a last one with a handful of points would be noise.
-    let num_batches = samples.len().div_ceil(config.batch_size);
-    // Segments are counted frame by frame, which is fast while the points of a frame stay together.
-    if num_batches > 1 || !level.observations.has_partitions() {
-        samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
-    }
-    let mut batches = samples.chunks(samples.len().div_ceil(num_batches)).cycle();
-    let Some(preconditioner) = level.preconditioner(&samples, &pose) else {
-        return (pose, f64::INFINITY);
-    };
-    let constant = level.empty_joint();
-    let mut adam = Adam::default();
-    // The way so far in the preconditioner's motions, and its sums over the last two quarters.
-    let (mut way, mut sums) = (Vector6::zeros(), [Vector6::zeros(); 2]);
-    let quarter = config.steps / 4;
-    for step in 0..config.steps {
-        let Some(batch) = batches.next() else { break };
-        let (_, gradient) = level.joint_and_gradient(batch, &constant, &pose);
-        let cosine = 0.5 * (1.0 + (std::f64::consts::PI * step as f64 / config.steps as f64).cos());
-        let length = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine);
-        let by = adam.step(&preconditioner.tr_mul(&gradient)) * length;
-        pose = within_baseline(&(se3::exp(&(preconditioner * by)) * pose), config.max_baseline_m);
-        way += by;
-        match config.steps - step {
-            left if left <= quarter => sums[1] += way,
-            left if left <= 2 * quarter => sums[0] += way,
-            _ => {}
+impl Level {
+    fn ascend(
+        &self,
+        start: &Isometry3<f64>,
+        counted: Counted,
+        config: &AlignmentConfig,
+        seed: u64,
+    ) -> Ascended {
+        let mut pose = within_baseline(start, config.max_baseline_m);
+        let mut samples = self.samples(&pose, counted);
+        let num_points = samples.len();
+        if num_points < MIN_POINTS {
+            return Ascended { pose, drift: 0.0, num_points };
         }
+        // All of one size, or nearly: a last one with a handful of points would be noise.
+        let num_batches = num_points.div_ceil(config.batch_size);
+        // Segments are counted frame by frame, which is fast while the points of a frame stay together.
+        if num_batches > 1 || !self.observations.has_partitions() {
+            samples.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+        }
+        let mut batches = samples.chunks(num_points.div_ceil(num_batches)).cycle();
+        let Some(preconditioner) = self.preconditioner(&samples, &pose) else {
+            return Ascended { pose, drift: f64::INFINITY, num_points };
+        };
+        let constant = self.empty_joint();
+        let mut adam = Adam::default();
+        // The way so far in the preconditioner's motions, and its sums over the last two quarters.
+        let (mut way, mut sums) = (Vector6::zeros(), [Vector6::zeros(); 2]);
+        let quarter = config.steps / 4;
+        for step in 0..config.steps {
+            let Some(batch) = batches.next() else { break };
+            let (_, gradient) = self.joint_and_gradient(batch, &constant, &pose);
+            let cosine = 0.5 * (1.0 + (std::f64::consts::PI * step as f64 / config.steps as f64).cos());
+            let length = config.step_size * (config.final_step + (1.0 - config.final_step) * cosine);
+            let by = adam.step(&preconditioner.tr_mul(&gradient)) * length;
+            pose = within_baseline(&(se3::exp(&(preconditioner * by)) * pose), config.max_baseline_m);
+            way += by;
+            match config.steps - step {
+                left if left <= quarter => sums[1] += way,
+                left if left <= 2 * quarter => sums[0] += way,
+                _ => {}
+            }
+        }
+        Ascended { pose, drift: (sums[1] - sums[0]).norm() / quarter.max(1) as f64, num_points }
     }
-    (pose, (sums[1] - sums[0]).norm() / quarter.max(1) as f64)
 }
 
 /// Steps of about unit length in the direction of a noisy gradient.

@@ -29,7 +29,7 @@ mod sloped;
 mod view;
 
 pub use anchored::{Anchored, MiniBatch};
-pub use ascent::{Aligned, AlignmentConfig, align};
+pub use ascent::{Aligned, AlignmentConfig, Ascended, align, ascend};
 pub use information::{SquareInformation, information, information_gains};
 pub use polish::{PolishConfig, Polished, polish};
 pub use sample::Counted;

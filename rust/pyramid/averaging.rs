@@ -1,7 +1,5 @@
 //! Averages over blocks of a label image, and the little that pixels along the borders of classes count.
 
-use std::ops::Range;
-
 use crate::class_shares::{ClassShares, Share};
 use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
@@ -30,30 +28,55 @@ pub(super) fn averaged(
     factor: usize,
     edge_band_px: usize,
 ) -> ClassShares {
+    match shares {
+        Some(shares) => averaged_shares(image, shares, factor),
+        None => averaged_classes(image, &amounts(image, edge_band_px), factor),
+    }
+}
+
+/// The same where each pixel is of one class, and counts with an amount in 1/255.
+fn averaged_classes(image: &LabelImage<u8>, amounts: &[u8], factor: usize) -> ClassShares {
+    let (ids, width) = (&image.ids, image.width);
+    let (mut blocks, mut tally) = (ClassShares::default(), Tally::default());
+    let mut differs = vec![0; width / factor * factor];
+    for top in (0..image.height / factor).map(|row| row * factor * width) {
+        let lines = (top..).step_by(width).take(factor);
+        // Line by line, so that many columns are compared at once: most blocks are all of one class.
+        let first = &ids[top..][..differs.len()];
+        differs.fill(0);
+        for from in lines.clone() {
+            let line = first.iter().zip(&ids[from..]).zip(&amounts[from..]);
+            let unlike = line.map(|((first, id), amount)| (first ^ id) | !amount);
+            differs.iter_mut().zip(unlike).for_each(|(differs, unlike)| *differs |= unlike);
+        }
+        let columns = differs.chunks_exact(factor).zip(first.chunks_exact(factor));
+        for (column, (differs, first)) in columns.enumerate() {
+            let class = first[0];
+            let unlike = differs.iter().zip(first).fold(0, |any, (differs, id)| any | differs | (id ^ class));
+            if unlike == 0 && class != NO_CLASS {
+                blocks.push_with(|entries| entries.push(WHOLE[usize::from(class)]));
+                continue;
+            }
+            for from in lines.clone().map(|line| line + column * factor) {
+                let pixels = ids[from..][..factor].iter().zip(&amounts[from..]);
+                pixels.for_each(|(&id, &amount)| tally.add(id, amount.into()));
+            }
+            blocks.push_with(|entries| tally.drain_into(entries, factor * factor));
+        }
+    }
+    blocks
+}
+
+/// The same where a network gave the shares of each pixel.
+fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> ClassShares {
     let (columns, rows) = (image.width / factor, image.height / factor);
-    let ids = &image.ids;
-    let amounts = if shares.is_none() { amounts(image, edge_band_px) } else { Vec::new() };
-    // Without a branch within a line.
-    let is_all_of = |class: u8, line: Range<usize>| {
-        let pairs = ids[line.clone()].iter().zip(&amounts[line]);
-        pairs.fold(0, |differs, (id, amount)| differs | (id ^ class) | !amount) == 0
-    };
     let (mut blocks, mut tally) = (ClassShares::default(), Tally::default());
     for index in 0..rows * columns {
         let start = index / columns * factor * image.width + index % columns * factor;
-        let lines = (0..factor).map(|line| start + line * image.width).map(|from| from..from + factor);
-        let class = ids[start];
-        if shares.is_none() && class != NO_CLASS && lines.clone().all(|line| is_all_of(class, line)) {
-            blocks.push_with(|entries| entries.push(WHOLE[usize::from(class)]));
-            continue;
-        }
-        for pixel in lines.flatten().filter(|&pixel| ids[pixel] != NO_CLASS) {
-            match shares {
-                Some(shares) => {
-                    shares.at(pixel).iter().for_each(|share| tally.add(share.class, share.amount.into()))
-                }
-                None => tally.add(ids[pixel], amounts[pixel].into()),
-            }
+        let lines = (start..).step_by(image.width).take(factor);
+        let pixels = lines.flat_map(|line| line..line + factor);
+        for pixel in pixels.filter(|&pixel| image.ids[pixel] != NO_CLASS) {
+            shares.at(pixel).iter().for_each(|share| tally.add(share.class, share.amount.into()));
         }
         blocks.push_with(|entries| tally.drain_into(entries, factor * factor));
     }

@@ -11,9 +11,17 @@ use super::observations::PyObservations;
 use super::poses::{isometry, matrix};
 use super::threads::detached;
 use crate::alignment::{
-    self, Aligned, AlignmentConfig, Counted, PolishConfig, Polished, Sensitivity, SensitivityConfig,
+    self, Aligned, AlignmentConfig, Ascended, Counted, PolishConfig, Polished, Sensitivity, SensitivityConfig,
 };
 use crate::camera::Camera;
+
+#[pyclass(name = "Ascended", frozen, get_all)]
+pub(super) struct PyAscended {
+    #[pyo3(name = "T_camera_lidar")]
+    t_camera_lidar: Py<PyArray2<f64>>,
+    num_points: usize,
+    drift: f64,
+}
 
 #[pyclass(name = "Aligned", frozen, get_all)]
 pub(super) struct PyAligned {
@@ -88,6 +96,25 @@ impl PySensitivity {
 }
 
 #[pyfunction]
+#[pyo3(signature = (observations, t_camera_lidar, config, *, factor, visible_only, seed))]
+pub(super) fn ascend(
+    py: Python<'_>,
+    observations: &PyObservations,
+    t_camera_lidar: PyReadonlyArray2<f64>,
+    config: AlignmentConfig,
+    factor: usize,
+    visible_only: bool,
+    seed: u64,
+) -> PyResult<PyAscended> {
+    check_ascent(&config, factor, &observations.0.camera)?;
+    let start = isometry(&t_camera_lidar)?;
+    let counted = counted(visible_only);
+    let Ascended { pose, drift, num_points } =
+        detached(py, || alignment::ascend(&observations.0, &start, factor, counted, &config, seed));
+    Ok(PyAscended { t_camera_lidar: matrix(py, &pose)?.unbind(), num_points, drift })
+}
+
+#[pyfunction]
 #[pyo3(signature = (observations, poses, config, *, factor, visible_only, seed))]
 pub(super) fn align(
     py: Python<'_>,
@@ -98,13 +125,7 @@ pub(super) fn align(
     visible_only: bool,
     seed: u64,
 ) -> PyResult<Vec<PyAligned>> {
-    check_factor(factor, &observations.0.camera)?;
-    let AlignmentConfig { batch_size, max_points, .. } = config;
-    if batch_size == 0 || max_points == 0 {
-        return Err(value_error(format!(
-            "batch_size {batch_size} and max_points {max_points} need to be at least 1"
-        )));
-    }
+    check_ascent(&config, factor, &observations.0.camera)?;
     let starts = poses.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
     let counted = counted(visible_only);
     let found = detached(py, || alignment::align(&observations.0, &starts, factor, counted, &config, seed));
@@ -138,6 +159,17 @@ pub(super) fn sensitivity(
     let pose = isometry(&t_camera_lidar)?;
     let found = detached(py, || alignment::sensitivity(&observations.0, &pose, &config));
     found.map(|found| PySensitivity::new(py, &found)).transpose()
+}
+
+fn check_ascent(config: &AlignmentConfig, factor: usize, camera: &Camera) -> PyResult<()> {
+    check_factor(factor, camera)?;
+    let &AlignmentConfig { batch_size, max_points, .. } = config;
+    if batch_size == 0 || max_points == 0 {
+        return Err(value_error(format!(
+            "batch_size {batch_size} and max_points {max_points} need to be at least 1"
+        )));
+    }
+    Ok(())
 }
 
 pub(super) fn check_factor(factor: usize, camera: &Camera) -> PyResult<()> {

@@ -92,19 +92,19 @@ class _Fit(NamedTuple):
     information: float
     """Nats, or AMI."""
     sigma: float
+    agreement: _core.Agreement | None
+    """Agreement of the labels, from which the others were computed; None for segments."""
 
 
 def _fit(observations: Observations, T_camera_lidar: Pose) -> _Fit:
     if observations.has_segments:
         found = segment_information(observations, T_camera_lidar)
-        return _Fit(found.mean, found.sigma)
-    agreement = _core.agreement(observations.core, T_camera_lidar)
-    return _Fit(_corrected(agreement), agreement.sigma)
+        return _Fit(found.mean, found.sigma, None)
+    return _fit_of(_core.agreement(observations.core, T_camera_lidar))
 
 
-def _corrected(agreement: _core.Agreement) -> float:
-    """Subtract the bias from the mutual information, nats."""
-    return agreement.mutual_information - agreement.bias
+def _fit_of(agreement: _core.Agreement) -> _Fit:
+    return _Fit(agreement.mutual_information - agreement.bias, agreement.sigma, agreement)
 
 
 def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
@@ -170,18 +170,18 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Fin
 
 def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
     """Check that labels agree less well with the camera turned about the LiDAR's z axis to where points are visible."""
-    overlap = _core.agreement(observations.core, T_camera_lidar).overlap
-    own = _information(observations, T_camera_lidar)
+    own = _fit(observations, T_camera_lidar)
+    least = 0.5 * _overlap(observations, T_camera_lidar, own)
     best, best_deg = 0.0, 0.0
     for turn_deg in np.arange(TURN_DEG, 360.0, TURN_DEG).tolist():
         T_turned = T_camera_lidar @ _about_z(turn_deg)
-        information = _information(observations, T_turned)
-        if information > best and _core.agreement(observations.core, T_turned).overlap >= 0.5 * overlap:
-            best, best_deg = information, turn_deg
+        turned = _fit(observations, T_turned)
+        if turned.information > best and _overlap(observations, T_turned, turned) >= least:
+            best, best_deg = turned.information, turn_deg
     most = MAX_TURNED_OF_SEGMENTS if observations.has_segments else MAX_TURNED
-    if best <= most * own:
+    if best <= most * own.information:
         return []
-    fit = _as_well(best, own)
+    fit = _as_well(best, own.information)
     found = f"with the camera turned by {best_deg:.0f} degrees labels fit {fit}, needed at most {most:.0%}"
     return [
         Finding(
@@ -190,6 +190,11 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Fin
             "add frames from other places, or give --init with a mounting measured by hand",
         )
     ]
+
+
+def _overlap(observations: Observations, T_camera_lidar: Pose, fit: _Fit) -> float:
+    """Give the share of the pictures that visible points cover."""
+    return (fit.agreement or _core.agreement(observations.core, T_camera_lidar)).overlap
 
 
 def _as_well(other: float, own: float) -> str:
@@ -290,7 +295,7 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
         )
     except SemcalError:
         return None  # The lens does not reach the points, or no point is left in the image.
-    return _fit(observations, found.T_camera_lidar)
+    return _fit(observations, found.T_camera_lidar) if observations.has_segments else _fit_of(found.agreement)
 
 
 def _delayed(observations: Observations, delay_s: float) -> Observations:

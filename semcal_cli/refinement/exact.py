@@ -21,8 +21,6 @@ class ExactEstimator:
     is no statistics network to learn.
     """
 
-    gives_bound = False
-
     def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
         """Keep what the levels have in common.
 
@@ -40,12 +38,12 @@ class ExactEstimator:
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
-        (end,) = _core.align(
+        end = _core.ascend(
             self.observations.core,
-            [T_start],
+            T_start,
             self.config,
             factor=factor,
             visible_only=visible_only,
             seed=self.seed,
         )
-        return Level(factor, end.T_camera_lidar, end.mutual_information, end.drift, end.num_points)
+        return Level(factor, end.T_camera_lidar, end.drift, end.num_points)

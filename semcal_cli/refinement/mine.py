@@ -58,8 +58,6 @@ class MineEstimator:
     are compared by these, others by their labels. Theta is kept from level to level.
     """
 
-    gives_bound = True
-
     def __init__(
         self, observations: Observations, config: MineConfig, seed: int, device: str = "cpu"
     ) -> None:
@@ -102,7 +100,7 @@ class MineEstimator:
             )
             points = self._level_points(anchored, factor, T_start, visible_only)
             if len(points) < self.config.min_points:
-                return Level(factor, T_start, 0.0, math.inf, len(points))
+                return Level(factor, T_start, math.inf, len(points))
             preconditioner = torch.from_numpy(anchored.preconditioner)
             return self._optimize(points, factor, torch.from_numpy(T_start), preconditioner)
 
@@ -160,9 +158,9 @@ class MineEstimator:
         return Level(
             factor=factor,
             T_camera_lidar=within_baseline(T_end, config.max_baseline_m),
-            information_nats=float(torch.stack(bounds[-quarter:]).mean()),
             drift=float((last - before).norm()),
             num_points=len(points),
+            bound_nats=float(torch.stack(bounds[-quarter:]).mean()),
         )
 
 

@@ -38,19 +38,16 @@ class Level:
     """Side of a block in pixels."""
     T_camera_lidar: Pose
     """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar."""
-    information_nats: float
-    """The mutual information, or the Donsker-Varadhan bound, at the level's end."""
     drift: float
     """Blocks between the mean poses of the last two quarters of the level's steps."""
     num_points: int
     """Number of points that were chosen at the level's start."""
+    bound_nats: float | None = None
+    """The Donsker-Varadhan bound at the level's end, where a network estimates it."""
 
 
 class LevelOptimizer(Protocol):
     """An estimator of mutual information that optimises the pose at one level of the pyramid."""
-
-    gives_bound: bool
-    """Whether it gives a lower bound, and not the mutual information itself."""
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Take the pose up the gradient of the estimate.
@@ -113,7 +110,7 @@ def refine(
     return Refinement(
         T_camera_lidar=pose,
         agreement=_core.agreement(observations.core, pose),
-        bound_nats=levels[-1].information_nats if optimizer.gives_bound else None,
+        bound_nats=levels[-1].bound_nats,
         findings=() if converged else (_not_settled(levels[-1], config.max_final_drift),),
         settings={"pyramid": asdict(config)},
         levels=tuple(levels),

@@ -32,8 +32,6 @@ NUM_ROUNDS = 2
 class SeveralStarts:
     """Ascends the exact mutual information from several poses, and takes the best at each level."""
 
-    gives_bound = False
-
     def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
         """Keep what the levels have in common; arguments are those of `ExactEstimator`."""
         single = ExactEstimator(observations, config, seed)
@@ -70,9 +68,9 @@ class SeveralStarts:
         self._num_levels += 1
         if not found:
             # The level has no top within reach; finer ones may have.
-            return Level(factor, T_start, ends[0].mutual_information, 0.0, ends[0].num_points)
+            return Level(factor, T_start, 0.0, ends[0].num_points)
         self.others = poses[1:]
-        return Level(factor, poses[0], found[0].mutual_information, found[0].drift, found[0].num_points)
+        return Level(factor, poses[0], found[0].drift, found[0].num_points)
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
         return self._T_first is None or _is_within(T_camera_lidar, self._T_first, FARTHEST_DEG, FARTHEST_M)
