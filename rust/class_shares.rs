@@ -26,6 +26,13 @@ impl Default for ClassShares {
 }
 
 impl ClassShares {
+    /// No items, with room for some.
+    pub fn with_capacity(num_items: usize) -> Self {
+        let mut shares = Self { starts: Vec::with_capacity(num_items + 1), entries: Vec::new() };
+        shares.starts.push(0);
+        shares
+    }
+
     /// Items that are each all of one class, or of none.
     pub fn certain(classes: impl Iterator<Item = u8>) -> Self {
         let mut shares = Self::default();

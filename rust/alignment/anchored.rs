@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix3x4, Matrix6, Point2, Vector3};
 
+use super::choice::Chosen;
 use super::level::Level;
 use super::sample::{Counted, Sample};
 use crate::mutual_information::JointHistogram;
@@ -34,12 +35,11 @@ impl Anchored {
         constant_radius: usize,
     ) -> Self {
         let level = Level::new(observations, factor, edge_band_px, max_points);
-        let mut samples = level.samples(anchor, counted);
-        let preconditioner = level.preconditioner(&samples, anchor);
-        let constant = match constant_radius {
-            0 => level.empty_joint(),
-            radius => level.take_constant(&mut samples, anchor, radius),
+        let Chosen { moving: samples, constant } = match constant_radius {
+            0 => Chosen { moving: level.samples(anchor, counted), constant: level.empty_joint() },
+            radius => level.chosen(anchor, counted, radius),
         };
+        let preconditioner = level.preconditioner(&samples, anchor);
         let samples = if preconditioner.is_some() { samples } else { Vec::new() };
         Self {
             level: Arc::new(level),

@@ -1,42 +1,83 @@
 //! The choice of the points that count at a level.
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point2};
 use rayon::prelude::*;
 
 use super::level::Level;
-use super::pose::to_camera;
 use super::sample::{Counted, Sample};
+use crate::class_shares::Share;
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Frame;
+use crate::pyramid::ShareMap;
 use crate::spherical::to_f64;
 use crate::thinning::thinned;
 use crate::visibility::{Projected, hidden, project_points};
 
+/// The points that count, apart from those whose pairs do not change while they move a little.
+pub struct Chosen {
+    /// Points near other classes.
+    pub moving: Vec<Sample>,
+    /// Pairs of the others.
+    pub constant: JointHistogram,
+}
+
 impl Level {
     /// The labelled points on labelled pixels, with their weights at the anchor pose.
     pub fn samples(&self, pose: &Isometry3<f64>, counted: Counted) -> Vec<Sample> {
+        self.choose(pose, counted, |_, _| false).moving
+    }
+
+    /// The same, but for the pairs of points that lie at least `radius` blocks inside one class: these do not change while
+    /// points move by less.
+    pub fn chosen(&self, pose: &Isometry3<f64>, counted: Counted, radius: usize) -> Chosen {
+        self.choose(pose, counted, |map, pixel| map.is_amid_one_class(pixel, radius))
+    }
+
+    fn choose(
+        &self,
+        pose: &Isometry3<f64>,
+        counted: Counted,
+        is_constant: impl Fn(&ShareMap, &Point2<f64>) -> bool + Sync,
+    ) -> Chosen {
         let of_frame = |(index, frame): (usize, &Frame)| {
-            let mut samples = Vec::new();
+            let map = &self.maps[index];
+            let (mut moving, mut constant) = (Vec::new(), self.joint_of_frames(index..index + 1));
             for Projected { index: i, pixel, .. } in self.counted_points(frame, pose, counted) {
-                let weight = self.maps[index].at(&pixel).total() as f32 * frame.weight;
-                let position = to_f64(&frame.points[i]);
-                let (class, frame_index, point) = (frame.point_classes[i], index as u32, i as u32);
-                let sample = Sample { position, class, frame: frame_index, point, weight };
+                let sampled = map.at(&pixel);
+                let weight = sampled.total() as f32 * frame.weight;
+                if weight <= 0.0 {
+                    continue;
+                }
+                let is_constant = is_constant(map, &pixel);
+                let mut add = |class: u8, weight: f32| {
+                    if is_constant {
+                        self.observations.for_rows(index, i, class, |row| {
+                            sampled.add_to(constant.row_mut(row), f64::from(weight));
+                        });
+                    } else {
+                        let (position, frame, point) = (to_f64(&frame.points[i]), index as u32, i as u32);
+                        moving.push(Sample { position, class, frame, point, weight });
+                    }
+                };
                 match &frame.point_shares {
-                    _ if weight <= 0.0 => {}
-                    None => samples.push(sample),
+                    None => add(frame.point_classes[i], weight),
                     // The joint histogram is linear in a point's shares: one sample for each of its classes.
-                    Some(shares) => samples.extend(shares.at(i).iter().map(|share| {
-                        let weight = f32::from(share.amount) / 255.0 * weight;
-                        Sample { class: share.class, weight, ..sample }
-                    })),
+                    Some(shares) => {
+                        let of_class =
+                            |share: &Share| add(share.class, f32::from(share.amount) / 255.0 * weight);
+                        shares.at(i).iter().for_each(of_class);
+                    }
                 }
             }
-            samples
+            (moving, constant)
         };
-        let frames: Vec<_> = self.observations.frames.par_iter().enumerate().map(of_frame).collect();
-        frames.concat()
+        let frames: Vec<(Vec<Sample>, JointHistogram)> =
+            self.observations.frames.par_iter().enumerate().map(of_frame).collect();
+        let mut constant = self.empty_joint();
+        frames.iter().for_each(|(_, of_frame)| constant.merge(of_frame));
+        let moving = frames.into_iter().flat_map(|(moving, _)| moving).collect();
+        Chosen { moving, constant }
     }
 
     /// The labelled points of a frame inside the image that count, thinned.
@@ -53,28 +94,5 @@ impl Level {
         let hidden = hidden(camera, points, &projected);
         let seen = projected.into_iter().zip(hidden).filter(|(point, hidden)| !hidden && counts[point.index]);
         seen.map(|(point, _)| point).collect()
-    }
-
-    /// Removes the points inside one class, whose pairs do not change while they move by less than `radius` blocks, and
-    /// returns those pairs.
-    pub fn take_constant(
-        &self,
-        samples: &mut Vec<Sample>,
-        pose: &Isometry3<f64>,
-        radius: usize,
-    ) -> JointHistogram {
-        let to_camera = to_camera(pose);
-        let is_constant = |sample: &Sample| {
-            let pixel = self.observations.camera.project(&to_camera(&sample.position));
-            pixel.is_some_and(|pixel| self.maps[sample.frame as usize].is_amid_one_class(&pixel, radius))
-        };
-        let constant: Vec<bool> = samples.par_iter().map(is_constant).collect();
-        let of = |wanted: bool| {
-            let pairs = samples.iter().zip(&constant).filter(move |&(_, &is_constant)| is_constant == wanted);
-            pairs.map(|(sample, _)| *sample).collect::<Vec<_>>()
-        };
-        let (taken, left) = (of(true), of(false));
-        *samples = left;
-        self.joint(&taken, pose)
     }
 }

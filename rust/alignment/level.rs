@@ -1,5 +1,6 @@
 //! One level of the label pyramid: which points count, and mutual information with its gradient at a pose.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use nalgebra::{Isometry3, Point2, Vector3, Vector6};
@@ -199,7 +200,12 @@ impl Level {
         let (Some(first), Some(last)) = (frames.clone().min(), frames.max()) else {
             return self.empty_joint();
         };
-        let rows = self.observations.rows_of(first..last + 1);
+        self.joint_of_frames(first..last + 1)
+    }
+
+    /// A histogram without pairs, of the rows of some neighbouring frames.
+    pub(super) fn joint_of_frames(&self, frames: Range<usize>) -> JointHistogram {
+        let rows = self.observations.rows_of(frames);
         JointHistogram::of_rows(rows, self.observations.num_image_classes)
     }
 
@@ -289,6 +295,7 @@ fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
 
 #[cfg(test)]
 mod tests {
+    use super::super::choice::Chosen;
     use super::super::sample::Counted;
     use super::super::scene::{scene, segmented};
     use super::*;
@@ -333,8 +340,7 @@ mod tests {
         let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
         let pose = Isometry3::identity();
         let all = level.samples(&pose, Counted::All);
-        let mut left = all.clone();
-        let constant = level.take_constant(&mut left, &pose, 2);
+        let Chosen { moving: left, constant } = level.chosen(&pose, Counted::All, 2);
         assert!(left.len() < all.len() && constant.total() > 0.0);
         // A third of a pixel away, nothing of what was taken out has changed.
         let nearby = se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.005, 0.0, 0.0)) * pose;

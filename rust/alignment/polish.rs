@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use nalgebra::{Isometry3, Matrix6, Vector6};
 
+use super::choice::Chosen;
 use super::level::Level;
 use super::pose::within_baseline;
 use super::sample::{Counted, Sample};
@@ -76,8 +77,7 @@ pub fn polish(
     let mut polished = Polished { pose: start, moved_px: f64::INFINITY, inverse_curvature };
     for _ in 0..config.max_rounds {
         let begun = polished.pose;
-        let mut samples = level.samples(&begun, counted);
-        let constant = level.take_constant(&mut samples, &begun, CONSTANT_RADIUS);
+        let Chosen { moving: samples, constant } = level.chosen(&begun, counted, CONSTANT_RADIUS);
         let Some(preconditioner) = level.preconditioner(&samples, &begun) else { break };
         let objective = Objective { level: &level, samples, constant, preconditioner, config };
         let is_fresh = is_stale;

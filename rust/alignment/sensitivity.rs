@@ -10,6 +10,7 @@ use std::sync::Arc;
 use nalgebra::{DMatrix, DVector, Isometry3, Point2, Vector3, Vector6};
 use rayon::prelude::*;
 
+use super::choice::Chosen;
 use super::level::{Level, Values};
 use super::pose::to_camera;
 use super::preconditioner::MAX_MOTION_POINTS;
@@ -25,7 +26,7 @@ use crate::se3;
 /// Distance in blocks to either side at which gradients are taken, root mean square.
 const HALF_WIDTH: f64 = 0.5;
 /// Points at least this number of blocks inside one class do not change with the pose.
-const CONSTANT_RADIUS: usize = 4;
+const CONSTANT_RADIUS: usize = 2;
 
 /// Scores and curvature with respect to a twist on the left of the pose (metres and radians), and if asked for fx, fy, cx,
 /// cy (pixels) and k1.
@@ -68,8 +69,7 @@ pub fn sensitivity(
 ) -> Option<Sensitivity> {
     let level =
         Level::new(in_view(observations, &[*pose]), config.factor, config.edge_band_px, config.max_points);
-    let mut samples = level.samples(pose, Counted::Visible);
-    let constant = level.take_constant(&mut samples, pose, CONSTANT_RADIUS);
+    let Chosen { moving: mut samples, constant } = level.chosen(pose, Counted::Visible, CONSTANT_RADIUS);
     let to_anchor = to_camera(pose);
     // What is left is a point's share of its class: the labelled share under it is put back where it lands.
     samples.par_iter_mut().for_each(|sample| {

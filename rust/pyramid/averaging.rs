@@ -21,13 +21,43 @@ const fn pixels_of(amount: u8) -> [Share; NO_CLASS as usize] {
     shares
 }
 
-/// The shares of the classes in whole blocks, row by row.
+/// The classes in whole blocks, row by row.
+pub(super) struct Averaged {
+    /// Shares of the classes in blocks of several; none in others.
+    pub shares: ClassShares,
+    /// The class of blocks that are all of one, else [`NO_CLASS`].
+    pub only: Vec<u8>,
+}
+
+impl Averaged {
+    fn of(num_blocks: usize) -> Self {
+        Self { shares: ClassShares::with_capacity(num_blocks), only: Vec::with_capacity(num_blocks) }
+    }
+
+    #[inline]
+    fn push_whole(&mut self, class: u8) {
+        self.only.push(class);
+        self.shares.push_with(|_| {});
+    }
+
+    /// Adds a block of which the pixels were counted.
+    fn push_tally(&mut self, tally: &mut Tally, num_pixels: usize) {
+        self.shares.push_with(|entries| tally.drain_into(entries, num_pixels));
+        let only = match self.shares.at(self.only.len()) {
+            [share] if share.amount == u8::MAX => share.class,
+            _ => NO_CLASS,
+        };
+        self.only.push(only);
+    }
+}
+
+/// Averages over blocks.
 pub(super) fn averaged(
     image: &LabelImage<u8>,
     shares: Option<&ClassShares>,
     factor: usize,
     edge_band_px: usize,
-) -> ClassShares {
+) -> Averaged {
     match shares {
         Some(shares) => averaged_shares(image, shares, factor),
         None => averaged_classes(image, &amounts(image, edge_band_px), factor),
@@ -35,10 +65,10 @@ pub(super) fn averaged(
 }
 
 /// The same where each pixel is of one class, and counts with an amount in 1/255.
-fn averaged_classes(image: &LabelImage<u8>, amounts: &[u8], factor: usize) -> ClassShares {
+fn averaged_classes(image: &LabelImage<u8>, amounts: &[u8], factor: usize) -> Averaged {
     let (ids, width) = (&image.ids, image.width);
-    let (mut blocks, mut tally) = (ClassShares::default(), Tally::default());
     let mut differs = vec![0; width / factor * factor];
+    let (mut blocks, mut tally) = (Averaged::of(image.height / factor * (width / factor)), Tally::default());
     for top in (0..image.height / factor).map(|row| row * factor * width) {
         let lines = (top..).step_by(width).take(factor);
         // Line by line, so that many columns are compared at once: most blocks are all of one class.
@@ -54,23 +84,23 @@ fn averaged_classes(image: &LabelImage<u8>, amounts: &[u8], factor: usize) -> Cl
             let class = first[0];
             let unlike = differs.iter().zip(first).fold(0, |any, (differs, id)| any | differs | (id ^ class));
             if unlike == 0 && class != NO_CLASS {
-                blocks.push_with(|entries| entries.push(WHOLE[usize::from(class)]));
+                blocks.push_whole(class);
                 continue;
             }
             for from in lines.clone().map(|line| line + column * factor) {
                 let pixels = ids[from..][..factor].iter().zip(&amounts[from..]);
                 pixels.for_each(|(&id, &amount)| tally.add(id, amount.into()));
             }
-            blocks.push_with(|entries| tally.drain_into(entries, factor * factor));
+            blocks.push_tally(&mut tally, factor * factor);
         }
     }
     blocks
 }
 
 /// The same where a network gave the shares of each pixel.
-fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> ClassShares {
+fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Averaged {
     let (columns, rows) = (image.width / factor, image.height / factor);
-    let (mut blocks, mut tally) = (ClassShares::default(), Tally::default());
+    let (mut blocks, mut tally) = (Averaged::of(rows * columns), Tally::default());
     for index in 0..rows * columns {
         let start = index / columns * factor * image.width + index % columns * factor;
         let lines = (start..).step_by(image.width).take(factor);
@@ -78,7 +108,7 @@ fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) 
         for pixel in pixels.filter(|&pixel| image.ids[pixel] != NO_CLASS) {
             shares.at(pixel).iter().for_each(|share| tally.add(share.class, share.amount.into()));
         }
-        blocks.push_with(|entries| tally.drain_into(entries, factor * factor));
+        blocks.push_tally(&mut tally, factor * factor);
     }
     blocks
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::averaging::{FAINT, WHOLE, amounts, averaged};
+use super::averaging::{Averaged, FAINT, WHOLE, amounts, averaged};
 use super::sampled::{Sampled, Shares};
 use crate::class_shares::{ClassShares, Share};
 use crate::classes::NO_CLASS;
@@ -27,12 +27,8 @@ enum Blocks {
     Pixels(Arc<LabelImage<u8>>),
     /// Blocks of one pixel, and how much each counts, in 1/255.
     Banded(Arc<LabelImage<u8>>, Vec<u8>),
-    /// Blocks of several pixels, or pixels of several classes.
-    Shares {
-        shares: ClassShares,
-        /// The class of blocks that are all of one, else [`NO_CLASS`].
-        only: Vec<u8>,
-    },
+    /// Blocks of several pixels, or pixels of several classes: see [`Averaged`].
+    Shares { shares: ClassShares, only: Vec<u8> },
 }
 
 impl Blocks {
@@ -92,13 +88,11 @@ impl Blocks {
     /// Whether neighbouring blocks are all of one class.
     #[inline]
     fn are_all_of(&self, class: u8, line: Range<usize>) -> bool {
-        // Without a branch within a line.
-        let differs = self.classes()[line.clone()].iter().fold(0, |differs, other| differs | (other ^ class));
-        let is_faint = match self {
-            Self::Banded(_, amounts) => amounts[line].iter().fold(0, |faint, amount| faint | !amount),
-            _ => 0,
+        let is_whole = match self {
+            Self::Banded(_, amounts) => are_all(amounts, line.clone(), u8::MAX),
+            _ => true,
         };
-        differs | is_faint == 0
+        is_whole && are_all(self.classes(), line, class)
     }
 }
 
@@ -120,8 +114,7 @@ impl ShareMap {
             (None, 1, 0) => Blocks::Pixels(Arc::clone(image)),
             (None, 1, _) => Blocks::Banded(Arc::clone(image), amounts(image, edge_band_px)),
             _ => {
-                let shares = averaged(image, shares, factor, edge_band_px);
-                let only = (0..shares.len()).map(|index| only_class(shares.at(index))).collect();
+                let Averaged { shares, only } = averaged(image, shares, factor, edge_band_px);
                 Blocks::Shares { shares, only }
             }
         };
@@ -190,11 +183,16 @@ impl ShareMap {
     }
 }
 
-/// The class of a block that is all of it; [`NO_CLASS`] where that is not so.
-fn only_class(shares: &[Share]) -> u8 {
-    match shares {
-        [share] if share.amount == u8::MAX => share.class,
-        _ => NO_CLASS,
+/// Whether neighbouring bytes all have a value.
+#[inline]
+fn are_all(bytes: &[u8], line: Range<usize>, value: u8) -> bool {
+    match bytes[line.start..].first_chunk() {
+        // A few at once, without a branch: the first of a word is its lowest byte.
+        Some(word) if (1..=8).contains(&line.len()) => {
+            let differs = u64::from_le_bytes(*word) ^ u64::from_le_bytes([value; 8]);
+            differs << (u64::BITS as usize - 8 * line.len()) == 0
+        }
+        _ => bytes[line].iter().fold(0, |differs, byte| differs | (byte ^ value)) == 0,
     }
 }
 
@@ -230,6 +228,18 @@ mod tests {
         assert!((total - (3.0 + three_quarters) / 4.0).abs() < 1e-12);
         assert!((classes[0] - 2.0 / (3.0 + three_quarters)).abs() < 1e-12);
         assert!((classes.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_line_is_of_one_class_only_if_each_of_its_blocks_is() {
+        let mut bytes = vec![3; 40];
+        bytes[20] = 4;
+        for start in 0..30 {
+            for len in 1..=10 {
+                let line = start..start + len;
+                assert_eq!(are_all(&bytes, line.clone(), 3), !line.contains(&20), "{line:?}");
+            }
+        }
     }
 
     #[test]
