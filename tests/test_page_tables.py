@@ -1,5 +1,6 @@
 """Tables are written into their places of a page, with where and when they were measured."""
 
+import os
 import re
 import subprocess
 import sys
@@ -78,7 +79,7 @@ def test_a_page_that_cannot_be_replaced_is_refused(page: Path, monkeypatch: pyte
     link = page.with_name("link.md")
     (page.parent / "far").mkdir()
     link.symlink_to(page.rename(page.parent / "far/page.md"))
-    monkeypatch.setattr(page_tables.os, "access", lambda path, mode: Path(path) == page.parent)
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) == page.parent)
     with pytest.raises(InputError) as refused:
         find_place(str(link), "ours")
     folder = page.parent / "far"

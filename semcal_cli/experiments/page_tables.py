@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import os
 import re
 import shlex
 import subprocess
@@ -25,7 +24,7 @@ from typing import NamedTuple, TextIO
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.experiments.result_files import machine
 from semcal_cli.files.reading import read_bytes, read_text
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.writing import check_replaceable, write_text
 
 END = "<!-- end of table -->"
 TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
@@ -95,9 +94,7 @@ def find_place(into: str, name: str) -> Place:
     # Names of files and folders may have the sign, too: no name of a place has a point or a slash.
     place = Place(Path(page), other) if other.isidentifier() and page else Place(Path(into), name)
     place.split()
-    folder = Path(os.path.realpath(place.page)).parent
-    if not os.access(folder, os.W_OK):
-        raise InputError(f"{place.page}: found no right to write to its folder {folder}, needed it")
+    check_replaceable(place.page)
     return place
 
 
