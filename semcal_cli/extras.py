@@ -47,12 +47,21 @@ def check_torch(asked: str) -> None:
 
 
 @contextmanager
-def large_import() -> Iterator[None]:
-    """Let Python not look for garbage while a large library is imported: what that brings stays."""
+def torch_import() -> Iterator[None]:
+    """Import what imports torch, and let Python not look for garbage meanwhile: what torch brings stays.
+
+    Raises:
+        InputError: torch is there, but cannot be imported, as without a library of the system.
+    """
     was_enabled = gc.isenabled()
     gc.disable()
     try:
         yield
+    except (ImportError, OSError) as error:
+        found = " ".join(str(error).split())
+        raise InputError(
+            f"torch: found one that cannot be imported ({found}), needed {described('mine')}"
+        ) from None
     finally:
         if was_enabled:
             gc.enable()

@@ -93,6 +93,13 @@ def test_accepts_every_key(tmp_path: Path, document: dict[str, Any]) -> None:
     assert drive.frames[0].points_stamp == 12.0
 
 
+def test_a_drive_without_its_version_is_told_what_it_needs(tmp_path: Path, document: dict[str, Any]) -> None:
+    del document["semcal_drive"]
+    write(tmp_path, yaml.dump(document))
+    with pytest.raises(InputError, match=r"/drive\.yaml: semcal_drive: found nothing, needed 1$"):
+        read_drive(tmp_path)
+
+
 def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str, Any]) -> None:
     document["T_camera_lidar"] = ROUNDED
     write(tmp_path, yaml.dump(document))
@@ -106,7 +113,8 @@ def test_reference_becomes_an_exact_rotation(tmp_path: Path, document: dict[str,
     [
         (edit("semcal_drive", to=2), "semcal_drive: found 2, which a newer semcal wrote, needed 1"),
         (edit("semcal_drive", to=0), "semcal_drive: found 0, needed 1"),
-        (edit("semcal_drive", to=True), "semcal_drive: found true, needed a whole number"),
+        (edit("semcal_drive", to=True), "semcal_drive: found true, needed 1"),
+        (edit("semcal_drive", to="1"), "semcal_drive: found '1', needed 1"),
         (edit("frame", to=[]), "unknown key 'frame'; the nearest known key is 'frames'"),
         (edit(3, to=[]), "unknown key 3; the nearest known key is 'semcal_drive'"),
         (edit("camera", "widht", to=1), "camera: unknown key 'widht'; the nearest known key is 'width'"),

@@ -272,3 +272,15 @@ def test_convert_says_how_far_what_it_sets_is_from_what_was_there(street: Path, 
     drive.write_text(yaml.safe_dump(document))
     found = CliRunner().invoke(semcal, ["convert", after, "--into", str(drive)])
     assert found.stderr == f"set the transform in {drive}, which had none that could be read\n"
+
+
+@pytest.mark.parametrize("key", ["semcal_drive", "semcal_transform"])
+def test_what_a_newer_semcal_wrote_is_not_edited(key: str, tmp_path: Path) -> None:
+    """There `T_camera_lidar` may mean something else."""
+    file = tmp_path / "a.yaml"
+    file.write_text(f"{key}: 2\nT_camera_lidar: {np.eye(4).tolist()}\n")
+    before = file.read_bytes()
+    with pytest.raises(InputError) as refused:
+        put_transform(T_ANY, file)
+    assert str(refused.value) == f"{file}: {key}: found 2, which a newer semcal wrote, needed 1"
+    assert file.read_bytes() == before

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import pytest
 from click.testing import CliRunner
 
+from semcal_cli import cli
 from semcal_cli.cli import semcal
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_installed, is_installed
@@ -172,6 +173,32 @@ def test_the_library_says_it_too(tmp_path: Path, code: str, asked: str) -> None:
     done = python_without_torch(tmp_path, f"exec(BARE)\n{code}")
     assert done.returncode == 1
     assert done.stderr.splitlines()[-1] == f"semcal_cli.errors.InputError: {asked}: found no torch, {NEEDED}"
+
+
+@pytest.mark.parametrize("kind", [ImportError, OSError])
+def test_a_torch_that_is_not_whole_is_told_in_a_line(
+    kind: type[Exception], street: Path, tmp_path: Path
+) -> None:
+    """So it is after an update of the system, or with an install that was stopped."""
+    (tmp_path / "torch").mkdir()
+    (tmp_path / "torch/__init__.py").write_text(f"raise {kind.__name__}('libcudart.so.12: no such\\nfile')\n")
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); from semcal_cli.cli import main; main()"
+    refine = ["refine", str(street), "--init", str(street), "-q", "-o", "c.yaml"]
+    done = python_without_torch(tmp_path, code, *refine, "--estimator", "mine")
+    found = "torch: found one that cannot be imported (libcudart.so.12: no such file)"
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", f"semcal: error: {found}, {NEEDED}\n")
+    assert not (tmp_path / "c.yaml").exists()
+
+
+def test_any_library_that_is_not_whole_is_told_in_a_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail(*arguments: object) -> int:
+        raise ImportError("libGL.so.1: no such\nfile", name="cv2")
+
+    monkeypatch.setattr(cli, "_invoke", fail)
+    assert cli.run(["inspect", "drive"]).exit_code == 1
+    assert capsys.readouterr().err == "semcal: error: cv2: cannot be imported: libGL.so.1: no such file\n"
 
 
 def test_a_library_that_is_not_there_is_named_with_its_extra() -> None:

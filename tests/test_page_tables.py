@@ -1,8 +1,10 @@
 """Tables are written into their places of a page, with where and when they were measured."""
 
+import os
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,6 +20,7 @@ from semcal_cli.experiments.runner import read_measured, run_cases
 
 BEFORE = "# Figures\n\n`<!-- table: ours -->` begins a place.\n\n<!-- table: ours -->\n"
 AFTER = "<!-- end of table -->\n\nMore \u00e9, without a line break at the end"
+OF_WINDOWS = "found line breaks or a byte order mark of Windows, needed neither"
 THEIRS = "<!-- table: theirs -->\n<!-- end of table -->\n"
 PRINTED = "2 cores\n| a |\n|---|\n| 1 |\n\nwords | between\n| b |\n|---|\nwritten to FILE\n"
 
@@ -51,14 +54,44 @@ def test_a_place_may_have_another_name(page: Path) -> None:
         (2 * (BEFORE + AFTER + "\n"), "found 2 lines '<!-- table: ours -->', needed one"),
         (BEFORE, "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one"),
         (BEFORE + THEIRS, "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one"),
+        (
+            f"{BEFORE}no <!-- end of table -->\n",
+            "found no line '<!-- end of table -->' below '<!-- table: ours -->', needed one",
+        ),
+        ((BEFORE + AFTER).replace("\n", "\r\n"), OF_WINDOWS),
+        (f"\ufeff{BEFORE}{AFTER}", OF_WINDOWS),
     ],
 )
 def test_a_page_without_one_such_place_is_refused(page: Path, text: str, message: str) -> None:
-    page.write_text(text)
+    page.write_bytes(text.encode())
     with pytest.raises(InputError) as refused:
         find_place(str(page), "ours")
     assert str(refused.value) == f"{page}: {message}"
-    assert page.read_text() == text
+    assert page.read_bytes() == text.encode()
+
+
+def test_a_place_may_end_the_page(page: Path) -> None:
+    page.write_text(f"{BEFORE}<!-- end of table -->")
+    assert find_place(str(page), "ours").split() == (BEFORE.rstrip("\n"), "<!-- end of table -->")
+
+
+def test_a_page_that_cannot_be_replaced_is_refused(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    link = page.with_name("link.md")
+    (page.parent / "far").mkdir()
+    link.symlink_to(page.rename(page.parent / "far/page.md"))
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) == page.parent)
+    with pytest.raises(InputError) as refused:
+        find_place(str(link), "ours")
+    folder = page.parent / "far"
+    assert str(refused.value) == f"{link}: found no right to write to its folder {folder}, needed it"
+
+
+@pytest.mark.parametrize("name", ["c#/page.md", "my#page.md"])
+def test_a_page_may_have_the_sign_of_a_place_in_its_name(name: str, page: Path) -> None:
+    other = page.parent / name
+    other.parent.mkdir(exist_ok=True)
+    page.rename(other)
+    assert find_place(str(other), "ours") == find_place(f"{other}#ours", "theirs") == (other, "ours")
 
 
 def test_an_experiment_refuses_before_it_measures(page: Path, tmp_path: Path) -> None:
@@ -76,8 +109,8 @@ def test_an_experiment_refuses_before_it_measures(page: Path, tmp_path: Path) ->
             "semcal experiment accuracy --row '16 channels' -o d",
         ),
         (
-            ["tests/benchmarks/cues.py", "--seeds", "2", "--pool=/a/b", "../shared/data", "x/y"],
-            "python tests/benchmarks/cues.py --seeds 2 --pool=b data x/y",
+            ["tests/benchmarks/cues.py", "--seeds", "2", "--pool=/a/b", "-o/c/d", "../shared/data", "x/y"],
+            "python tests/benchmarks/cues.py --seeds 2 --pool=b -od data x/y",
         ),
     ],
 )
@@ -134,16 +167,73 @@ def test_results_that_are_kept_tell_where_they_were_measured(
     assert read_measured(tmp_path) == ["first"]
 
 
-def test_a_script_that_fails_leaves_the_page(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def main() -> None:
-        print("| half |")
-        raise SystemExit(1)
+def table() -> None:
+    print("| a |\n|---|\n| 1 |", end="")
 
-    before = page.read_bytes()
+
+def half() -> None:
+    print("| half |")
+    raise SystemExit(1)
+
+
+def stopped() -> None:
+    print("| half |")
+    raise KeyboardInterrupt
+
+
+def refused() -> None:
+    print("| half |")
+    raise InputError("drive.yaml: found nothing, needed a drive")
+
+
+def usage() -> None:
+    print("| a table of options |")
+    raise SystemExit(0)
+
+
+def test_the_last_line_of_a_table_needs_no_line_break(page: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", ["ours.py", "--into", str(page)])
-    with pytest.raises(SystemExit, match="1"):
+    run_script(table)
+    assert "\n| a |\n|---|\n| 1 |\n\nMeasured by `python tests/benchmarks/ours.py` on" in page.read_text()
+
+
+@pytest.mark.parametrize(
+    ("main", "options", "ending", "said"),
+    [
+        (half, [], 1, ""),
+        (stopped, [], 130, "stopped\n"),
+        (refused, [], "drive.yaml: found nothing, needed a drive", ""),
+        (
+            lambda: print("none"),
+            [],
+            "PAGE: found no table to write below '<!-- table: ours -->', needed one",
+            "",
+        ),
+        (usage, ["--help"], 0, ""),
+    ],
+)
+def test_a_script_without_a_whole_table_leaves_the_page(
+    main: Callable[[], None],
+    options: list[str],
+    ending: int | str,
+    said: str,
+    page: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    before = page.read_bytes()
+    monkeypatch.setattr(sys, "argv", ["ours.py", "--into", str(page), *options])
+    with pytest.raises(SystemExit) as ended:
         run_script(main)
+    assert ended.value.code == (ending.replace("PAGE", str(page)) if isinstance(ending, str) else ending)
+    assert capsys.readouterr().err == said
     assert page.read_bytes() == before
+
+
+def test_a_script_without_a_page_fails_in_a_line_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["ours.py"])
+    with pytest.raises(SystemExit, match=r"^drive\.yaml: found nothing, needed a drive$"):
+        run_script(refused)
 
 
 UNMARKED = {

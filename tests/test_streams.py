@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from hostile_commands import SEMCAL
 
+from semcal_cli.cli.outputs import check_outputs
+from semcal_cli.errors import InputError
 from semcal_cli.files.streams import descriptor
 from semcal_cli.files.writing import write_text
 
@@ -65,12 +67,38 @@ def test_a_reader_that_goes_ends_the_command_quietly(street: Path, tmp_path: Pat
     assert found.returncode == 1
 
 
-def test_a_closed_standard_output_is_named(street: Path, tmp_path: Path) -> None:
-    found = bash(f"{JUNIT} - >&-", street, tmp_path)
+@pytest.mark.parametrize(
+    "command",
+    [
+        f"{JUNIT} -",
+        f"{CONVERT} -",
+        '"${semcal[@]}" convert "$drive" --to text',
+        '"${semcal[@]}" calibrate "$drive"',
+        '"${semcal[@]}" refine "$drive" --init "$drive" -o c.yaml --json',
+    ],
+)
+def test_a_closed_standard_output_is_named(command: str, street: Path, tmp_path: Path) -> None:
+    found = bash(f"{command} >&-", street, tmp_path)
     assert (
         found.stderr
         == "semcal: error: /dev/stdout: found a descriptor that is not open, needed one to write to\n"
     )
+    assert found.returncode == 1
+    assert not [*tmp_path.iterdir()]
+
+
+def test_a_folder_that_is_only_read_is_named_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "old.yaml").touch()
+    os.mkfifo(tmp_path / "pipe")
+    monkeypatch.setattr(os, "access", lambda path, mode: Path(path) != tmp_path)
+    for name in ("old.yaml", "new.yaml"):
+        path = tmp_path / name
+        with pytest.raises(InputError) as refused:
+            check_outputs([], [path])
+        assert str(refused.value) == f"{path}: found no right to write to its folder {tmp_path}, needed it"
+    check_outputs([], [tmp_path / "pipe"])  # into which the content goes
 
 
 def test_descriptors_are_told_by_their_names(tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.events import Listener, Progress, StageDone, ignore
-from semcal_cli.extras import check_torch, large_import
+from semcal_cli.extras import check_torch, torch_import
 from semcal_cli.geometry.poses import Pose, rotation_error_deg
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.registration import Candidate, register
@@ -94,7 +94,7 @@ def refine(
         CalibrationError: too few labelled points land on labelled pixels.
     """
     check_torch("--method paper")
-    with large_import():
+    with torch_import():
         from semcal_cli.refinement.mine import MineEstimator
 
     estimator = MineEstimator(observations, paper.mine, seed, device)

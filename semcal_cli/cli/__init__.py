@@ -93,6 +93,9 @@ def run(arguments: Sequence[str]) -> Ending:
     except BrokenPipeError:
         _silence_closed_pipe()
         return Ending(EXIT_FAILURE, "the output was closed before its end")
+    except ImportError as error:  # of a library that is there, but not whole
+        failure = error
+        line = f"{error.name or 'a library'}: cannot be imported: {' '.join(str(error).split())}"
     except OSError as error:
         failure = error
         line = f"{error.filename or 'standard output'}: {(error.strerror or str(error)).lower()}"

@@ -27,6 +27,7 @@ from semcal_cli.cli.options import (
 from semcal_cli.cli.refinement import check_estimator
 from semcal_cli.cli.verify import settings_of as settings_of_verify
 from semcal_cli.cli.verify import verify
+from semcal_cli.extras import torch_import
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Verdict
@@ -241,7 +242,8 @@ def _take_rest(command: str, calibration: Path | None, is_here: bool) -> tuple[l
     if is_here:
         check_estimator(given)
     if is_here and given.get("device") == "cuda":
-        from semcal_cli.refinement.mine import check_device
+        with torch_import():
+            from semcal_cli.refinement.mine import check_device
 
         check_device("cuda")
     init: Path | None = given.get("init")

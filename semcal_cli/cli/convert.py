@@ -134,7 +134,7 @@ def convert(
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
     from semcal_cli.files.reading import is_same_file
-    from semcal_cli.files.streams import check_descriptor, descriptor
+    from semcal_cli.files.streams import STANDARD_OUTPUT, check_descriptor, descriptor
     from semcal_cli.formats import put_transform, read_transform, write_transform
     from semcal_cli.formats.format import FormatOptions
 
@@ -144,8 +144,8 @@ def convert(
         raise click.UsageError("-o: --into changes its own file: leave -o out")
     if into is not None and descriptor(into) is not None:
         raise InputError(f"{into}: found a descriptor, needed a file to change")
-    if output is not None:
-        check_descriptor(output)
+    if into is None:
+        check_descriptor(output or STANDARD_OUTPUT)
     written = FormatOptions(**take_format_options(options, "to_"))
     read = FormatOptions(**take_format_options(options))
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None

@@ -19,8 +19,14 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import output_format
 from semcal_cli.files.reading import is_folder
-from semcal_cli.files.streams import check_descriptor, descriptor, is_standard_stream, takes_several
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.streams import (
+    STANDARD_OUTPUT,
+    check_descriptor,
+    descriptor,
+    is_standard_stream,
+    takes_several,
+)
+from semcal_cli.files.writing import check_replaceable, write_text
 from semcal_cli.result.calibration import calibration_text, write_calibration
 from semcal_cli.result.intervals import stated_error
 
@@ -84,6 +90,8 @@ class Outputs:
             _check_frame_images(drive)
         if self.images is not None:
             check_image_folder(self.images, MAX_IMAGES, read)
+        if self.output is None or self.as_json:
+            check_descriptor(STANDARD_OUTPUT)
         written = [self.output, self.log, self.page]
         written += [path for part in parts for path in (part.output, part.log)]
         check_outputs(read, [path for path in written if path is not None])
@@ -193,7 +201,7 @@ def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
     """Check that results have a folder to go to, and overwrite neither an input nor one another.
 
     Raises:
-        InputError: a folder is missing, or a result would overwrite a file.
+        InputError: a folder is missing or cannot be written to, or a result would overwrite a file.
     """
     taken = set(map(os.path.realpath, read))
     for path in outputs:
@@ -208,6 +216,8 @@ def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:
             continue
         if is_standard_stream(path):
             raise InputError(f"{path}: found the file that the shell writes to, needed another name")
+        if not path.exists() or path.is_file():
+            check_replaceable(path)
         taken.add(os.path.realpath(path))
 
 

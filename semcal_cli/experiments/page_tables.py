@@ -12,18 +12,19 @@ import re
 import shlex
 import subprocess
 import sys
+from codecs import BOM_UTF8
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stdout
 from datetime import date
-from functools import cache
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
 from typing import NamedTuple, TextIO
 
-from semcal_cli.errors import InputError
+from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.experiments.result_files import machine
-from semcal_cli.files.reading import read_text
-from semcal_cli.files.writing import write_text
+from semcal_cli.files.reading import read_bytes, read_text
+from semcal_cli.files.writing import check_replaceable, write_text
 
 END = "<!-- end of table -->"
 TABLE = re.compile(r"(?:^\|.*\n)+", re.MULTILINE)
@@ -50,12 +51,15 @@ class Place(NamedTuple):
             measured: Where and when, as `measured_here` tells it; several if a stopped run was resumed elsewhere.
 
         Raises:
-            InputError: the page cannot be read or written, or has not exactly one such place.
+            InputError: the page cannot be read or written, or has not exactly one such place, or nothing printed is a
+                table.
         """
         before, after = self.split()
-        tables = "\n".join(TABLE.findall(printed))
+        tables = "\n".join(TABLE.findall(f"{printed}\n"))
+        if not tables:
+            raise InputError(f"{self.page}: found no table to write below {self.start!r}, needed one")
         line = f"Measured by `{command_line(sys.argv)}` on {'; on '.join(measured)}."
-        write_text(f"{before}\n{tables}\n{line}\n\n{after}", self.page)
+        write_text(f"{before}\n\n{tables}\n{line}\n\n{after}", self.page)
 
     def split(self) -> tuple[str, str]:
         """Read what stands before and after the content of the place, its two lines included.
@@ -63,25 +67,34 @@ class Place(NamedTuple):
         Raises:
             InputError: the page cannot be read, or has not exactly one such place.
         """
+        content = read_bytes(self.page)
+        if content.startswith(BOM_UTF8) or b"\r\n" in content:
+            # They could not be kept, since what is written has neither.
+            raise InputError(
+                f"{self.page}: found line breaks or a byte order mark of Windows, needed neither"
+            )
         text = read_text(self.page)
-        starts = [found.end() for found in re.finditer(f"^{re.escape(self.start)}\n", text, re.MULTILINE)]
+        starts = [found.end() for found in re.finditer(f"^{re.escape(self.start)}$", text, re.MULTILINE)]
         if len(starts) != 1:
             raise InputError(f"{self.page}: found {len(starts)} lines {self.start!r}, needed one")
-        content, end, rest = text[starts[0] :].partition(f"{END}\n")
-        if not end or "<!-- table:" in content:
+        before, rest = text[: starts[0]], text[starts[0] :]
+        end = re.search(f"^{re.escape(END)}$", rest, re.MULTILINE)
+        if end is None or "<!-- table:" in rest[: end.start()]:
             raise InputError(f"{self.page}: found no line {END!r} below {self.start!r}, needed one")
-        return text[: starts[0]], end + rest
+        return before, rest[end.start() :]
 
 
 def find_place(into: str, name: str) -> Place:
     """Find the place of `PAGE`, or of `PAGE#NAME` where it has another name than the command.
 
     Raises:
-        InputError: the page cannot be read, or has not exactly one such place.
+        InputError: the page cannot be read, its folder cannot be written to, or it has not exactly one such place.
     """
-    page, _, other = into.partition("#")
-    place = Place(Path(page), other or name)
+    page, _, other = into.rpartition("#")
+    # Names of files and folders may have the sign, too: no name of a place has a point or a slash.
+    place = Place(Path(page), other) if other.isidentifier() and page else Place(Path(into), name)
     place.split()
+    check_replaceable(place.page)
     return place
 
 
@@ -94,7 +107,7 @@ def command_line(arguments: Sequence[str]) -> str:
     program, *words = arguments
     name = Path(program).name
     # Of a path from the root, or from above the working folder, only the last name means something elsewhere.
-    words = [re.sub(r"(^|=)(?:/|\.\./).*/", r"\1", word.rstrip("/")) for word in without_into(words)]
+    words = [re.sub(r"(^|^-\w|=)(?:/|\.\./).*/", r"\1", word.rstrip("/")) for word in without_into(words)]
     return shlex.join(
         [*(["python", f"tests/benchmarks/{name}"] if name.endswith(".py") else ["semcal"]), *words]
     )
@@ -124,9 +137,10 @@ def _commit() -> str:
     if not (ROOT / ".git").exists():
         return f"semcal {version('semcal')}"
     git = ["git", "-C", str(ROOT)]
+    quietly = partial(subprocess.check_output, stderr=subprocess.DEVNULL, text=True)
     try:
-        head = subprocess.check_output([*git, "rev-parse", "--short", "HEAD"], text=True)
-        changes = subprocess.check_output([*git, "status", "--porcelain", "-uno", "--", ".", ":!*.md"])
+        head = quietly([*git, "rev-parse", "--short", "HEAD"])
+        changes = quietly([*git, "status", "--porcelain", "-uno", "--", ".", ":!*.md"])
     except (OSError, subprocess.CalledProcessError):
         return f"semcal {version('semcal')}"
     return f"commit {head.strip()}{' and changes' if changes else ''}"
@@ -139,17 +153,21 @@ def run_script(main: Callable[[], None]) -> None:
     """
     parser = _into_parser()
     options, sys.argv[1:] = parser.parse_known_args()
-    if {"-h", "--help"} & set(sys.argv):
+    is_help = not {"-h", "--help"}.isdisjoint(sys.argv)
+    if is_help:
         print(parser.format_help())
-    if options.into is None:
-        main()
-        return
     try:
+        if options.into is None or is_help:
+            main()
+            return
         place = find_place(options.into, Path(sys.argv[0]).stem)
         measured = measured_here()
         place.write(_printed(main), [measured])
-    except InputError as error:
+    except SemcalError as error:
         sys.exit(str(error))
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        sys.exit(130)
 
 
 def _into_parser() -> argparse.ArgumentParser:

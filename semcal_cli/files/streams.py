@@ -57,6 +57,9 @@ def check_descriptor(path: Path) -> None:
     if number is None:
         return
     try:
+        # Python knows whether it was open at the start; another file may have its number by now.
+        if number == 1 and sys.stdout is None:
+            raise OSError
         mode = fcntl.fcntl(number, fcntl.F_GETFL) & os.O_ACCMODE
     except OSError:
         raise InputError(f"{path}: found a descriptor that is not open, needed one to write to") from None

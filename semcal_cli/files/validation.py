@@ -34,7 +34,7 @@ class StrictModel(BaseModel):
     def _name_nearest_key(cls, document: object) -> object:
         known = [str(field.validation_alias or name) for name, field in cls.model_fields.items()]
         entries = document if isinstance(document, dict) else {}
-        _check_not_newer(entries, known)
+        check_not_newer(entries, known)
         for key, value in entries.items():
             if key not in known:
                 nearest = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
@@ -75,13 +75,12 @@ def check_distinct(names: Mapping[str, Iterable[object]]) -> None:
                 raise mismatch(f"{value} under {describe(owner)} and {describe(name)}", "it under one name")
 
 
-def _num_entries(mapping: dict[Any, Any]) -> int:
-    """Count the entries of a mapping, and of the mappings in it."""
-    return len(mapping) + sum(len(value) for value in mapping.values() if isinstance(value, dict))
-
-
-def _check_not_newer(document: Mapping[Any, Any], known: Iterable[str]) -> None:
+def check_not_newer(document: Mapping[Any, Any], known: Iterable[str]) -> None:
     """Refuse a newer version before other keys are looked at, some of which may be unknown.
+
+    Args:
+        document: The document.
+        known: Keys that it may have, among them that of its version.
 
     Raises:
         ValueError: a newer semcal wrote the document.
@@ -91,6 +90,11 @@ def _check_not_newer(document: Mapping[Any, Any], known: Iterable[str]) -> None:
         if type(version) is int and version > NEWEST_VERSION:
             newer = f"{describe(version)}, which a newer semcal wrote"
             raise ValueError(f"{key}: {mismatch(newer, NEWEST_VERSION)}")
+
+
+def _num_entries(mapping: dict[Any, Any]) -> int:
+    """Count the entries of a mapping, and of the mappings in it."""
+    return len(mapping) + sum(len(value) for value in mapping.values() if isinstance(value, dict))
 
 
 def _check_version(version: int) -> int:
@@ -170,6 +174,8 @@ def _complaint(error: ErrorDetails) -> str:
     found = "nothing" if error["type"] == "missing" else describe(error["input"])
     if error["type"] in ("too_short", "too_long") and isinstance(error["input"], dict):
         found = f"a mapping of {len(error['input'])}"
+    if error["loc"] and str(error["loc"][-1]).startswith("semcal_"):
+        return f"found {found}, needed {NEWEST_VERSION}"
     return f"found {found}, needed {_NEEDED.get(error['type'], error['msg']).format(**context)}"
 
 

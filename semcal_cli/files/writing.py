@@ -57,6 +57,17 @@ def write_bytes(content: bytes, path: Path) -> None:
             temporary.unlink()
 
 
+def check_replaceable(path: Path) -> None:
+    """Check that `write_bytes` may make or replace a file, before the work for its content begins.
+
+    Raises:
+        InputError: nothing may be written to its folder.
+    """
+    folder = Path(os.path.realpath(path)).parent
+    if not os.access(folder, os.W_OK):
+        raise InputError(f"{path}: found no right to write to its folder {folder}, needed it")
+
+
 def make_folder(path: Path) -> None:
     """Create a folder, unless it exists.
 

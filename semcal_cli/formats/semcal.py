@@ -21,6 +21,7 @@ from semcal_cli.files.validation import (
     Vector4,
     Version,
     Widths,
+    check_not_newer,
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
@@ -117,6 +118,10 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         raise InputError(
             "--into: found a result, which says how sure its own transform is, needed another file"
         )
+    try:
+        check_not_newer(document, (DRIVE, TRANSFORM))
+    except ValueError as error:
+        raise InputError(f"{options.file}: {error}") from None
     if DRIVE not in document:
         document.setdefault(TRANSFORM, 1)
     document["T_camera_lidar"] = T_camera_lidar.tolist()

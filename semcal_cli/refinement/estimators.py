@@ -8,7 +8,7 @@ from semcal_cli.config import MINE_WITH_VECTORS, ExactConfig, MineConfig, Refine
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
-from semcal_cli.extras import check_torch, large_import
+from semcal_cli.extras import check_torch, torch_import
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import LevelOptimizer
 from semcal_cli.refinement.several_starts import SeveralStarts
@@ -34,7 +34,7 @@ def make_estimator(
         return estimator, {"exact": asdict(estimator.config)}
     check_torch("--estimator mine")
     on_event(Progress("loading torch"))
-    with large_import():
+    with torch_import():
         from semcal_cli.refinement.mine import MineEstimator
 
     usual = MINE_WITH_VECTORS if observations.has_vectors else MineConfig()
