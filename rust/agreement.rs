@@ -8,7 +8,7 @@ use crate::classes::NO_CLASS;
 use crate::label_image::LabelImage;
 use crate::mutual_information::JointHistogram;
 use crate::observation::{Frame, Observations};
-use crate::visibility::{Projected, hidden, project_points};
+use crate::visibility::Projected;
 
 /// Number of blocks along the longer side of the image, for the share of it that the points cover.
 const COVER_BLOCKS: f64 = 40.0;
@@ -140,8 +140,7 @@ struct FrameAgreement {
 impl FrameAgreement {
     fn new(observations: &Observations, frame: &Frame, t_camera_lidar: &Isometry3<f64>) -> Self {
         let camera = &observations.camera;
-        let projected = project_points(camera, &frame.points, 0..frame.points.len(), t_camera_lidar);
-        let hidden = hidden(camera, &frame.points, &projected);
+        let (projected, hidden) = frame.points.in_image(camera, t_camera_lidar);
         let across = (CLUSTERS_ACROSS / (observations.frames.len() as f64).sqrt()).ceil();
         let areas = Blocks::new(camera, across);
         let empty = JointHistogram::new(observations.num_point_classes, observations.num_image_classes);
@@ -149,7 +148,7 @@ impl FrameAgreement {
         let (mut num_inside, mut num_hidden) = (0, 0);
         let cover = Blocks::new(camera, COVER_BLOCKS);
         let mut covered = vec![false; cover.count];
-        for (Projected { index, pixel, .. }, hidden) in projected.iter().zip(hidden) {
+        for (Projected { index, pixel, .. }, &hidden) in projected.iter().zip(hidden.iter()) {
             let class = frame.point_classes[*index];
             if class == NO_CLASS {
                 continue;

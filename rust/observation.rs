@@ -10,13 +10,14 @@ use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 use crate::partitions::Partitions;
 use crate::pyramid::LabelPyramid;
+use crate::visibility::Sweep;
 
 /// A sweep and an image taken at one moment. A clone shares all arrays; frames that differ, for example in the label
 /// image over one cloud, share the others.
 #[derive(Clone, Debug)]
 pub struct Frame {
     /// Points in metres, LiDAR frame.
-    pub points: Arc<Vec<[f32; 3]>>,
+    pub points: Arc<Sweep>,
     /// One class for each point.
     pub point_classes: Arc<Vec<u8>>,
     /// Classes of the pixels, with their levels.
@@ -34,7 +35,7 @@ impl Frame {
     /// A frame whose points and pixels are certain to be of their classes: no network gave shares of others.
     pub fn certain(points: Vec<[f32; 3]>, point_classes: Vec<u8>, image_classes: LabelImage<u8>) -> Self {
         Self {
-            points: points.into(),
+            points: Arc::new(points.into()),
             point_classes: point_classes.into(),
             image: Arc::new(LabelPyramid::new(image_classes.into(), None)),
             point_shares: None,

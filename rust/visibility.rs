@@ -1,5 +1,8 @@
 //! LiDAR points in the image, and those of them that nearer points hide from the camera.
 
+use std::ops::Deref;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
 use nalgebra::{Isometry3, Point2, Vector3};
 
 use crate::camera::{Camera, RUN};
@@ -21,6 +24,58 @@ impl Projected {
     #[inline]
     fn range2(&self) -> f64 {
         self.p_camera.norm_squared()
+    }
+}
+
+/// The points of a sweep (metres, LiDAR frame), and which of them a camera sees from the last pose that was asked for: the
+/// checks of a calibration look at its last pose again and again.
+#[derive(Debug, Default)]
+pub struct Sweep {
+    points: Vec<[f32; 3]>,
+    last: Mutex<Option<Seen>>,
+}
+
+/// The points in the image of a camera at a pose.
+#[derive(Clone, Debug)]
+struct Seen {
+    camera: Camera,
+    pose: Isometry3<f64>,
+    indices: Arc<Vec<u32>>,
+    hidden: Arc<Vec<bool>>,
+}
+
+impl From<Vec<[f32; 3]>> for Sweep {
+    fn from(points: Vec<[f32; 3]>) -> Self {
+        Self { points, last: Mutex::default() }
+    }
+}
+
+impl Deref for Sweep {
+    type Target = [[f32; 3]];
+
+    fn deref(&self) -> &Self::Target {
+        &self.points
+    }
+}
+
+impl Sweep {
+    /// The points inside the image of a camera at a pose, in their order, and whether each is hidden: see [`hidden`].
+    pub fn in_image(&self, camera: &Camera, pose: &Isometry3<f64>) -> (Vec<Projected>, Arc<Vec<bool>>) {
+        let last = self.last().clone();
+        if let Some(seen) = last.filter(|seen| seen.pose == *pose && seen.camera == *camera) {
+            let indices = seen.indices.iter().map(|&index| index as usize);
+            return (project_points(camera, self, indices, pose), seen.hidden);
+        }
+        let projected = project_points(camera, self, 0..self.len(), pose);
+        let hidden = Arc::new(hidden(camera, self, &projected));
+        let indices = Arc::new(projected.iter().map(|point| point.index as u32).collect());
+        let seen = Seen { camera: camera.clone(), pose: *pose, indices, hidden: Arc::clone(&hidden) };
+        *self.last() = Some(seen);
+        (projected, hidden)
+    }
+
+    fn last(&self) -> MutexGuard<'_, Option<Seen>> {
+        self.last.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -156,6 +211,21 @@ mod tests {
             num_hidden += usize::from(hidden);
         }
         assert!(num_hidden >= 50, "a column of the wall has 60 points, found {num_hidden} hidden");
+    }
+
+    #[test]
+    fn what_was_seen_last_is_not_taken_for_another_pose_or_camera() {
+        let (camera, points, pose) = scene(0.5);
+        let k = [[300.0, 0.0, 319.5], [0.0, 300.0, 239.5], [0.0, 0.0, 1.0]];
+        let wider = Camera::new("plumb_bob", (640, 480), k, &[]).expect("a valid camera");
+        let nearer = Isometry3::translation(-0.2, 0.0, 0.0);
+        let kept = Sweep::from(points.clone());
+        for (camera, pose) in [(&camera, pose), (&camera, pose), (&wider, pose), (&wider, nearer)] {
+            let (found, found_hidden) = kept.in_image(camera, &pose);
+            let (anew, anew_hidden) = Sweep::from(points.clone()).in_image(camera, &pose);
+            let pixels = |points: &[Projected]| points.iter().map(|p| (p.index, p.pixel)).collect::<Vec<_>>();
+            assert_eq!((pixels(&found), found_hidden), (pixels(&anew), anew_hidden));
+        }
     }
 
     #[test]

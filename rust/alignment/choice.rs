@@ -12,7 +12,7 @@ use crate::observation::Frame;
 use crate::pyramid::ShareMap;
 use crate::spherical::to_f64;
 use crate::thinning::thinned;
-use crate::visibility::{Projected, hidden, project_points};
+use crate::visibility::{Projected, project_points};
 
 /// The points that count, apart from those whose pairs do not change while they move a little.
 pub struct Chosen {
@@ -90,9 +90,9 @@ impl Level {
         // Points that do not count hide others.
         let mut counts = vec![false; points.len()];
         chosen().for_each(|i| counts[i] = true);
-        let projected = project_points(camera, points, 0..points.len(), pose);
-        let hidden = hidden(camera, points, &projected);
-        let seen = projected.into_iter().zip(hidden).filter(|(point, hidden)| !hidden && counts[point.index]);
+        let (projected, hidden) = points.in_image(camera, pose);
+        let pairs = projected.into_iter().zip(hidden.iter());
+        let seen = pairs.filter(|(point, hidden)| !**hidden && counts[point.index]);
         seen.map(|(point, _)| point).collect()
     }
 }

@@ -35,7 +35,7 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
         };
         let points: Vec<usize> = (0..frame.points.len()).filter(is_seen).collect();
         Frame {
-            points: Arc::new(points.iter().map(|&point| frame.points[point]).collect()),
+            points: Arc::new(points.iter().map(|&point| frame.points[point]).collect::<Vec<_>>().into()),
             point_classes: Arc::new(points.iter().map(|&point| frame.point_classes[point]).collect()),
             partitions: frame.partitions.as_ref().map(|each| Arc::new(each.of_points(&points))),
             ..frame.clone()

@@ -14,10 +14,11 @@ use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
 use crate::partitions::Partitions;
 use crate::pyramid::LabelPyramid;
+use crate::visibility::Sweep;
 
 #[pyclass(name = "LabelledCloud", frozen)]
 pub(super) struct PyLabelledCloud {
-    points: Arc<Vec<[f32; 3]>>,
+    points: Arc<Sweep>,
     classes: Arc<Vec<u8>>,
     shares: Option<Arc<ClassShares>>,
     partitions: Option<Arc<Partitions>>,
@@ -34,7 +35,7 @@ impl PyLabelledCloud {
         partitions: Option<&PyPartitions>,
     ) -> PyResult<Self> {
         Ok(Self {
-            points: Arc::new(rows("points", &points)?),
+            points: Arc::new(rows("points", &points)?.into()),
             classes: Arc::new(classes.as_array().to_vec()),
             shares: shares.map(|shares| Arc::clone(&shares.0)),
             partitions: partitions.map(|partitions| Arc::clone(&partitions.0)),

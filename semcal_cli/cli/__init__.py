@@ -5,6 +5,7 @@ Nothing heavy is imported here or at the top of a subcommand's file, so that `se
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 import warnings
@@ -40,6 +41,8 @@ from semcal_cli.errors import InputError, MisplacedError, SemcalError
 from semcal_cli.files.picture_sizes import MAX_PIXELS
 
 EXIT_FAILURE, EXIT_STOPPED = 1, 130
+GARBAGE_AFTER = 50_000
+"""Number of new objects after which Python looks for garbage, instead of 700."""
 
 
 @click.group(cls=Sections, context_settings={"help_option_names": ["-h", "--help"]})
@@ -68,6 +71,8 @@ class Ending(NamedTuple):
 
 def main() -> None:
     """Run the command line."""
+    # Imports make many objects and no garbage.
+    gc.set_threshold(GARBAGE_AFTER)
     sys.exit(run(sys.argv[1:]).exit_code)
 
 
