@@ -11,8 +11,9 @@ use crate::classes::NO_CLASS;
 use crate::error::Result;
 use crate::label_image::LabelImage;
 use crate::observation::Observations;
+use crate::point_cloud::to_f64;
 use crate::registration::Hypothesis;
-use crate::spherical::{LabelledReturn, SphericalImages, to_f64};
+use crate::spherical::{LabelledReturn, SphericalImages};
 use crate::thinning::{stride, thinned};
 use crate::zoom::{Zoom, Zoomed};
 

@@ -10,8 +10,8 @@ use rayon::prelude::*;
 
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::point_cloud::to_f64;
 use crate::powell::{Minimum, PowellConfig, minimize};
-use crate::spherical::to_f64;
 use crate::thinning::{stride, thinned};
 
 /// Margin around the image, in its sides: points that project farther outside at the start are left out.

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use nalgebra::{Isometry3, Point2, Vector3};
 
 use crate::camera::{Camera, RUN};
-use crate::spherical::to_f64;
+use crate::point_cloud::to_f64;
 
 /// A point inside the image.
 #[derive(Clone, Copy, Debug)]

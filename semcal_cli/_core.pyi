@@ -60,6 +60,7 @@ __all__ = [
     "Up",
     "agreement",
     "align",
+    "ascend",
     "classes_of_scores",
     "despeckle",
     "estimate_grid",

@@ -9,8 +9,8 @@ use crate::class_shares::Share;
 use crate::classes::NO_CLASS;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Frame;
+use crate::point_cloud::to_f64;
 use crate::pyramid::ShareMap;
-use crate::spherical::to_f64;
 use crate::thinning::thinned;
 use crate::visibility::{Projected, project_points};
 

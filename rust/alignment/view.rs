@@ -7,7 +7,7 @@ use rayon::prelude::*;
 
 use super::pose::to_camera;
 use crate::observation::{Frame, Observations};
-use crate::spherical::to_f64;
+use crate::point_cloud::to_f64;
 
 /// Width of the band around the picture from which points are kept, as a share of its longer side.
 const BAND: f64 = 0.5;

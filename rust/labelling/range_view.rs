@@ -6,7 +6,8 @@ use rayon::prelude::*;
 
 use crate::error::{Error, Result};
 use crate::label_image::NO_ID;
-use crate::spherical::{azimuth, elevation, to_f64};
+use crate::point_cloud::to_f64;
+use crate::spherical::{azimuth, elevation};
 
 /// Index of a pixel without a point, or of a point without a pixel.
 pub const EMPTY: u32 = u32::MAX;

@@ -1,6 +1,14 @@
 //! A sweep as it is handed on.
 
+use nalgebra::Vector3;
+
 use crate::class_shares::ClassShares;
+
+/// A point as read, for geometry.
+#[inline]
+pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
+    Vector3::new(f64::from(point[0]), f64::from(point[1]), f64::from(point[2]))
+}
 
 /// A sweep without its "no return" entries.
 #[derive(Clone, Debug, PartialEq)]

@@ -27,7 +27,7 @@ use crate::probabilities;
 use parsed::Parsed;
 use table::Table;
 
-pub use cloud::PointCloud;
+pub use cloud::{PointCloud, to_f64};
 pub use limit::{Limit, MAX_POINTS};
 
 /// How a point cloud lies in a file.

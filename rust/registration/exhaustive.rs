@@ -13,7 +13,8 @@ use super::config::{Around, RegistrationConfig};
 use super::downsampled::{Downsampled, downsampled};
 use crate::error::{Error, Result};
 use crate::observation::Observations;
-use crate::spherical::{LabelledReturn, SphericalGrid, SphericalImages, to_f64};
+use crate::point_cloud::to_f64;
+use crate::spherical::{LabelledReturn, SphericalGrid, SphericalImages};
 use crate::zoom::{Placement, Zoomed};
 
 /// A placement of the exhaustive search with its score.

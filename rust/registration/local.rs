@@ -11,8 +11,9 @@ use super::hypothesis::Hypothesis;
 use crate::camera::RUN;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
+use crate::point_cloud::to_f64;
 use crate::powell::{PowellConfig, minimize};
-use crate::spherical::{LabelledReturn, SphericalImages, from_angles, to_f64};
+use crate::spherical::{LabelledReturn, SphericalImages, from_angles};
 use crate::thinning::{stride, thinned};
 use crate::zoom::{Placement, Zoom, Zoomed};
 

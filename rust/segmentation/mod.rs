@@ -24,7 +24,7 @@ pub use config::SegmentationConfig;
 pub use turned::turned;
 pub use up::{Up, estimate_up};
 
-use crate::spherical::to_f64;
+use crate::point_cloud::to_f64;
 
 /// The segment of a point that has none.
 pub const NO_SEGMENT: u32 = u32::MAX;

@@ -8,7 +8,8 @@ use rayon::prelude::*;
 use super::{NO_SEGMENT, SegmentedSweep, upright};
 use crate::error::Result;
 use crate::partitions::Partitions;
-use crate::spherical::{azimuth, elevation, to_f64};
+use crate::point_cloud::to_f64;
+use crate::spherical::{azimuth, elevation};
 
 /// Height of a row of directions, radians: about that between the rings of a dense sweep.
 const ROW: f64 = 0.4 * PI / 180.0;

@@ -8,7 +8,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-use crate::spherical::to_f64;
+use crate::point_cloud::to_f64;
 use crate::thinning::{stride, thinned};
 
 /// Sweeps and returns of each that are looked at, before those that share a voxel are thinned.

@@ -2,8 +2,9 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-use super::{MAX_PIXELS, SphericalGrid, azimuth, elevation, to_f64};
+use super::{MAX_PIXELS, SphericalGrid, azimuth, elevation};
 use crate::error::{Error, Result};
+use crate::point_cloud::to_f64;
 
 /// Share of the points at each end of the elevation range that is taken for stray returns when a grid is estimated.
 const STRAY_SHARE: f64 = 0.002;

@@ -11,6 +11,7 @@ use crate::classes::NO_CLASS;
 use crate::error::{Error, Result};
 use crate::label_image::LabelImage;
 use crate::observation::{Frame, Observations};
+use crate::point_cloud::to_f64;
 
 pub use estimate::estimate;
 
@@ -147,12 +148,6 @@ impl SphericalImages {
     pub fn num_returns(&self) -> usize {
         self.returns.iter().map(Vec::len).sum()
     }
-}
-
-/// A point as read, for geometry.
-#[inline]
-pub fn to_f64(point: &[f32; 3]) -> Vector3<f64> {
-    Vector3::new(f64::from(point[0]), f64::from(point[1]), f64::from(point[2]))
 }
 
 /// Angle from the x axis towards y, in (-pi, pi].
