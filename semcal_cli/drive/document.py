@@ -106,6 +106,12 @@ Coefficient = Annotated[float, Field(ge=-1e12, le=1e12)]
 """Distortion coefficient. The limits are beyond the sixth power of any telephoto lens, and nothing overflows."""
 Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
+Readout = Annotated[float, Field(ge=0.0, le=1.0)]
+"""Time in seconds from the first line of a picture to the last. No shutter rolls for longer than a frame takes."""
+TimeOffset = Annotated[float, Field(ge=-1.0, le=1.0)]
+"""Offset of two clocks, in seconds. Sweeps and pictures that are farther apart are no pairs."""
+ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
+"""Way in which the lines of a picture are read, one after another."""
 
 
 def _orthonormal(T: StatedTransform) -> StatedTransform:
@@ -147,6 +153,11 @@ class Camera(StrictModel):
     intrinsics_sigma: IntrinsicsSigma | None = None
     """Standard deviations of the intrinsics. They become part of the intervals of the pose; absent, the intervals hold
     for the intrinsics as they are."""
+    readout_s: Readout = 0.0
+    """Time from the first line of a picture to the last, of a rolling shutter, in seconds; 0 is a global shutter.
+    `image_stamp` is when the first line is read. It is compensated where the drive gives a motion."""
+    direction: ReadoutDirection = "down"
+    """Way in which a rolling shutter reads the lines; down begins with the uppermost row."""
 
     def zoomed(self, scale: float) -> "Camera":
         """Make the same camera with its focal lengths multiplied by a factor."""
@@ -322,6 +333,9 @@ class Drive(StrictModel):
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
     """Motion of the LiDAR during a sweep, for clouds with a time for each point."""
+    time_offset_s: TimeOffset = 0.0
+    """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It counts only
+    with a motion."""
     T_camera_lidar: Annotated[StatedTransform, AfterValidator(_orthonormal)] | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 

@@ -120,7 +120,7 @@ def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) 
 
 
 def _moment(drive: Drive, frame: Frame) -> float:
-    """Give the time of the image, in seconds; it lies within `MAX_SWEEP_S` of the sweep."""
+    """Give the time of the middle line of the image, in seconds; its stamp lies within `MAX_SWEEP_S` of the sweep."""
     if frame.image_stamp is None:
         raise InputError(f"{drive.path}: {frame.key('image_stamp')}: found nothing, needed it for motion")
     if frame.points_stamp is not None and abs(frame.image_stamp - frame.points_stamp) > MAX_SWEEP_S:
@@ -128,7 +128,7 @@ def _moment(drive: Drive, frame: Frame) -> float:
         raise InputError(
             f"{drive.path}: {frame.key('image_stamp')}: {found}, needed at most {MAX_SWEEP_S:g} s for motion"
         )
-    return frame.image_stamp
+    return frame.image_stamp + drive.time_offset_s + 0.5 * drive.camera.readout_s
 
 
 def _steady(motion: Motion, moment: float) -> _core.Trajectory:

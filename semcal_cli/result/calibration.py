@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, JsonValue, model_validator
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.document import Camera, Drive
 from semcal_cli.errors import CalibrationError
 from semcal_cli.files.dialect import Format, document_text
 from semcal_cli.files.documents import output_format, read_document
@@ -30,6 +30,7 @@ from semcal_cli.files.validation import (
 )
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, check_rigid, inverse, nearest_rigid, orthonormal, quaternion_xyzw
+from semcal_cli.result.camera import Clock, RefinedCamera
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.uncertainty import Uncertainty
@@ -170,6 +171,10 @@ class Calibration(StrictModel):
     """Rotation of T_camera_lidar, as a unit quaternion."""
     uncertainty: Uncertainty | None = None
     """Uncertainty of the pose; null if the pose was not assessed or the data do not determine it."""
+    camera: RefinedCamera | None = None
+    """Camera that was estimated together with the pose; null if its intrinsics were taken as right."""
+    clock: Clock | None = None
+    """Offset of the camera's clock; null if it was not estimated."""
     repeatability: Repeatability | None = None
     """Results with other seeds; null if only one seed was asked for."""
     quality: Quality
@@ -203,6 +208,20 @@ class Calibration(StrictModel):
     def pose(self) -> Pose:
         """T_camera_lidar as an array (4, 4) of float64, in metres."""
         return np.array(self.T_camera_lidar)
+
+    @property
+    def used_camera(self) -> Camera:
+        """Camera that the transform belongs to: the estimate, or that of the drive."""
+        return self.input.camera if self.camera is None or not self.camera.is_kept else self.camera.found
+
+    def applied_to(self, drive: Drive) -> Drive:
+        """Give a drive the camera and the clock that were estimated together with the transform."""
+        changes: dict[str, object] = {}
+        if self.camera is not None and self.camera.is_kept:
+            changes["camera"] = self.camera.found
+        if self.clock is not None:
+            changes["time_offset_s"] = self.clock.time_offset_s
+        return drive.model_copy(update=changes)
 
     @classmethod
     def from_pose(

@@ -1,0 +1,60 @@
+"""The camera and the clock that were estimated together with a pose, with their intervals."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from semcal_cli.drive.document import Camera, TimeOffset
+from semcal_cli.files.validation import Figure, StrictModel, Width, length
+
+JointEntry = Annotated[float, Field(ge=-1e40, le=1e40)]
+
+
+class Intrinsic(StrictModel):
+    """An intrinsic that was estimated together with the pose."""
+
+    given: Figure
+    """Value of the drive's camera."""
+    found: Figure
+    """Estimate; that of the drive's camera where the data do not determine it."""
+    sigma: Width | None
+    """Standard error of the estimate; null where the data do not determine it."""
+    half_width_95: Width | None
+    """Half width of its 95 % interval, by Student's t; null where the data do not determine it."""
+    is_determined: bool
+    """Whether the data tell it more closely than what was known before."""
+
+
+class RefinedCamera(StrictModel):
+    """Camera whose intrinsics were estimated together with the pose."""
+
+    is_kept: bool
+    """Whether the transform belongs to the found camera. If not, it belongs to that of the drive."""
+    held_out_gain_nats: Figure
+    """Mutual information of held-out data with the found camera and its pose minus that with the drive's camera."""
+    held_out_sigma_nats: Width | None
+    """Standard error of the gain; null if all points lie in one part of the images."""
+    found: Camera
+    """The camera with the estimates."""
+    intrinsics: dict[str, Intrinsic]
+    """Estimates by name: fx, fy, cx, cy in pixels, and coefficients of the lens."""
+    joint_covariance: (
+        Annotated[tuple[Annotated[tuple[JointEntry, ...], length(7, 32)], ...], length(7, 32)] | None
+    )
+    """Covariance of the pose's twist xi, in metres and radians, and of the intrinsics in their order; null if it could
+    not be computed."""
+
+
+class Clock(StrictModel):
+    """Offset of the camera's clock that was estimated together with the pose."""
+
+    time_offset_s: TimeOffset
+    """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier."""
+    sigma_s: Width | None
+    """Standard error of the estimate; null if it is not determined."""
+    half_width_95_s: Width | None
+    """Half width of the 95 % interval, by Student's t; null if it is not determined."""
+    is_determined: bool
+    """Whether the drive's motion tells the offset."""
+    meaning: str
+    """The offset in words."""
