@@ -84,15 +84,22 @@ pub struct HeldOutGain {
     pub sigma: f64,
 }
 
-/// The gain of held-out data from the pose `before` to the pose `after`, by the tables of pointwise mutual information
-/// of other observations there: the first term of the Donsker-Varadhan bound. Clusters are paired.
-pub fn held_out_gain(
-    observations: &Observations,
-    held_out: &Observations,
-    before: &Isometry3<f64>,
-    after: &Isometry3<f64>,
-) -> HeldOutGain {
-    let [before, after] = [before, after].map(|pose| {
+/// A pose, and the observations that are looked at there: those that make a table, and those that are held out. Other
+/// cameras see the same pictures and points otherwise.
+#[derive(Clone, Copy)]
+pub struct HeldOut<'a> {
+    /// Observations by whose table the others are judged.
+    pub observations: &'a Observations,
+    /// Observations that are judged.
+    pub held_out: &'a Observations,
+    /// `T_camera_lidar`.
+    pub pose: &'a Isometry3<f64>,
+}
+
+/// The gain of held-out data from one pose to another, by the tables of pointwise mutual information of other observations
+/// there: the first term of the Donsker-Varadhan bound. Clusters are paired.
+pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> HeldOutGain {
+    let [before, after] = [before, after].map(|HeldOut { observations, held_out, pose }| {
         let table = measure(observations, pose).joint.pointwise_at_least(LEAST_WEIGHT);
         let frames = per_frame(held_out, pose);
         let clusters: Vec<&JointHistogram> = frames.iter().flat_map(|frame| &frame.clusters).collect();

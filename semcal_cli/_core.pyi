@@ -12,6 +12,7 @@ from semcal_cli.config import (
     AlignmentConfig,
     ExactConfig,
     InitializationConfig,
+    JointConfig,
     PolishConfig,
     SensitivityConfig,
     SynthConfig,
@@ -40,6 +41,7 @@ __all__ = [
     "Grid",
     "HeldOutGain",
     "Hypothesis",
+    "JointMaximum",
     "LabelledCloud",
     "LabelledImage",
     "MiniBatch",
@@ -68,6 +70,7 @@ __all__ = [
     "fisher_limit",
     "held_out_gain",
     "information_gains",
+    "maximise",
     "parse_point_cloud",
     "polish",
     "project_points",
@@ -394,6 +397,9 @@ class Agreement:
 class HeldOutGain:
     """How much better held-out data agree at one pose than at another."""
 
+    @staticmethod
+    def of_parts(gains: Sequence[float]) -> HeldOutGain:
+        """The sum of the gains of independent parts, with its standard error: infinite with fewer than two."""
     @property
     def gain(self) -> float:
         """Nats."""
@@ -451,9 +457,10 @@ class Polished:
 
 @final
 class Sensitivity:
-    """How the mutual information depends on n parameters around a pose.
+    """How the mutual information depends on n variables around a pose.
 
-    The first six are a twist on the left of the pose (metres, radians); fx, fy, cx, cy (pixels) and k1 may follow.
+    The first six are a twist on the left of the pose (metres, radians); intrinsics and the offset of the clock may
+    follow.
     """
 
     @property
@@ -464,7 +471,7 @@ class Sensitivity:
         """(parts, n) share of the gradient of each frame and square of the picture, nats."""
     @property
     def motions(self) -> _Float64:
-        """(n, n) mean products of the pixels by which the parameters move the points."""
+        """(n, n) mean products of the pixels by which the variables move the points."""
     @property
     def parts(self) -> NDArray[np.uint32]:
         """(parts, 3) frame, row and column of the square of each part."""
@@ -518,12 +525,47 @@ class RenderedFrame:
     def num_objects(self) -> int:
         """Distinct objects in the picture or among the returns."""
 
-def sensitivity(
-    observations: Observations, t_camera_lidar: _Float64, config: SensitivityConfig
-) -> Sensitivity | None:
-    """How the mutual information depends on pose and intrinsics around a pose: see `rust/alignment/sensitivity.rs`.
+@final
+class JointMaximum:
+    """Where the mutual information is largest in the pose, intrinsics and the offset of the clock together."""
 
-    None where no point lands on a label, or nothing changes the information.
+    @property
+    def T_camera_lidar(self) -> _Float64:
+        """(4, 4)."""
+    @property
+    def changes(self) -> list[float]:
+        """Changes of the intrinsics."""
+    @property
+    def offset_s(self) -> float:
+        """Seconds by which pictures are later than they were taken to be."""
+    @property
+    def moved_px(self) -> float:
+        """How far the last round moved the points, or still wanted to move them, root mean square."""
+
+def maximise(
+    observations: Observations,
+    t_camera_lidar: _Float64,
+    config: JointConfig,
+    intrinsics: Sequence[str] = ...,
+    twists_per_s: Sequence[Sequence[float]] | None = None,
+) -> JointMaximum:
+    """Bring a pose and other variables to the top of the mutual information: see `rust/alignment/joint.rs`.
+
+    Intrinsics are fx, fy, cx, cy, or the index of a number of the lens. With a twist (6,) of the LiDAR in each frame
+    the offset of the clock is a variable, too. Raises `ValueError` where the camera has not one of the variables.
+    """
+
+def sensitivity(
+    observations: Observations,
+    t_camera_lidar: _Float64,
+    config: SensitivityConfig,
+    intrinsics: Sequence[str] = ...,
+    twists_per_s: Sequence[Sequence[float]] | None = None,
+) -> Sensitivity | None:
+    """How the mutual information depends on pose, intrinsics and clock: see `rust/alignment/sensitivity.rs`.
+
+    Variables are those of `maximise`; `radial` is a small radial distortion on top of the lens. None where no point
+    lands on a label, or nothing changes the information.
     """
 
 def fisher_limit(alpha: float, numerator: float, denominator: float) -> float:
@@ -683,11 +725,16 @@ def polish(
     """Bring a pose to the top of the mutual information of all visible points, deterministically."""
 
 def held_out_gain(
-    observations: Observations, held_out: Observations, before: _Float64, after: _Float64
+    observations: Observations,
+    held_out: Observations,
+    before: _Float64,
+    after: _Float64,
+    seen_after: tuple[Observations, Observations] | None = None,
 ) -> HeldOutGain:
     """How much better held-out data agree at one pose than at another.
 
-    Tables of pointwise mutual information are those of `observations` at each pose.
+    Tables of pointwise mutual information are those of `observations` at each pose. `seen_after` are both observations
+    as another camera sees them, to which the second pose belongs.
     """
 
 def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:

@@ -256,10 +256,55 @@ class SensitivityConfig:
     """Width of the edge band in the settings of the polish."""
     max_points: int = 2**62
     """Largest number of points, over all frames."""
-    with_intrinsics: bool = False
-    """Whether fx, fy, cx, cy and k1 are parameters besides the pose."""
     regions_across: int = 9
     """Number of squares side by side in an image, each with a score of its own."""
+
+
+@dataclass(frozen=True)
+class JointConfig:
+    """How pose, intrinsics and the offset of the clock are brought to the top of the mutual information together."""
+
+    factors: tuple[int, ...]
+    """Sides of the blocks of the levels, coarsest first, pixels."""
+    sigmas: tuple[float, ...]
+    """Standard deviations of the variables after the pose, by what was known before."""
+    evidence: float
+    """Nats of a likelihood that a nat of mutual information is worth."""
+    edge_band_px: int = EDGE_BAND_PX
+    """Pixels less than this from one of another class count a tenth."""
+    max_coarse_points: int = 200_000
+    """Points, over all frames and directions, that are looked at on blocks of more than two pixels."""
+    max_rounds: int = 8
+    """Largest number of times that visible points are chosen at each level."""
+    max_steps: int = 6
+    """Newton steps for each choice of points."""
+    tolerance: float = 0.02
+    """A level ends when a round moved the points by less than this share of a block."""
+    max_baseline_m: float = MAX_BASELINE_M
+    """Largest distance between camera and LiDAR."""
+
+
+@dataclass(frozen=True)
+class JointlyConfig:
+    """What is estimated beside the pose, and what is known of it before."""
+
+    intrinsics: tuple[str, ...] = ()
+    """Names of the intrinsics, as fx, cy or k1."""
+    focal_sigma: float = 0.02
+    """Standard deviation of focal lengths, as a share of them."""
+    center_sigma_px: float = 10.0
+    """Standard deviation of the principal point, in pixels."""
+    lens_sigma: float = 0.1
+    """Standard deviation of the numbers of the lens."""
+    with_delay: bool = False
+    """Whether the offset of the camera's clock is estimated."""
+    delay_sigma_s: float = 0.1
+    """Standard deviation of this offset, in seconds."""
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether anything is estimated beside the pose."""
+        return bool(self.intrinsics) or self.with_delay
 
 
 @dataclass(frozen=True)
@@ -275,6 +320,8 @@ class RefinementConfig:
     """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
     """Pixels less than this from one of another class count a tenth."""
+    jointly: JointlyConfig = field(default_factory=JointlyConfig)
+    """What is estimated beside the pose."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The stages of a calibration, in order: load, initialize, refine, polish, fuse, assess, make_calibration.
+"""The stages of a calibration: load, initialize, refine, polish, estimate_jointly, fuse, assess, make_calibration.
 
 Each stage is a function of data and settings. It returns a frozen result with its own quality and findings, and reports
 its progress to a listener. `calibrate` runs all stages; `verification`, `rig` and the experiments call the same
@@ -19,6 +19,8 @@ from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.assess import compare_frames
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
+from semcal_cli.assessment.joint import Joint, twists_per_s
+from semcal_cli.assessment.joint import estimate_jointly as estimate
 from semcal_cli.assessment.pose_checks import check_motion, check_pose
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.repeatability import compare_seeds
@@ -34,6 +36,7 @@ from semcal_cli.config import (
 )
 from semcal_cli.drive.cues import describe_cues, files_of
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.intrinsics import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError, about
@@ -184,13 +187,18 @@ def refine_and_polish(
         raise InputError(
             f"{priors[0].name}: is weighed by the polish, which features and is_polished=False exclude"
         )
+    if config.jointly.is_asked:
+        check_jointly(data, config, priors)
     motion = check_motion(data.observations.motion_error_px)
     refined = refine(data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar)
     if not is_polished:
         return Stages(initial, refined, of_data=motion)
     polished = polish(data, refined.T_camera_lidar, config, on_event)
+    if config.jointly.is_asked:
+        joint = estimate_jointly(data, polished.T_camera_lidar, config, on_event)
+        return Stages(initial, refined, polished, joint, of_data=motion)
     fused = fuse(data, polished.T_camera_lidar, config, priors, on_event) if priors else None
-    return Stages(initial, refined, polished, fused, of_data=motion)
+    return Stages(initial, refined, polished, fused=fused, of_data=motion)
 
 
 def refine(
@@ -245,6 +253,44 @@ def polish(
     return found
 
 
+def check_jointly(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior] = ()) -> None:
+    """Check that a drive can tell what is to be estimated beside the pose.
+
+    Raises:
+        InputError: the lens has not one of the intrinsics, the drive has no motion for the offset of the clock, or
+            priors, features or a pose that is not polished exclude the estimate.
+    """
+    jointly = config.jointly
+    option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
+    check_intrinsics(jointly.intrinsics, data.observations.camera, f"{data.drive.path}: --refine-intrinsics")
+    if not config.is_polished or data.observations.has_vectors:
+        raise InputError(f"{option}: follows the polish, which features and is_polished=False exclude")
+    if priors:
+        raise InputError(
+            f"{option}: found {priors[0].name}, needed none: the two are not weighed together yet"
+        )
+    if jointly.with_delay and twists_per_s(data.observations) is None:
+        raise InputError(
+            f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
+        )
+
+
+def estimate_jointly(
+    data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
+) -> Joint:
+    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`.
+
+    Raises:
+        CalibrationError: the labels do not determine the pose.
+    """
+    on_event(Progress("estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"))
+    start = perf_counter()
+    with about(data.drive.path):
+        found = estimate(data.observations, T_polished, config.jointly, _polish_config(config))
+    on_event(stage_words.estimated_jointly(found, perf_counter() - start, T_polished))
+    return found
+
+
 def fuse(
     data: LoadedDrive,
     T_polished: Pose,
@@ -278,13 +324,23 @@ def assess(
     on_event(Progress("assessing"))
     start = perf_counter()
     T_camera_lidar, agreement = stages.T_camera_lidar, list(stages.poses.values())[-1].agreement
-    if stages.fused is None and stages.polished is not None and not stages.polished.is_accepted:
+    joint = stages.joint if stages.is_joint else None
+    if joint is not None:
+        data = replace(data, observations=joint.observations)
+    is_rejected = stages.polished is not None and not stages.polished.is_accepted
+    if stages.fused is None and joint is None and is_rejected:
         found = compare_frames(data, T_camera_lidar, agreement)
     else:
         with_label_bleed = with_label_bleed and {*data.cues} <= {"labels", "segments"}
         polish_config = _polish_config(config)
         found = assess_pose(
-            data, T_camera_lidar, agreement, polish_config, stages.fused, with_label_bleed=with_label_bleed
+            data,
+            T_camera_lidar,
+            agreement,
+            polish_config,
+            stages.fused,
+            uncertainty=None if joint is None else joint.uncertainty,
+            with_label_bleed=with_label_bleed,
         )
     stages = replace(stages, assessment=found)
     on_event(stage_words.assessed(_findings(stages, config), perf_counter() - start))
@@ -344,6 +400,8 @@ def make_calibration(
         held_out=stages.polished.held_out if stages.polished else None,
         uncertainty=stages.uncertainty,
         repeatability=stages.repeatability,
+        camera=stages.joint.camera if stages.joint else None,
+        clock=stages.joint.clock if stages.joint else None,
     )
 
 

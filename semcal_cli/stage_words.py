@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 
 from semcal_cli.assessment.fusion import Fused
+from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.priors import Prior
 from semcal_cli.events import StageDone
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
@@ -61,6 +62,22 @@ def polished(found: Polish, seconds: float, T_before: Pose, unit: str) -> StageD
     details = f"held out {gain:+.4f} +- {math.inf if sigma is None else sigma:.4f} {unit}"
     moved = compare_poses(found.T_camera_lidar, T_before) if found.is_accepted else None
     return StageDone("polished", seconds, note, found.agreement, moved, details)
+
+
+def estimated_jointly(found: Joint, seconds: float, T_before: Pose) -> StageDone:
+    """Tell whether intrinsics and the offset of the clock are kept, and by how much they differ."""
+    told = []
+    if found.camera is not None:
+        told = [
+            f"{name} {each.found - each.given:+.4g}"
+            for name, each in found.camera.intrinsics.items()
+            if each.is_determined
+        ]
+    if found.clock is not None and found.clock.is_determined:
+        told.append(f"clock {1e3 * found.clock.time_offset_s:+.1f} ms")
+    note = f"{', '.join(told) or 'nothing determined'}, {'kept' if found.is_kept else 'not kept'}"
+    moved = compare_poses(found.T_camera_lidar, T_before) if found.is_kept else None
+    return StageDone("joint", seconds, note, found.agreement, moved)
 
 
 def fused(found: Fused, seconds: float, T_before: Pose, priors: Sequence[Prior]) -> StageDone:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from semcal_cli.assessment.assess import Assessment
 from semcal_cli.assessment.fusion import Fused
+from semcal_cli.assessment.joint import Joint
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.result.calibration import Repeatability
@@ -21,6 +22,8 @@ class Stages:
     initial: StageResult
     refined: StageResult | None = None
     polished: Polish | None = None
+    joint: Joint | None = None
+    """Estimate of the pose with intrinsics or the offset of the clock."""
     fused: Fused | None = None
     assessment: Assessment | None = None
     repeatability: Repeatability | None = None
@@ -33,6 +36,12 @@ class Stages:
     def findings(self) -> tuple[Finding, ...]:
         """Findings against the pose of the last stage."""
         findings = [*self.initial.findings, *self.of_data]
+        if self.is_joint:
+            return (
+                *findings,
+                *(() if self.assessment is None else self.assessment.findings),
+                *self.of_comparison,
+            )
         # If labels alone determine no pose, their polish is not expected to settle.
         if self.polished is not None and (self.fused is None or self.fused.is_alone):
             findings += self.polished.findings
@@ -45,9 +54,15 @@ class Stages:
         return (*findings, *self.of_comparison)
 
     @property
+    def is_joint(self) -> bool:
+        """Whether the pose belongs to an estimate of the intrinsics or of the clock."""
+        return self.joint is not None and self.joint.is_kept
+
+    @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences of the assessment that a person should know and that do not speak against the pose."""
-        return () if self.assessment is None else self.assessment.notes
+        """Sentences that a person should know and that do not speak against the pose."""
+        of_joint = () if self.joint is None else self.joint.notes
+        return of_joint + (() if self.assessment is None else self.assessment.notes)
 
     @property
     def parts(self) -> tuple[DrivePart, ...]:
@@ -61,6 +76,7 @@ class Stages:
             "initial": self.initial,
             "refined": self.refined,
             "polished": self.polished,
+            "joint": self.joint if self.is_joint else None,
             "fused": self.fused,
         }
         return {name: stage for name, stage in stages.items() if stage is not None}
@@ -73,4 +89,4 @@ class Stages:
     @property
     def T_camera_lidar(self) -> Pose:
         """Pose (4, 4) of the last stage, metres."""
-        return (self.fused or self.polished or self.refined or self.initial).T_camera_lidar
+        return list(self.poses.values())[-1].T_camera_lidar

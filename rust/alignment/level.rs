@@ -70,7 +70,7 @@ impl Level {
         if self.observations.has_partitions() {
             return self.joint_and_gradient_by_point(samples, constant, pose);
         }
-        let motion = |p_camera: &Vector3<f64>, _: &Point2<f64>| self.motion::<8>(p_camera);
+        let motion = |_: &Sample, p_camera: &Vector3<f64>, _: &Point2<f64>| self.motion::<8>(p_camera);
         let sloped = self.sloped(samples, self.projection(pose), at_anchor, motion);
         let joint = sloped.with(constant);
         let gradient = sloped.gradient(&joint.pointwise_at_least(LEAST_WEIGHT));
@@ -113,7 +113,7 @@ impl Level {
         samples: &[Sample],
         projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync,
         weigh: impl Fn(&Sample, &Sampled) -> f32 + Sync,
-        motion: impl Fn(&Vector3<f64>, &Point2<f64>) -> Motion<WIDTH> + Sync,
+        motion: impl Fn(&Sample, &Vector3<f64>, &Point2<f64>) -> Motion<WIDTH> + Sync,
     ) -> SlopedHistogram<WIDTH> {
         let empty =
             || SlopedHistogram::new(self.observations.num_point_classes, self.observations.num_image_classes);
@@ -126,7 +126,7 @@ impl Level {
                     let Some((p_camera, pixel)) = place else { continue };
                     let sampled = self.maps[sample.frame as usize].at(pixel);
                     let weight = f64::from(weigh(sample, &sampled));
-                    sloped.add(sample.class, weight, &sampled, || motion(p_camera, pixel));
+                    sloped.add(sample.class, weight, &sampled, || motion(sample, p_camera, pixel));
                 }
             }
             sloped
@@ -289,7 +289,7 @@ impl Values<'_> {
 }
 
 /// A sample's weight at the anchor pose, wherever it projects.
-fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
+pub(super) fn at_anchor(sample: &Sample, _: &Sampled) -> f32 {
     sample.weight
 }
 

@@ -11,6 +11,7 @@ mod double_sphere;
 mod equirectangular;
 mod fisheye;
 mod fov;
+mod intrinsics;
 mod lens;
 mod model;
 mod monotone;
@@ -21,14 +22,14 @@ mod radial;
 mod tests;
 mod thin_prism;
 
-use nalgebra::{Matrix2, Matrix2x3, Point2, SMatrix, Vector2, Vector3};
+use std::sync::Arc;
+
+use nalgebra::{Matrix2, Matrix2x3, Point2, Vector2, Vector3};
 
 use crate::error::{Error, Result};
+pub use intrinsics::{Intrinsic, IntrinsicSlopes};
 use lens::Lens;
 use model::Model;
-
-/// fx, fy, cx, cy, k1: see [`Camera::intrinsics_jacobian`].
-pub const NUM_INTRINSICS: usize = 5;
 
 /// Number of points that loops project before they look at the first of them: divisions of many points overlap as long as
 /// no branch has to be guessed between them.
@@ -44,6 +45,10 @@ pub struct Camera {
     focal: Vector2<f64>,
     center: Vector2<f64>,
     lens: Lens,
+    /// What the lens was made of: its model, distortion coefficients and parameters.
+    model: Arc<str>,
+    distortion: Vec<f64>,
+    parameters: Vec<(String, f64)>,
 }
 
 impl Camera {
@@ -89,7 +94,8 @@ impl Camera {
         let focal = Vector2::new(k[0][0], k[1][1]);
         let center = Vector2::new(k[0][2], k[1][2]);
         let lens = Lens::new(model, distortion, parameters, (-0.5 - center.x) / focal.x)?;
-        Ok(Self { width, height, focal, center, lens })
+        let (distortion, parameters) = (distortion.to_vec(), parameters.to_vec());
+        Ok(Self { width, height, focal, center, lens, model: model.into(), distortion, parameters })
     }
 
     /// The pixel of a point (camera frame, metres); `None` where the model does not hold. The pixel may lie outside
@@ -110,16 +116,6 @@ impl Camera {
     #[inline]
     pub fn jacobian(&self, point: &Vector3<f64>) -> Matrix2x3<f64> {
         Matrix2::from_diagonal(&self.focal) * self.lens.jacobian(point)
-    }
-
-    /// How a pixel moves with fx, fy, cx, cy and k1. For lenses without a k1, it is that of a small radial distortion on
-    /// top of theirs.
-    #[inline]
-    pub fn intrinsics_jacobian(&self, pixel: &Point2<f64>) -> SMatrix<f64, 2, NUM_INTRINSICS> {
-        let [x, y]: [f64; 2] = (pixel.coords - self.center).component_div(&self.focal).into();
-        let radius2 = x * x + y * y;
-        let (u, v) = (self.focal.x * x * radius2, self.focal.y * y * radius2);
-        SMatrix::<f64, 2, NUM_INTRINSICS>::new(x, 0.0, 1.0, 0.0, u, 0.0, y, 0.0, 1.0, v)
     }
 
     /// The unit ray (camera frame) that projects onto a pixel; `None` where the lens does not reach the pixel.

@@ -3,7 +3,7 @@ use std::f64::consts::{PI, TAU};
 use nalgebra::{Point2, Vector3};
 use proptest::prelude::*;
 
-use super::Camera;
+use super::{Camera, Intrinsic, IntrinsicSlopes};
 
 const SIZE: (usize, usize) = (1280, 720);
 const K: [[f64; 3]; 3] = [[600.0, 0.0, 639.5], [0.0, 610.0, 359.5], [0.0, 0.0, 1.0]];
@@ -276,19 +276,32 @@ proptest! {
 
 #[test]
 fn pixels_move_with_the_intrinsics_as_by_finite_differences() {
-    const STEP: f64 = 1e-4;
-    let (k, point) = ([600.0, 610.0, 639.5, 359.5], Vector3::new(0.7, -0.4, 1.6));
-    let project = |k: [f64; 4], k1: f64| {
-        let k = [[k[0], 0.0, k[2]], [0.0, k[1], k[3]], [0.0, 0.0, 1.0]];
-        let camera = Camera::new("plumb_bob", SIZE, k, &[k1, 0.0, 0.0, 0.0]).expect("a valid camera");
-        camera.project(&point).expect("in front")
-    };
-    let pixel = project(k, 0.0);
-    let jacobian = camera("plumb_bob", &[]).intrinsics_jacobian(&pixel);
-    for axis in 0..super::NUM_INTRINSICS {
-        let (mut moved, mut k1) = (k, 0.0);
-        *moved.get_mut(axis).unwrap_or(&mut k1) += STEP;
-        let slope = (project(moved, k1) - pixel) / STEP;
-        assert!((slope - jacobian.column(axis)).norm() < 1e-2 * (1.0 + slope.norm()), "{axis}");
+    const STEP: f64 = 1e-5;
+    for (camera, _) in cameras() {
+        let numbers = (0..).map(Intrinsic::Coefficient).take_while(|&each| camera.intrinsic(each).is_some());
+        let k = [Intrinsic::Fx, Intrinsic::Fy, Intrinsic::Cx, Intrinsic::Cy];
+        let intrinsics: Vec<Intrinsic> = k.into_iter().chain(numbers).collect();
+        let slopes = IntrinsicSlopes::new(&camera, &intrinsics).expect("numbers of the lens");
+        let point = at(0.5 * f64::min(camera.limit(), 2.5), 2.5) * 3.0;
+        let pixel = camera.project(&point).expect("within the limit");
+        slopes.for_each(&camera, &point, &pixel, |index, slope| {
+            let moved = camera.changed([(intrinsics[index], STEP)]).expect("a small change");
+            let value = |camera: &Camera| camera.intrinsic(intrinsics[index]).expect("a number of the lens");
+            assert!((value(&moved) - value(&camera) - STEP).abs() < 1e-9);
+            let found = (moved.project(&point).expect("within the limit") - pixel) / STEP;
+            assert!(
+                (slope - found).norm() < 1e-2 * (1.0 + found.norm()),
+                "{camera:?} {index} {slope} {found}"
+            );
+        });
     }
+}
+
+#[test]
+fn a_number_that_a_lens_has_not_is_refused() {
+    let pinhole = camera("plumb_bob", &[]);
+    assert!(pinhole.changed([(Intrinsic::Coefficient(0), 0.1)]).is_err());
+    assert!(IntrinsicSlopes::new(&pinhole, &[Intrinsic::Coefficient(0)]).is_err());
+    let sphere = camera_of(350.0, "double_sphere", &[], &[("xi", -0.2), ("alpha", 0.6)]);
+    assert!(sphere.changed([(Intrinsic::Coefficient(1), 0.5)]).is_err(), "alpha is at most 1");
 }

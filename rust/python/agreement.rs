@@ -7,7 +7,7 @@ use super::errors::value_error;
 use super::observations::PyObservations;
 use super::poses::isometry;
 use super::threads::detached;
-use crate::agreement::{HeldOutGain, held_out_gain as measure_gain, measure as measure_agreement};
+use crate::agreement::{HeldOut, HeldOutGain, held_out_gain as measure_gain, measure as measure_agreement};
 use crate::observation::Observations;
 
 #[pyclass(name = "Agreement", frozen, get_all)]
@@ -27,6 +27,15 @@ pub(super) struct PyAgreement {
 pub(super) struct PyHeldOutGain {
     gain: f64,
     sigma: f64,
+}
+
+#[pymethods]
+impl PyHeldOutGain {
+    /// The sum of the gains of independent parts, with its standard error.
+    #[staticmethod]
+    fn of_parts(gains: Vec<f64>) -> Self {
+        HeldOutGain::of_parts(gains).into()
+    }
 }
 
 impl From<HeldOutGain> for PyHeldOutGain {
@@ -63,19 +72,28 @@ pub(super) fn agreement(
 }
 
 #[pyfunction]
+#[pyo3(signature = (observations, held_out, before, after, seen_after=None))]
 pub(super) fn held_out_gain(
     py: Python<'_>,
     observations: &PyObservations,
     held_out: &PyObservations,
     before: PyReadonlyArray2<f64>,
     after: PyReadonlyArray2<f64>,
+    seen_after: Option<(PyRef<'_, PyObservations>, PyRef<'_, PyObservations>)>,
 ) -> PyResult<PyHeldOutGain> {
     let (before, after) = (isometry(&before)?, isometry(&after)?);
+    let (observations, held_out) = (&observations.0, &held_out.0);
+    let seen = seen_after.as_ref().map(|(observations, held_out)| (&observations.0, &held_out.0));
+    let (observations_after, held_out_after) = seen.unwrap_or((observations, held_out));
     let num_classes =
         |observations: &Observations| (observations.num_point_classes, observations.num_image_classes);
-    if num_classes(&observations.0) != num_classes(&held_out.0) {
+    if [held_out, observations_after, held_out_after]
+        .iter()
+        .any(|each| num_classes(each) != num_classes(observations))
+    {
         return Err(value_error("the held-out observations have other numbers of classes"));
     }
-    let found = detached(py, || measure_gain(&observations.0, &held_out.0, &before, &after));
-    Ok(found.into())
+    let before = HeldOut { observations, held_out, pose: &before };
+    let after = HeldOut { observations: observations_after, held_out: held_out_after, pose: &after };
+    Ok(detached(py, || measure_gain(before, after)).into())
 }

@@ -1,6 +1,6 @@
 //! Mutual information over SE(3): ascent, polish and sensitivity.
 
-use nalgebra::{DMatrix, Matrix6};
+use nalgebra::{DMatrix, Matrix6, Vector6};
 use numpy::{IntoPyArray, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
@@ -11,9 +11,11 @@ use super::observations::PyObservations;
 use super::poses::{isometry, matrix};
 use super::threads::detached;
 use crate::alignment::{
-    self, Aligned, AlignmentConfig, Ascended, Counted, PolishConfig, Polished, Sensitivity, SensitivityConfig,
+    self, Aligned, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, MAX_VARIABLES,
+    PolishConfig, Polished, Sensitivity, SensitivityConfig, Variables,
 };
-use crate::camera::Camera;
+use crate::camera::{Camera, Intrinsic};
+use crate::observation::Observations;
 
 #[pyclass(name = "Ascended", frozen, get_all)]
 pub(super) struct PyAscended {
@@ -150,15 +152,88 @@ pub(super) fn polish(
 }
 
 #[pyfunction]
+#[pyo3(signature = (observations, t_camera_lidar, config, intrinsics=Vec::new(), twists_per_s=None))]
 pub(super) fn sensitivity(
     py: Python<'_>,
     observations: &PyObservations,
     t_camera_lidar: PyReadonlyArray2<f64>,
     config: SensitivityConfig,
+    intrinsics: Vec<String>,
+    twists_per_s: Option<Vec<[f64; 6]>>,
 ) -> PyResult<Option<PySensitivity>> {
     let pose = isometry(&t_camera_lidar)?;
-    let found = detached(py, || alignment::sensitivity(&observations.0, &pose, &config));
+    let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
+    let found = detached(py, || alignment::sensitivity(&observations.0, &pose, &variables, &config));
     found.map(|found| PySensitivity::new(py, &found)).transpose()
+}
+
+#[pyclass(name = "JointMaximum", frozen, get_all)]
+pub(super) struct PyJointMaximum {
+    #[pyo3(name = "T_camera_lidar")]
+    t_camera_lidar: Py<PyArray2<f64>>,
+    changes: Vec<f64>,
+    offset_s: f64,
+    moved_px: f64,
+}
+
+#[pyfunction]
+#[pyo3(signature = (observations, t_camera_lidar, config, intrinsics=Vec::new(), twists_per_s=None))]
+pub(super) fn maximise(
+    py: Python<'_>,
+    observations: &PyObservations,
+    t_camera_lidar: PyReadonlyArray2<f64>,
+    config: JointConfig,
+    intrinsics: Vec<String>,
+    twists_per_s: Option<Vec<[f64; 6]>>,
+) -> PyResult<PyJointMaximum> {
+    let start = isometry(&t_camera_lidar)?;
+    let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
+    let camera = &observations.0.camera;
+    config.factors.iter().try_for_each(|&factor| check_factor(factor, camera))?;
+    if config.sigmas.len() + 6 != variables.count()
+        || config.sigmas.iter().any(|sigma| sigma.is_nan() || *sigma <= 0.0)
+    {
+        return Err(value_error(format!(
+            "found sigmas {:?}, needed {} above 0",
+            config.sigmas,
+            variables.count() - 6
+        )));
+    }
+    let JointMaximum { estimate, moved_px } =
+        detached(py, || alignment::maximise(&observations.0, &start, &variables, &config))?;
+    let value = |camera: &Camera, each: &Intrinsic| camera.intrinsic(*each).unwrap_or(0.0);
+    let change = |each: &Intrinsic| value(&estimate.camera, each) - value(camera, each);
+    Ok(PyJointMaximum {
+        t_camera_lidar: matrix(py, &estimate.pose)?.unbind(),
+        changes: variables.intrinsics.iter().map(change).collect(),
+        offset_s: estimate.offset_s,
+        moved_px,
+    })
+}
+
+/// What is estimated beside the pose: intrinsics by their names, and with twists of all frames the offset of the clock.
+fn variables(
+    observations: &Observations,
+    intrinsics: &[String],
+    twists_per_s: Option<Vec<[f64; 6]>>,
+) -> PyResult<Variables> {
+    let named = |name: &String| {
+        let found = Intrinsic::of(name).filter(|&each| observations.camera.intrinsic(each).is_some());
+        found.ok_or_else(|| value_error(format!("the camera has no intrinsic {name}")))
+    };
+    let twists: Option<Vec<Vector6<f64>>> =
+        twists_per_s.map(|twists| twists.into_iter().map(Into::into).collect());
+    if twists.as_ref().is_some_and(|twists| twists.len() != observations.frames.len()) {
+        return Err(value_error(format!("{} frames need a twist each", observations.frames.len())));
+    }
+    let variables = Variables { intrinsics: intrinsics.iter().map(named).collect::<PyResult<_>>()?, twists };
+    if variables.count() > MAX_VARIABLES {
+        return Err(value_error(format!(
+            "found {} variables, needed at most {MAX_VARIABLES}",
+            variables.count()
+        )));
+    }
+    Ok(variables)
 }
 
 fn check_ascent(config: &AlignmentConfig, factor: usize, camera: &Camera) -> PyResult<()> {

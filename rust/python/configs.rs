@@ -3,7 +3,7 @@
 use pyo3::prelude::*;
 
 use super::errors::value_error;
-use crate::alignment::{AlignmentConfig, PolishConfig, SensitivityConfig};
+use crate::alignment::{AlignmentConfig, JointConfig, PolishConfig, SensitivityConfig};
 use crate::labelling::Neighbors;
 use crate::registration::RegistrationConfig;
 use crate::segmentation::SegmentationConfig;
@@ -39,7 +39,18 @@ from_attributes! {
     Neighbors { count, search, sigma_px, max_difference_m }
     AlignmentConfig { edge_band_px, steps, batch_size, step_size, final_step, max_baseline_m, max_points }
     PolishConfig { edge_band_px, max_rounds, max_steps, tolerance_px, max_baseline_m }
-    SensitivityConfig { factor, edge_band_px, max_points, with_intrinsics, regions_across }
+    SensitivityConfig { factor, edge_band_px, max_points, regions_across }
+    JointConfig {
+        factors,
+        edge_band_px,
+        max_coarse_points,
+        max_rounds,
+        max_steps,
+        tolerance,
+        max_baseline_m,
+        sigmas,
+        evidence,
+    }
     RegistrationConfig {
         zoom,
         coarse_cell: coarse_cell_deg.to_radians(),

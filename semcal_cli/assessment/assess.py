@@ -64,6 +64,7 @@ def assess(
     config: PolishConfig,
     fused: Fused | None = None,
     *,
+    uncertainty: Uncertainty | None = None,
     with_label_bleed: bool = True,
 ) -> Assessment:
     """Estimate the uncertainty of a polished pose, and look for findings against it.
@@ -76,6 +77,7 @@ def assess(
         agreement: Agreement of the observations at this pose.
         config: Settings of the polish.
         fused: Result of the fusion with priors, if there are any.
+        uncertainty: Uncertainty of the pose together with intrinsics or the clock, if these were estimated, too.
         with_label_bleed: Whether to compute the effect of bleeding labels.
     """
     observations, checked, camera = data.observations, data.for_checks, data.observations.camera
@@ -87,14 +89,17 @@ def assess(
     if checked is not observations:
         around = around_intrinsics(checked, T_camera_lidar)
 
+    of_joint = uncertainty
+
     def uncertain() -> Uncertainty | None:
-        found = (
-            estimate_uncertainty(
+        if of_joint is not None:
+            found: Uncertainty | None = of_joint
+        elif fused is not None:
+            found = fused.uncertainty
+        else:
+            found = estimate_uncertainty(
                 observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_intrinsics=known
             )
-            if fused is None
-            else fused.uncertainty
-        )
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,14 +26,14 @@ BLOCKS_PX = (1, 2, 4)
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """Curvature and scores of the mutual information for n parameters, the first six a twist of the pose."""
+    """Curvature and scores of the mutual information for n variables, the first six a twist of the pose."""
 
     curvature: Matrix
     """(n, n) minus the second derivative, nats."""
     scores: Matrix
     """(parts, n) share of each part in the gradient, nats."""
     motions: Matrix
-    """(n, n) mean products of the pixels by which the parameters move the points."""
+    """(n, n) mean products of the pixels by which the variables move the points."""
     num_alike: npt.NDArray[np.float64]
     """(parts,) number of frames that show the scene of the part: their scores repeat one another."""
     num_scenes: int
@@ -40,7 +41,7 @@ class Sensitivity:
 
     @property
     def of_pose(self) -> Sensitivity:
-        """Sensitivity with respect to the pose alone, all other parameters fixed."""
+        """Sensitivity with respect to the pose alone, all other variables fixed."""
         curvature, motions = self.curvature[:6, :6], self.motions[:6, :6]
         return Sensitivity(curvature, self.scores[:, :6], motions, self.num_alike, self.num_scenes)
 
@@ -79,14 +80,25 @@ class Sensitivity:
 
 
 def sensitivity(
-    observations: Observations, T_camera_lidar: Pose, config: SensitivityConfig
+    observations: Observations,
+    T_camera_lidar: Pose,
+    config: SensitivityConfig,
+    intrinsics: Sequence[str] = (),
+    twists_per_s: Sequence[Sequence[float]] | None = None,
 ) -> Sensitivity | None:
     """Compute the curvature and scores of the mutual information at a pose (4, 4).
 
+    Args:
+        observations: Labelled points and label images.
+        T_camera_lidar: (4, 4), metres.
+        config: Settings.
+        intrinsics: Variables after the pose, as `_core.maximise` names them.
+        twists_per_s: Twist (6,) of the LiDAR in each frame, if the offset of the clock is a variable, too.
+
     Returns:
-        The sensitivity; None if no parameter changes the mutual information.
+        The sensitivity; None if no variable changes the mutual information.
     """
-    found = _core.sensitivity(observations.core, T_camera_lidar, config)
+    found = _core.sensitivity(observations.core, T_camera_lidar, config, intrinsics, twists_per_s)
     if found is None:
         return None
     scenes, frames = np.array(observations.scenes), found.parts[:, 0]

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any, get_args
 
 import click
 
-from semcal_cli.cli.options import Command, choice_option, with_options
+from semcal_cli.cli.options import Command, FiniteRange, choice_option, with_options
 from semcal_cli.cli.priors import make_priors, prior_options
-from semcal_cli.config import Device, Estimator, RefinementConfig
+from semcal_cli.config import Cue, Device, Estimator, JointlyConfig, RefinementConfig
 from semcal_cli.extras import check_torch
 
 if TYPE_CHECKING:
@@ -17,6 +17,26 @@ if TYPE_CHECKING:
     from semcal_cli.initialization.initial_pose import InitialPose
 
 MAX_EDGE_BAND_PX = 100
+
+
+class IntrinsicNames(click.ParamType[tuple[str, ...]]):
+    """Names of intrinsics, separated by commas; which names there are is the lens's matter."""
+
+    name = "names"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """Parse the names."""
+        if isinstance(value, tuple):
+            return value
+        named = tuple(name.strip() for name in value.split(","))
+        if "" in named:
+            self.fail(f"found {value!r}, needed names as fx,fy,cx,cy.", param, ctx)
+        if len(set(named)) < len(named):
+            self.fail(f"found {value!r}, needed each name once.", param, ctx)
+        return named
+
 
 REFINEMENT_OPTIONS = (
     choice_option(
@@ -41,6 +61,29 @@ REFINEMENT_OPTIONS = (
         help="Pixels nearer than this to another class count a tenth; use more for labels with ragged borders.",
     ),
     click.option("--no-polish", is_flag=True, help="Leave the pose where the estimator ended."),
+    click.option(
+        "--refine-intrinsics",
+        "intrinsics",
+        type=IntrinsicNames(),
+        default=(),
+        metavar="NAMES",
+        help="Estimate these intrinsics together with the pose, as `fx,fy,cx,cy` or `fx,fy,cx,cy,k1,k2`: names of K "
+        "and of the lens's own numbers. They are kept if held-out data agree better with them.",
+    ),
+    click.option(
+        "--intrinsics-sigma",
+        type=FiniteRange(0.0, 1e3, min_open=True),
+        nargs=2,
+        metavar="PERCENT PX",
+        help="How well the drive's intrinsics are known: standard deviations of the focal lengths and of the principal "
+        "point.  [default: 2 10]",
+    ),
+    click.option(
+        "--estimate-delay",
+        is_flag=True,
+        help="Estimate by how much pictures are later than their stamps say, together with the pose. Needs `motion:` "
+        "with poses or a twist, different speeds, and turns.",
+    ),
 )
 
 
@@ -74,6 +117,7 @@ def make_refinement(
     Raises:
         click.UsageError: two options exclude one another.
     """
+    jointly = _make_jointly(options)
     names = ("estimator", "device", "no_polish", "edge_band")
     estimator, device, no_polish, edge_band_px = (options.pop(name) for name in names)
     if device != "cpu" and estimator != "mine":
@@ -91,4 +135,39 @@ def make_refinement(
         )
     if priors and no_polish:
         raise click.UsageError(f"{priors[0].name}: is weighed after the polish: leave --no-polish out")
-    return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band_px), priors
+    if jointly.is_asked:
+        _check_jointly(jointly, priors, no_polish, options["cues"])
+    return RefinementConfig(estimator, device, not no_polish, max_baseline_m, edge_band_px, jointly), priors
+
+
+def _make_jointly(options: dict[str, Any]) -> JointlyConfig:
+    """Take what is estimated beside the pose out of a command's options.
+
+    Raises:
+        click.UsageError: an option needs another.
+    """
+    names = ("intrinsics", "intrinsics_sigma", "estimate_delay")
+    intrinsics, sigma, with_delay = (options.pop(name) for name in names)
+    if sigma is None:
+        return JointlyConfig(intrinsics, with_delay=with_delay)
+    if not intrinsics:
+        raise click.UsageError("--intrinsics-sigma: is of --refine-intrinsics: give it, too")
+    focal_percent, center_px = sigma
+    return JointlyConfig(intrinsics, 0.01 * focal_percent, center_px, with_delay=with_delay)
+
+
+def _check_jointly(
+    jointly: JointlyConfig, priors: tuple[Prior, ...], no_polish: bool, cues: tuple[Cue, ...]
+) -> None:
+    """Check that no option is given that excludes an estimate beside the pose.
+
+    Raises:
+        click.UsageError: such an option is given.
+    """
+    option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
+    if no_polish:
+        raise click.UsageError(f"{option}: follows the polish: leave --no-polish out")
+    if "features" in cues:
+        raise click.UsageError(f"{option}: needs the exact histogram, which features have none of")
+    if priors:
+        raise click.UsageError(f"{option}: is not weighed together with {priors[0].name}: leave one out")

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from semcal_cli import _core
 from semcal_cli.result.calibration import Calibration, HeldOut, Input, Quality, Repeatability, Settings, Stage
+from semcal_cli.result.camera import Clock, RefinedCamera
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.provenance import versions
@@ -29,6 +30,8 @@ def assemble(
     held_out: HeldOut | None = None,
     uncertainty: Uncertainty | None = None,
     repeatability: Repeatability | None = None,
+    camera: RefinedCamera | None = None,
+    clock: Clock | None = None,
 ) -> Calibration:
     """Make a calibration from the results of the stages.
 
@@ -47,6 +50,8 @@ def assemble(
         held_out: Test of the polish on held-out data.
         uncertainty: Uncertainty of the pose.
         repeatability: Results with other seeds.
+        camera: Intrinsics that were estimated together with the pose.
+        clock: Offset of the camera's clock that was estimated together with the pose.
 
     Raises:
         CalibrationError: the pose is not finite or not rigid.
@@ -63,6 +68,8 @@ def assemble(
         stages={name: _stage(result) for name, result in stages.items()},
         uncertainty=uncertainty,
         repeatability=repeatability,
+        camera=camera,
+        clock=clock,
         polish=held_out,
         hypotheses=hypotheses,
         input=input,

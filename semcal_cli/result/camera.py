@@ -56,5 +56,7 @@ class Clock(StrictModel):
     """Half width of the 95 % interval, by Student's t; null if it is not determined."""
     is_determined: bool
     """Whether the drive's motion tells the offset."""
+    is_kept: bool
+    """Whether the transform belongs to pictures that are later by the offset. If not, it belongs to their stamps."""
     meaning: str
     """The offset in words."""

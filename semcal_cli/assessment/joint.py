@@ -1,0 +1,430 @@
+"""Estimation of intrinsics and of the offset of the camera's clock together with the pose.
+
+All are brought to the top of the exact mutual information together (`rust/alignment/joint.rs`), from what the drive
+says. Standard deviations of what was known before keep a variable where it was if the labels do not tell it; it is
+then left out, and told to be not determined. The estimate is kept if it differs from what the drive says by more than
+chance, and data that it did not use agree better with it.
+
+The covariance is the sandwich of `semcal_cli.assessment.sensitivity` over all variables together. What was known before
+is one more independent measurement.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
+from semcal_cli.config import JointConfig, JointlyConfig, PolishConfig, SensitivityConfig
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_all_coefficients, with_intrinsics
+from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.errors import CalibrationError
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.refinement.polish import newton, split
+from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
+from semcal_cli.result.stage import StageResult
+from semcal_cli.result.uncertainty import Uncertainty
+
+Values = npt.NDArray[np.float64]
+
+BLOCKS_ACROSS = 80
+"""At least this many of the coarsest blocks fit across a picture, where intrinsics are estimated."""
+BLOCKS_ACROSS_WITH_DELAY = 20
+"""The same where the offset of the clock is estimated, which moves points farther."""
+MAX_SIGMA_SHARE = 0.5
+"""Largest standard error of an intrinsic that is determined, as a share of what was known before."""
+MAX_DELAY_SIGMA_S = 0.01
+"""Largest standard error of an offset of the clock that is determined, in seconds."""
+CHANCE = 1e-3
+"""Probability, by chance, of an estimate that differs as much from what the drive says, below which it is kept."""
+MIN_GAIN = 2.0
+"""Smallest gain of held-out data, in its standard errors, with which an estimate is kept."""
+DELAY = "delay"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Joint(StageResult):
+    """Estimate of the pose with the intrinsics and the offset of the clock; the pose before it where it is not kept."""
+
+    observations: Observations
+    """Observations as the camera sees them that the pose belongs to."""
+    camera: RefinedCamera | None
+    """Estimated intrinsics; None if none were asked for."""
+    clock: Clock | None
+    """Estimated offset of the clock; None if it was not asked for."""
+    uncertainty: Uncertainty | None
+    """Uncertainty of the pose together with the other variables; None if the estimate is not kept."""
+    is_kept: bool
+    """Whether the pose belongs to the estimate."""
+    notes: tuple[str, ...]
+    """Sentences about what is not determined or not kept."""
+
+
+class _Variables(NamedTuple):
+    """Variables after the pose."""
+
+    intrinsics: tuple[str, ...]
+    with_delay: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return (*self.intrinsics, DELAY) if self.with_delay else self.intrinsics
+
+    def without(self, names: Sequence[str]) -> _Variables:
+        left = tuple(name for name in self.intrinsics if name not in names)
+        return _Variables(left, self.with_delay and DELAY not in names)
+
+    def of_core(self, camera: Camera) -> list[str]:
+        return [variable(camera, name) for name in self.intrinsics]
+
+    def twists(self, observations: Observations) -> list[Sequence[float]] | None:
+        return twists_per_s(observations) if self.with_delay else None
+
+    def sigmas(self, camera: Camera, config: JointlyConfig) -> Values:
+        """Standard deviations by what was known before."""
+        of_kind = {"f": config.focal_sigma, "c": config.center_sigma_px}
+        sigmas = [
+            intrinsic_value(camera, name) * config.focal_sigma
+            if name in ("fx", "fy")
+            else of_kind.get(name[0], config.lens_sigma)
+            for name in self.intrinsics
+        ]
+        return np.array([*sigmas, *([config.delay_sigma_s] if self.with_delay else [])])
+
+
+class _Fit(NamedTuple):
+    """The top of the mutual information, with less than all variables if it does not tell all of them."""
+
+    variables: _Variables
+    T_camera_lidar: Pose
+    changes: Values
+    """(m,) difference of the variables from what the drive says."""
+    observations: Observations
+    """Observations as the estimate sees them."""
+    covariance: Matrix | None
+    """(6 + m, 6 + m); None where the information does not fall in every direction."""
+    degrees_of_freedom: Values
+    moved_px: float
+
+    @property
+    def sigmas(self) -> Values:
+        """(m,) standard errors of the variables; infinite if they are not known."""
+        if self.covariance is None:
+            return np.full(len(self.changes), math.inf)
+        return np.asarray(np.sqrt(np.diag(self.covariance)[6:]))
+
+    @property
+    def half_widths(self) -> Values:
+        """(m,) half widths of 95 % intervals."""
+        quantiles = [_core.student_quantile(0.975, dof) for dof in self.degrees_of_freedom[6:]]
+        return np.asarray(self.sigmas * np.array(quantiles))
+
+    @property
+    def is_beyond_chance(self) -> bool:
+        """Whether the variables differ from what the drive says by more than chance (Wald's test)."""
+        if self.covariance is None:
+            return False
+        of_variables, count = self.covariance[6:, 6:], len(self.changes)
+        distance = float(self.changes @ np.linalg.solve(of_variables, self.changes))
+        fewest = float(self.degrees_of_freedom[6:].min())
+        return distance > count * _core.fisher_limit(CHANCE, count, fewest)
+
+
+def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
+    """List the twist of the LiDAR in each frame, (6,); None if a frame has none."""
+    twists = [frame.twist_per_s for frame in observations.frames]
+    return [twist for twist in twists if twist is not None] if None not in twists else None
+
+
+def estimate_jointly(
+    observations: Observations, T_camera_lidar: Pose, config: JointlyConfig, polish: PolishConfig
+) -> Joint:
+    """Estimate intrinsics and the offset of the clock together with the pose.
+
+    Args:
+        observations: Labelled points and label images of all frames, as the drive's camera sees them.
+        T_camera_lidar: (4, 4) pose with that camera, metres.
+        config: What is estimated, and what is known of it.
+        polish: Settings of the polish, by which data are held out.
+
+    Raises:
+        CalibrationError: the labels tell nothing of the pose.
+    """
+    camera = with_all_coefficients(observations.camera, config.intrinsics)
+    seen = replace(observations, camera=camera)
+    asked = _Variables(config.intrinsics, config.with_delay)
+    fit = _determined(seen, T_camera_lidar, asked, config, polish)
+    gain = _held_out_gain(seen, T_camera_lidar, fit, config, polish)
+    is_kept = bool(
+        fit.variables.names
+        and fit.is_beyond_chance
+        and math.isfinite(gain.sigma)
+        and gain.gain >= MIN_GAIN * gain.sigma
+        and fit.moved_px <= polish.settled_px
+    )
+    T = fit.T_camera_lidar if is_kept else T_camera_lidar
+    after = fit.observations if is_kept else observations
+    uncertainty = None
+    if is_kept and fit.covariance is not None:
+        uncertainty = Uncertainty.from_covariance(T, fit.covariance[:6, :6], fit.degrees_of_freedom[:6])
+    refined = _camera_of(fit, asked, camera, gain, is_kept) if asked.intrinsics else None
+    clock = _clock_of(fit, is_kept) if asked.with_delay else None
+    return Joint(
+        T_camera_lidar=T,
+        agreement=_core.agreement(after.core, T),
+        settings={"jointly": asdict(config)},
+        observations=after,
+        camera=refined,
+        clock=clock,
+        uncertainty=uncertainty,
+        is_kept=is_kept,
+        notes=_notes(fit, asked, camera, gain, is_kept),
+    )
+
+
+def _determined(
+    observations: Observations, T: Pose, asked: _Variables, config: JointlyConfig, polish: PolishConfig
+) -> _Fit:
+    """Fit all variables that the data determine: each fit leaves out those that the one before did not determine."""
+    variables = asked
+    while True:
+        fit = _fit(observations, T, variables, config, polish)
+        known = variables.sigmas(observations.camera, config)
+        most = [
+            MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * sigma
+            for name, sigma in zip(variables.names, known, strict=True)
+        ]
+        open_ones = [
+            name
+            for name, sigma, least in zip(variables.names, fit.sigmas, most, strict=True)
+            if not sigma <= least
+        ]
+        if not open_ones:
+            return fit
+        variables = variables.without(open_ones)
+
+
+def _fit(
+    observations: Observations, T: Pose, variables: _Variables, config: JointlyConfig, polish: PolishConfig
+) -> _Fit:
+    camera = observations.camera
+    known, names = variables.sigmas(camera, config), variables.of_core(camera)
+    evidence = _evidence(observations, T, polish)
+    width = min(camera.width, camera.height * 2)
+    across = BLOCKS_ACROSS_WITH_DELAY if variables.with_delay else BLOCKS_ACROSS
+    coarsest = int(math.log2(max(width / across, 1.0)))
+    found = _core.maximise(
+        observations.core,
+        T,
+        JointConfig(
+            tuple(2**level for level in range(coarsest, -1, -1)),
+            tuple(known.tolist()),
+            evidence,
+            polish.edge_band_px,
+            max_baseline_m=polish.max_baseline_m,
+        ),
+        names,
+        variables.twists(observations),
+    )
+    changes = np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
+    seen = _seen(observations, variables, changes)
+    covariance, degrees_of_freedom = _covariance(
+        seen, found.T_camera_lidar, variables, known, evidence, polish
+    )
+    return _Fit(
+        variables, found.T_camera_lidar, changes, seen, covariance, degrees_of_freedom, found.moved_px
+    )
+
+
+def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> float:
+    """Compute how many nats of a likelihood a nat of mutual information is worth, by the scatter of the scores.
+
+    Raises:
+        CalibrationError: the labels tell nothing of the pose.
+    """
+    around = sensitivity(observations, T, SensitivityConfig(edge_band_px=polish.edge_band_px))
+    if around is None or not around.is_determined:
+        raise CalibrationError(
+            "labels do not determine the pose, and so no intrinsics and no clock: record frames with objects near and "
+            "far, at the left and at the right"
+        )
+    covariance, _ = around.sandwich()
+    return 6.0 / float(np.trace(covariance @ around.curvature))
+
+
+def _covariance(
+    seen: Observations,
+    T: Pose,
+    variables: _Variables,
+    known: Values,
+    evidence: float,
+    polish: PolishConfig,
+) -> tuple[Matrix | None, Values]:
+    """Compute the covariance of all variables, in which what was known before is one more measurement."""
+    around = sensitivity(
+        seen,
+        T,
+        SensitivityConfig(edge_band_px=polish.edge_band_px),
+        variables.of_core(seen.camera),
+        variables.twists(seen),
+    )
+    if around is None:
+        return None, np.ones(6 + len(known))
+    precision = np.concatenate([np.zeros(6), known**-2.0]) / evidence
+    penalised: Sensitivity = replace(around, curvature=around.curvature + np.diag(precision))
+    if not penalised.is_determined:
+        return None, np.ones(6 + len(known))
+    covariance, degrees_of_freedom = penalised.sandwich()
+    inverse = np.linalg.inv(penalised.curvature)
+    return covariance + inverse @ np.diag(precision / evidence) @ inverse, degrees_of_freedom
+
+
+def _seen(observations: Observations, variables: _Variables, changes: Values) -> Observations:
+    """Give the observations as an estimate sees them: by its camera, and later by the offset of the clock."""
+    camera = observations.camera
+    values = {
+        name: intrinsic_value(camera, name) + change
+        for name, change in zip(variables.intrinsics, changes.tolist(), strict=False)
+    }
+    seen = replace(observations, camera=with_intrinsics(camera, values)) if values else observations
+    return delayed(seen, float(changes[-1])) if variables.with_delay else seen
+
+
+def delayed(observations: Observations, delay_s: float) -> Observations:
+    """Move the sweeps to where the LiDAR would have seen them after a delay, at the twist of each frame.
+
+    Args:
+        observations: Observations with a twist in each frame.
+        delay_s: Time by which pictures are later, seconds.
+    """
+    twists = twists_per_s(observations)
+    assert twists is not None
+    clouds = zip(observations.clouds, twists, strict=True)
+    return observations.with_clouds(_at_constant_twist(cloud, twist, delay_s) for cloud, twist in clouds)
+
+
+def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay_s: float) -> LabelledCloud:
+    along = _core.Trajectory.constant(twist_per_s, 0.0)
+    return cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))
+
+
+def _held_out_gain(
+    observations: Observations, T: Pose, fit: _Fit, config: JointlyConfig, polish: PolishConfig
+) -> _core.HeldOutGain:
+    """Compute what held-out data gain by estimates of the others, with the variables and without them."""
+    kept, held_out = split(observations, polish)
+    before = newton(kept, T, polish).T_camera_lidar
+    part = _fit(kept, T, fit.variables, config, polish) if fit.variables.names else None
+    if part is None:
+        return _core.held_out_gain(kept.core, held_out.core, before, before)
+    seen = _seen(held_out, part.variables, part.changes)
+    if observations.has_segments:
+        return _segments_gain(held_out, before, seen, part.T_camera_lidar)
+    return _core.held_out_gain(
+        kept.core, held_out.core, before, part.T_camera_lidar, (part.observations.core, seen.core)
+    )
+
+
+def _camera_of(
+    fit: _Fit, asked: _Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
+) -> RefinedCamera:
+    """Collect what was found of the intrinsics."""
+    intrinsics = {}
+    for name in asked.intrinsics:
+        given = intrinsic_value(camera, name)
+        if name in fit.variables.intrinsics:
+            index = fit.variables.names.index(name)
+            change, sigma, half = (float(x[index]) for x in (fit.changes, fit.sigmas, fit.half_widths))
+            intrinsics[name] = Intrinsic(
+                given=given, found=given + change, sigma=sigma, half_width_95=half, is_determined=True
+            )
+        else:
+            intrinsics[name] = Intrinsic(
+                given=given, found=given, sigma=None, half_width_95=None, is_determined=False
+            )
+    covariance = fit.covariance if fit.variables.names else None
+    return RefinedCamera(
+        is_kept=is_kept,
+        held_out_gain_nats=gain.gain,
+        held_out_sigma_nats=gain.sigma if math.isfinite(gain.sigma) else None,
+        found=fit.observations.camera,
+        intrinsics=intrinsics,
+        joint_covariance=None if covariance is None else tuple(map(tuple, covariance.tolist())),
+    )
+
+
+def _clock_of(fit: _Fit, is_kept: bool) -> Clock:
+    if not fit.variables.with_delay:
+        return Clock(
+            time_offset_s=0.0,
+            sigma_s=None,
+            half_width_95_s=None,
+            is_determined=False,
+            is_kept=False,
+            meaning="not determined: drive at different speeds, and turn",
+        )
+    offset_s, half_s = float(fit.changes[-1]), float(fit.half_widths[-1])
+    return Clock(
+        time_offset_s=offset_s,
+        sigma_s=float(fit.sigmas[-1]),
+        half_width_95_s=half_s,
+        is_determined=True,
+        is_kept=is_kept,
+        meaning=offset_in_words(offset_s, half_s),
+    )
+
+
+def offset_in_words(offset_s: float, half_width_s: float) -> str:
+    """Say what an offset of the clock means, with its 95 % interval."""
+    way = "later" if offset_s >= 0.0 else "earlier"
+    interval = f"+- {1e3 * half_width_s:.1f} ms"
+    return f"pictures are {1e3 * abs(offset_s):.1f} ms {way} than their stamps say, {interval} (95 %)"
+
+
+def _segments_gain(
+    before: Observations, T_before: Pose, after: Observations, T_after: Pose
+) -> _core.HeldOutGain:
+    """Compute what segments tell more of the pictures at another pose by another camera, paired by frames."""
+    found = [segment_information(before, T_before), segment_information(after, T_after)]
+    shares = [each.by_frame * each.weight_by_frame / max(each.weights.sum(), 1.0) for each in found]
+    return _core.HeldOutGain.of_parts((shares[1] - shares[0]).tolist())
+
+
+def _notes(
+    fit: _Fit, asked: _Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
+) -> tuple[str, ...]:
+    """Say what is not determined, and why an estimate is not kept."""
+    notes = []
+    if missing := [name for name in asked.intrinsics if name not in fit.variables.intrinsics]:
+        subject = f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'}"
+        stay = "stays" if len(missing) == 1 else "stay"
+        notes.append(
+            f"{subject} not determined by these frames and {stay} as the drive says: record objects near and far in "
+            "all parts of the pictures"
+        )
+    if asked.with_delay and not fit.variables.with_delay:
+        notes.append("the offset of the clocks is not determined: drive at different speeds, and turn")
+    if not is_kept and fit.variables.names:
+        which = _which(fit.variables)
+        if not fit.is_beyond_chance:
+            notes.append(f"{which} of the drive stay, since what was found differs from them only by chance")
+        else:
+            by = gain.gain / max(gain.sigma, 1e-12)
+            notes.append(
+                f"{which} of the drive stay, since held-out data agree with what was found by {by:.1f} standard errors "
+                f"better, needed {MIN_GAIN:g}"
+            )
+    return tuple(notes)
+
+
+def _which(variables: _Variables) -> str:
+    both = ["intrinsics"] * bool(variables.intrinsics) + ["clocks"] * variables.with_delay
+    return f"the {' and '.join(both)}"
