@@ -499,16 +499,22 @@ class Renderer:
 
     def __new__(cls, camera: Camera, t_camera_lidar: _Float64, config: SynthConfig) -> Renderer:
         """Prepare a rig; raises `InputError` if the LiDAR has no rays or the camera is too far from it."""
-    def frame(self, seed: int, number: int) -> RenderedFrame:
-        """Render the frame of a number in the world of a seed."""
+    def frame(self, seed: int, number: int, twist_per_s: Sequence[float] | None = None) -> RenderedFrame:
+        """Render the frame of a number in the world of a seed.
+
+        With a twist (6,), metres and radians a second in the LiDAR frame, the rig moves while the frame is measured.
+        """
 
 @final
 class RenderedFrame:
-    """What a rig measures at one moment."""
+    """What a rig measures in one sweep and one picture."""
 
     @property
     def points(self) -> _Float32:
-        """(N, 4) metres, LiDAR frame, and intensity."""
+        """(N, 4) metres, LiDAR frame of the time of each point, and intensity."""
+    @property
+    def point_times(self) -> _Float32:
+        """(N,) seconds from the start of the sweep."""
     @property
     def point_labels(self) -> NDArray[np.uint32]:
         """(N,) `instance << 16 | class`."""

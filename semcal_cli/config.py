@@ -21,6 +21,9 @@ Zoom: TypeAlias = Literal["exact", "paper"]
 Pattern: TypeAlias = Literal["spinning", "rosette"]
 Lens: TypeAlias = Literal["standard", "narrow", "wide", "fisheye", "omnidirectional", "equirectangular"]
 Ontology: TypeAlias = Literal["shared", "disjoint"]
+RigMotion: TypeAlias = Literal["none", "steady", "mixed"]
+ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
+"""Way in which the lines of a picture are read, one after another."""
 
 LABELS: tuple[Cue, ...] = ("labels",)
 MAX_SEED = 2**63 - 1
@@ -359,6 +362,10 @@ SYNTH_MIN_BASELINE_M = 0.1
 """Smallest distance of a randomly mounted camera from the LiDAR; without parallax a drive tests too little."""
 SYNTH_MAX_BASELINE_M = 1.5
 """Largest distance between camera and LiDAR; the synthetic street leaves this much room around the LiDAR."""
+SYNTH_MAX_DELAY_MS = 200.0
+"""Largest time by which pictures are earlier or later than their stamps."""
+SYNTH_MAX_READOUT_MS = 100.0
+"""Longest readout of a rolling shutter; with the longest delay, it ends 0.3 s after the middle of the sweep."""
 
 
 @dataclass(frozen=True)
@@ -411,3 +418,13 @@ class SynthConfig:
     """Share of the labels of points and of pixels that are replaced by those of another class."""
     ontology: Ontology = "shared"
     """Whether points and images are labelled with the same ids, or with ids that have nothing in common."""
+    motion: RigMotion = "none"
+    """How the rig moves: it stands still, drives straight on at 12 m/s, or has another speed and turn in each frame."""
+    delay_ms: float = 0.0
+    """Time by which pictures are taken later than their stamps say, in milliseconds; negative if they are earlier."""
+    readout_ms: float = 0.0
+    """Time from the first line of a picture to the last, in milliseconds; 0 is a global shutter."""
+    readout_direction: ReadoutDirection = "down"
+    """Way in which a rolling shutter reads the lines."""
+    sweep_s: ClassVar[float] = 0.1
+    """Time that the LiDAR takes for a sweep."""

@@ -16,7 +16,8 @@ from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose, camera_center, check_rigid
-from semcal_cli.synthetic.synthesis import LENSES, UNLABELED, make_camera, make_renderer, mounting, synthesize
+from semcal_cli.synthetic.frame_files import UNLABELED
+from semcal_cli.synthetic.synthesis import LENSES, make_camera, make_renderer, mounting, synthesize
 
 TINY = SynthConfig(num_frames=2, seed=5, channels=32, columns=400, width=320, height=180)
 EXACT = 1e-9  # degrees or metres: round-off of a few rotations

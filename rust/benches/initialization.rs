@@ -15,7 +15,7 @@ use semcal::label_image::LabelImage;
 use semcal::observation::{Frame, Observations};
 use semcal::registration::{self, RegistrationConfig};
 use semcal::spherical::{SphericalGrid, SphericalImages};
-use semcal::world::{Lidar, Renderer, Rig, ScanPattern, UNLABELED};
+use semcal::world::{Lidar, Renderer, Rig, ScanPattern, Shutter, UNLABELED};
 use semcal::zoom::{Placement, Zoom, Zoomed, majority};
 
 const SIZE: (usize, usize) = (1280, 720);
@@ -44,7 +44,8 @@ fn frames(count: usize) -> Vec<Frame> {
         fov_up_deg: FOV_DEG.0,
         fov_down_deg: FOV_DEG.1,
     };
-    let rig = Rig { lidar: Lidar { pattern, ..Lidar::default() }, camera: camera(), t_camera_lidar: pose() };
+    let lidar = Lidar { pattern, ..Lidar::default() };
+    let rig = Rig { lidar, camera: camera(), t_camera_lidar: pose(), shutter: Shutter::default() };
     let renderer = Renderer::new(rig).expect("a valid rig");
     let class = |id: u8| if id == UNLABELED { NO_CLASS } else { id };
     let frame = |number| {

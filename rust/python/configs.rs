@@ -8,7 +8,7 @@ use crate::labelling::Neighbors;
 use crate::registration::RegistrationConfig;
 use crate::segmentation::SegmentationConfig;
 use crate::semantic_distance::DescentConfig;
-use crate::world::{Lidar, ScanPattern};
+use crate::world::{Direction, Lidar, ScanPattern, Shutter};
 use crate::zoom::Zoom;
 
 /// An attribute of a Python object, or a conversion of a number with another name.
@@ -112,7 +112,26 @@ impl<'py> FromPyObject<'_, 'py> for Lidar {
             range_noise_m: attribute!(object, range_noise_m),
             dropout: attribute!(object, dropout),
             max_range_m: attribute!(object, max_range_m),
+            sweep_s: attribute!(object, sweep_s),
             tilt_deg: attribute!(object, lidar_tilt_deg),
         })
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Shutter {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        let name: String = attribute!(object, readout_direction);
+        let direction = match name.as_str() {
+            "down" => Direction::Down,
+            "up" => Direction::Up,
+            "right" => Direction::Right,
+            "left" => Direction::Left,
+            other => return Err(value_error(format!("readout direction '{other}' is not known"))),
+        };
+        let (delay_ms, readout_ms): (f64, f64) =
+            (attribute!(object, delay_ms), attribute!(object, readout_ms));
+        Ok(Self { delay_s: 1e-3 * delay_ms, readout_s: 1e-3 * readout_ms, direction })
     }
 }

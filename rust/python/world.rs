@@ -1,5 +1,6 @@
 //! Synthetic streets.
 
+use nalgebra::Vector6;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray2};
 use pyo3::prelude::*;
 
@@ -7,7 +8,7 @@ use super::arrays::to_array2;
 use super::camera::PyCamera;
 use super::poses::isometry;
 use super::threads::detached;
-use crate::world::{Class, Frame, Lidar, Renderer, Rig, Visibility};
+use crate::world::{Class, Frame, Lidar, Renderer, Rig, Shutter, Visibility};
 
 #[pyclass(name = "Renderer", frozen)]
 pub(super) struct PyRenderer {
@@ -23,21 +24,35 @@ impl PyRenderer {
         py: Python<'_>,
         camera: &PyCamera,
         t_camera_lidar: PyReadonlyArray2<f64>,
-        config: Lidar,
+        config: &Bound<'_, PyAny>,
     ) -> PyResult<Self> {
-        let rig = Rig { lidar: config, camera: camera.0.clone(), t_camera_lidar: isometry(&t_camera_lidar)? };
+        let (lidar, shutter): (Lidar, Shutter) = (config.extract()?, config.extract()?);
+        let rig =
+            Rig { lidar, camera: camera.0.clone(), t_camera_lidar: isometry(&t_camera_lidar)?, shutter };
         let size = [camera.0.height, camera.0.width];
         Ok(Self { renderer: detached(py, || Renderer::new(rig))?, size })
     }
 
-    fn frame(&self, py: Python<'_>, seed: u64, number: u64) -> PyResult<PyRenderedFrame> {
-        PyRenderedFrame::new(py, detached(py, || self.renderer.frame(seed, number)), self.size)
+    #[pyo3(signature = (seed, number, twist_per_s = None))]
+    fn frame(
+        &self,
+        py: Python<'_>,
+        seed: u64,
+        number: u64,
+        twist_per_s: Option<[f64; 6]>,
+    ) -> PyResult<PyRenderedFrame> {
+        let frame = detached(py, || match twist_per_s {
+            None => Ok(self.renderer.frame(seed, number)),
+            Some(twist) => self.renderer.frame_in_motion(seed, number, Vector6::from(twist)),
+        })?;
+        PyRenderedFrame::new(py, frame, self.size)
     }
 }
 
 #[pyclass(name = "RenderedFrame", frozen, get_all)]
 pub(super) struct PyRenderedFrame {
     points: Py<PyArray2<f32>>,
+    point_times: Py<PyArray1<f32>>,
     point_labels: Py<PyArray1<u32>>,
     point_visibility: Py<PyArray1<u8>>,
     image_labels: Py<PyArray2<u8>>,
@@ -56,6 +71,7 @@ impl PyRenderedFrame {
         let rgb = frame.image_rgb.into_flattened().into_pyarray(py);
         Ok(Self {
             points: to_array2(py, &frame.points)?.unbind(),
+            point_times: frame.point_times.into_pyarray(py).unbind(),
             point_labels: frame.point_labels.into_pyarray(py).unbind(),
             point_visibility: point_visibility.into_pyarray(py).unbind(),
             image_labels: frame.image_labels.into_pyarray(py).reshape([height, width])?.unbind(),

@@ -7,6 +7,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::mesh::{Builder, Place};
+use super::passage::Passage;
 use super::scene::Scene;
 use super::shading::Light;
 use super::site::{REACH, Site, near_branch};
@@ -17,6 +18,8 @@ use super::{barriers, cycles, furniture, ground, lots, people, traffic, vegetati
 const MOUNT_M: std::ops::Range<f64> = 1.7..1.9;
 /// The rig's heading off its lane's, and its inclination.
 const MAX_HEADING_OFF: f64 = 25.0;
+/// A rig that moves keeps to its lane: houses and fences stand where a way across the street would lead.
+const MAX_MOVING_HEADING_OFF: f64 = 10.0;
 const MAX_INCLINATION_DEG: f64 = 2.0;
 /// A crown reaches this share of the tree's height to its sides; the rig stands under none.
 const CROWN_REACH: f32 = 0.7;
@@ -27,18 +30,27 @@ const NEAR: f32 = 16.0;
 pub struct Stage {
     pub scene: Scene,
     pub light: Light,
-    pub t_world_lidar: Isometry3<f64>,
+    /// The LiDAR's pose at the middle of the sweep.
+    t_world_lidar: Isometry3<f64>,
+    pub passage: Passage,
+}
+
+impl Stage {
+    /// The LiDAR's pose at a time, seconds from the middle of the sweep.
+    pub fn t_world_lidar(&self, time_s: f64) -> Isometry3<f64> {
+        self.passage.carry(&self.t_world_lidar, time_s)
+    }
 }
 
 /// Builds the stage of one frame from its own generator.
-pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
+pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64, passage: Passage) -> Stage {
     let street = Street::random(&mut rng);
     let light = Light::random(&mut rng);
     let lane = rng.random_range(0..street.lanes);
     let rig_d = street.lane_center(lane) + rng.random_range(-0.4..0.4);
-    let t_world_lidar = rig_pose(&mut rng, &street, lane, rig_d, tilt_deg);
-    let rig = street.at(0.0, rig_d);
-    let mut site = Site::new(Builder::new(rng, rig), street, rig);
+    let t_world_lidar = rig_pose(&mut rng, &street, lane, rig_d, tilt_deg, passage.is_moving());
+    let way = passage.spots(street.at(0.0, rig_d), &t_world_lidar);
+    let mut site = Site::new(Builder::new(rng, way.clone()), street, way);
     ground::build(&mut site.builder, &site.street);
     traffic::moving(&mut site);
     for side in [0, 1] {
@@ -48,15 +60,24 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64) -> Stage {
         lots::build(&mut site, side);
     }
     lots::backdrop(&mut site);
-    Stage { scene: Scene::new(site.builder), light, t_world_lidar }
+    Stage { scene: Scene::new(site.builder), light, t_world_lidar, passage }
 }
 
-fn rig_pose(rng: &mut ChaCha8Rng, street: &Street, lane: usize, d: f32, tilt_deg: f64) -> Isometry3<f64> {
+fn rig_pose(
+    rng: &mut ChaCha8Rng,
+    street: &Street,
+    lane: usize,
+    d: f32,
+    tilt_deg: f64,
+    is_moving: bool,
+) -> Isometry3<f64> {
     let spot = street.rig_spot(d);
     let height = f64::from(spot.z) + rng.random_range(MOUNT_M);
     let along = if street.lane_runs_ahead(lane) { 0.0 } else { 180.0 };
     let quarter_turns = [0, 0, 0, 0, 0, 1, 2, 3][rng.random_range(0..8)];
     let off = rng.random_range(-MAX_HEADING_OFF..MAX_HEADING_OFF);
+    let (quarter_turns, off) =
+        if is_moving { (0, off * (MAX_MOVING_HEADING_OFF / MAX_HEADING_OFF)) } else { (quarter_turns, off) };
     let yaw: f64 = along + 90.0 * f64::from(quarter_turns) + off;
     let mut incline = || rng.random_range(-MAX_INCLINATION_DEG..MAX_INCLINATION_DEG).to_radians();
     let (roll, pitch) = (incline(), incline() + tilt_deg.to_radians());

@@ -52,20 +52,21 @@ pub struct Builder {
     pub rng: ChaCha8Rng,
     pub triangles: Vec<Triangle>,
     pub surfaces: Vec<Surface>,
-    /// Where the rig stands.
-    viewpoint: Vec2,
+    /// Spots along the rig's way.
+    viewpoints: Vec<Vec2>,
     instance: u16,
     objects: u16,
 }
 
 impl Builder {
-    pub fn new(rng: ChaCha8Rng, viewpoint: Vec2) -> Self {
-        Self { rng, triangles: Vec::new(), surfaces: Vec::new(), viewpoint, instance: GROUND, objects: 0 }
+    pub fn new(rng: ChaCha8Rng, viewpoints: Vec<Vec2>) -> Self {
+        Self { rng, triangles: Vec::new(), surfaces: Vec::new(), viewpoints, instance: GROUND, objects: 0 }
     }
 
-    /// Metres from the rig, seen from above: what is near is built finer.
+    /// Metres from the rig's way, seen from above: what is near is built finer.
     pub fn distance(&self, place: &Place) -> f32 {
-        place.origin.truncate().distance(self.viewpoint)
+        let spot = place.origin.truncate();
+        self.viewpoints.iter().map(|rig| spot.distance(*rig)).fold(f32::INFINITY, f32::min)
     }
 
     /// Paints made from here on belong to a new object.

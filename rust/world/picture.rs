@@ -1,6 +1,6 @@
 //! The camera's side of a frame: one ray through the centre of each pixel.
 
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Matrix3, Vector3};
 use parry3d::math::Vec3;
 use rayon::prelude::*;
 
@@ -8,6 +8,7 @@ use super::classes::{Class, UNLABELED};
 use super::layout::Stage;
 use super::mesh::GROUND;
 use super::scene::to_f32;
+use super::sensors::Rig;
 use super::shading::Spot;
 
 /// The camera sees no farther.
@@ -23,25 +24,39 @@ pub struct Pixel {
     pub instance: u16,
 }
 
-/// The picture of a camera whose pixels look along `pixel_rays`, row by row.
-pub fn take(
-    stage: &Stage,
-    t_world_camera: &Isometry3<f64>,
-    pixel_rays: &[Option<Vector3<f32>>],
-    width: usize,
-) -> Vec<Pixel> {
-    let origin = to_f32(&t_world_camera.translation.vector);
-    let rotation = t_world_camera.rotation.to_rotation_matrix().cast::<f32>();
-    let row = |rays: &[Option<Vector3<f32>>]| -> Vec<Pixel> {
+/// The picture of a rig's camera, whose pixels look along `pixel_rays`, row by row.
+pub fn take(stage: &Stage, rig: &Rig, pixel_rays: &[Option<Vector3<f32>>]) -> Vec<Pixel> {
+    let size = [rig.camera.width, rig.camera.height];
+    let t_lidar_camera = rig.t_camera_lidar.inverse();
+    let at = |time_s| View::new(&(stage.t_world_lidar(time_s) * t_lidar_camera));
+    let views: Vec<View> = rig.shutter.line_times_s(size).into_iter().map(at).collect();
+    let row = |(v, rays): (usize, &[Option<Vector3<f32>>])| -> Vec<Pixel> {
         let mut neighbour = Neighbour::default();
-        let mut look = |ray: &Vector3<f32>| {
-            let ray = rotation * ray;
-            neighbour.look(stage, origin, Vec3::new(ray.x, ray.y, ray.z))
+        let mut look = |u: usize, ray: &Vector3<f32>| {
+            let view = &views[rig.shutter.line([u, v], size)];
+            let ray = view.rotation * ray;
+            neighbour.look(stage, view.origin, Vec3::new(ray.x, ray.y, ray.z))
         };
-        rays.iter().map(|ray| ray.as_ref().map_or(Pixel::UNREACHED, &mut look)).collect()
+        let pixel = |(u, ray): (usize, &Option<_>)| ray.as_ref().map_or(Pixel::UNREACHED, |ray| look(u, ray));
+        rays.iter().enumerate().map(pixel).collect()
     };
-    let rows: Vec<_> = pixel_rays.par_chunks(width.max(1)).map(row).collect();
+    let rows: Vec<_> = pixel_rays.par_chunks(size[0].max(1)).enumerate().map(row).collect();
     rows.into_iter().flatten().collect()
+}
+
+/// From where, and which way round, a line of the picture is exposed.
+struct View {
+    origin: Vec3,
+    rotation: Matrix3<f32>,
+}
+
+impl View {
+    fn new(t_world_camera: &Isometry3<f64>) -> Self {
+        Self {
+            origin: to_f32(&t_world_camera.translation.vector),
+            rotation: t_world_camera.rotation.to_rotation_matrix().cast::<f32>().into_inner(),
+        }
+    }
 }
 
 impl Pixel {

@@ -1,6 +1,6 @@
 //! One frame of a rig: its LiDAR's returns and its camera's picture.
 
-use nalgebra::{Point2, Point3, Vector3};
+use nalgebra::{Point2, Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -8,32 +8,24 @@ use rayon::prelude::*;
 
 use super::layout::{self, Stage};
 use super::mesh::GROUND;
+use super::passage::Passage;
 use super::picture::{self, Pixel};
 use super::scene::to_f32;
 use super::sensors::Rig;
+use super::sight::{self, Target, Visibility};
 use crate::error::Result;
 
-/// A return is hidden when something stands this much nearer on the camera's line of sight.
-const HIDDEN_MARGIN_M: f64 = 0.1;
 /// Rays of a LiDAR that share one generator.
 const CHUNK: usize = 1024;
 
-/// Whether the camera sees a LiDAR return.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Visibility {
-    /// It lies outside the picture.
-    Outside,
-    /// Something nearer stands before it.
-    Hidden,
-    /// It is in the picture and seen.
-    Visible,
-}
-
-/// What a rig measures at one moment.
+/// What a rig measures in one sweep and one picture.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// x, y, z, intensity in [0, 1] of each return, LiDAR frame, in firing order; lost rays are left out.
+    /// x, y, z, intensity in [0, 1] of each return, in the LiDAR's frame when it was fired, in firing order; lost rays are
+    /// left out.
     pub points: Vec<[f32; 4]>,
+    /// Seconds from the start of the sweep to each return.
+    pub point_times: Vec<f32>,
     /// SemanticKITTI's form: instance << 16 | class id.
     pub point_labels: Vec<u32>,
     /// Whether the camera sees each return.
@@ -55,6 +47,7 @@ pub struct Renderer {
 
 struct Return {
     point: [f32; 4],
+    time: f32,
     label: u32,
     visibility: Visibility,
 }
@@ -77,17 +70,32 @@ impl Renderer {
         Ok(Self { rig, pixel_rays })
     }
 
-    /// The frame of a number in the world of a seed.
+    /// The frame of a number in the world of a seed, of a rig that stands still.
     pub fn frame(&self, seed: u64, number: u64) -> Frame {
-        let stage = layout::build(generator(seed, number, 0), self.rig.lidar.tilt_deg);
-        let t_world_camera = stage.t_world_lidar * self.rig.t_camera_lidar.inverse();
-        let pixels = picture::take(&stage, &t_world_camera, &self.pixel_rays, self.rig.camera.width);
+        self.passing(seed, number, Passage::STILL)
+    }
+
+    /// The frame of a rig that moves with one twist, metres and radians a second in the LiDAR frame.
+    ///
+    /// The image is stamped with the middle of the sweep. The street differs from that of [`Renderer::frame`]: the rig
+    /// keeps to its lane, and its way is free.
+    ///
+    /// # Errors
+    /// The twist is not finite, or no rig is as fast.
+    pub fn frame_in_motion(&self, seed: u64, number: u64, twist_per_s: Vector6<f64>) -> Result<Frame> {
+        Ok(self.passing(seed, number, Passage::new(twist_per_s, &self.rig)?))
+    }
+
+    fn passing(&self, seed: u64, number: u64, passage: Passage) -> Frame {
+        let stage = layout::build(generator(seed, number, 0), self.rig.lidar.tilt_deg, passage);
+        let pixels = picture::take(&stage, &self.rig, &self.pixel_rays);
         let returns = self.scan(&stage, seed, number);
         Frame {
             num_objects: count_objects(&pixels, &returns),
             image_labels: pixels.iter().map(|pixel| pixel.label).collect(),
             image_rgb: pixels.iter().map(|pixel| pixel.rgb).collect(),
             points: returns.iter().map(|hit| hit.point).collect(),
+            point_times: returns.iter().map(|hit| hit.time).collect(),
             point_labels: returns.iter().map(|hit| hit.label).collect(),
             point_visibility: returns.iter().map(|hit| hit.visibility).collect(),
         }
@@ -100,46 +108,41 @@ impl Renderer {
             .enumerate()
             .map(|(i, directions)| {
                 let mut rng = generator(seed, number, 1 + i as u64);
-                directions.iter().filter_map(|direction| self.fire(stage, direction, &mut rng)).collect()
+                let rays = (i * CHUNK..).zip(directions);
+                rays.filter_map(|(ray, direction)| self.fire(stage, ray, direction, &mut rng)).collect()
             })
             .collect();
         chunks.into_iter().flatten().collect()
     }
 
-    /// One ray of the LiDAR.
-    fn fire(&self, stage: &Stage, direction: &Vector3<f64>, rng: &mut ChaCha8Rng) -> Option<Return> {
+    /// One ray of the LiDAR, by its number in the sweep.
+    fn fire(
+        &self,
+        stage: &Stage,
+        ray: usize,
+        direction: &Vector3<f64>,
+        rng: &mut ChaCha8Rng,
+    ) -> Option<Return> {
         let lidar = &self.rig.lidar;
+        let time = lidar.sweep_s * lidar.pattern.share_before(ray);
+        let time_s = time - 0.5 * lidar.sweep_s;
+        let t_world_lidar = stage.t_world_lidar(time_s);
         let (lost, noise): (bool, f64) = (rng.random_bool(lidar.dropout), StandardNormal.sample(rng));
-        let origin = to_f32(&stage.t_world_lidar.translation.vector);
-        let ray = to_f32(&(stage.t_world_lidar.rotation * direction));
+        let origin = to_f32(&t_world_lidar.translation.vector);
+        let ray = to_f32(&(t_world_lidar.rotation * direction));
         let hit = stage.scene.cast(origin, ray, lidar.max_range_m as f32, None)?;
         if lost {
             return None;
         }
         let spot = stage.scene.spot(hit, origin, ray);
         let measured = direction * (f64::from(hit.range) + noise * lidar.range_noise_m);
+        let target = Target { time_s, measured, truth: direction * f64::from(hit.range) };
         Some(Return {
             point: [measured.x as f32, measured.y as f32, measured.z as f32, spot.intensity()],
             label: u32::from(spot.surface.instance) << 16 | u32::from(spot.surface.class.id()),
-            visibility: self.visibility(stage, &measured, &(direction * f64::from(hit.range))),
+            time: time as f32,
+            visibility: sight::visibility(stage, &self.rig, &target),
         })
-    }
-
-    /// Whether the camera sees a return, measured at one point of the LiDAR frame and truly at another.
-    fn visibility(&self, stage: &Stage, measured: &Vector3<f64>, truth: &Vector3<f64>) -> Visibility {
-        let t = &self.rig.t_camera_lidar;
-        let pixel = self.rig.camera.project(&(t * Point3::from(*measured)).coords);
-        if !pixel.is_some_and(|pixel| self.rig.camera.contains(&pixel)) {
-            return Visibility::Outside;
-        }
-        let camera_world = stage.t_world_lidar * (t.inverse() * Point3::origin());
-        let sight = stage.t_world_lidar * Point3::from(*truth) - camera_world;
-        let limit = (sight.norm() - HIDDEN_MARGIN_M) as f32;
-        let (eye, sight) = (to_f32(&camera_world.coords), to_f32(&sight.normalize()));
-        match stage.scene.blocker(eye, sight, limit, None) {
-            Some(_) => Visibility::Hidden,
-            None => Visibility::Visible,
-        }
     }
 }
 
@@ -168,10 +171,11 @@ fn count_objects(pixels: &[Pixel], returns: &[Return]) -> usize {
 mod tests {
     use std::collections::BTreeSet;
 
-    use nalgebra::{Isometry3, Matrix3, Rotation3, UnitQuaternion};
+    use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, UnitQuaternion};
 
     use super::super::classes::Class;
     use super::super::sensors::{Lidar, ScanPattern};
+    use super::super::shutter::Shutter;
     use super::*;
     use crate::camera::Camera;
 
@@ -189,6 +193,7 @@ mod tests {
             lidar,
             camera: Camera::new("plumb_bob", SIZE, k, &[]).expect("a valid camera"),
             t_camera_lidar: Isometry3::from_parts((rotation * -camera_in_lidar).into(), rotation),
+            shutter: Shutter::default(),
         }
     }
 

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Vector3};
 
+use super::shutter::Shutter;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
 
@@ -74,6 +75,14 @@ impl ScanPattern {
         }
     }
 
+    /// The part of the sweep that is over when a ray is fired; the rays of a column are fired together.
+    pub(super) fn share_before(&self, ray: usize) -> f64 {
+        match *self {
+            Self::Spinning { channels, columns, .. } => (ray / channels) as f64 / columns as f64,
+            Self::Rosette { points, .. } => ray as f64 / points as f64,
+        }
+    }
+
     fn is_valid(&self) -> bool {
         let (rays, up, down) = match *self {
             Self::Spinning { channels, columns, fov_up_deg, fov_down_deg } => {
@@ -101,6 +110,8 @@ pub struct Lidar {
     pub dropout: f64,
     /// Nothing farther returns.
     pub max_range_m: f64,
+    /// Seconds from the first ray of a sweep to that of the next.
+    pub sweep_s: f64,
     /// How far the sensor's x axis is pitched below the vehicle's. The camera, mounted to the LiDAR, tilts with it.
     pub tilt_deg: f64,
 }
@@ -112,6 +123,7 @@ impl Default for Lidar {
             range_noise_m: 0.02,
             dropout: 0.05,
             max_range_m: 120.0,
+            sweep_s: 0.1,
             tilt_deg: 0.0,
         }
     }
@@ -119,8 +131,8 @@ impl Default for Lidar {
 
 impl Lidar {
     fn is_valid(&self) -> bool {
-        let lengths = [self.range_noise_m, self.max_range_m];
-        let sound = lengths.iter().all(|&x| x.is_finite() && x >= 0.0);
+        let amounts = [self.range_noise_m, self.max_range_m, self.sweep_s];
+        let sound = amounts.iter().all(|&x| x.is_finite() && x >= 0.0);
         sound && (0.0..=1.0).contains(&self.dropout) && self.tilt_deg.is_finite() && self.pattern.is_valid()
     }
 }
@@ -134,6 +146,8 @@ pub struct Rig {
     pub camera: Camera,
     /// `p_camera = t_camera_lidar * p_lidar`.
     pub t_camera_lidar: Isometry3<f64>,
+    /// When the lines of a picture are exposed; it matters only while the rig moves.
+    pub shutter: Shutter,
 }
 
 impl Rig {
@@ -143,6 +157,7 @@ impl Rig {
         if !self.lidar.is_valid() {
             return Err(Error::Input(format!("rig: {:?} cannot be", self.lidar)));
         }
+        self.shutter.check()?;
         if lever > super::MAX_LEVER_M {
             return Err(Error::Input(format!(
                 "rig: the camera is {lever:.2} m from the LiDAR; the street keeps {} m free",

@@ -13,14 +13,16 @@ pub const REACH: f32 = 80.0;
 pub struct Site {
     pub builder: Builder,
     pub street: Street,
-    rig: Vec2,
+    /// Spots along the rig's way.
+    way: Vec<Vec2>,
     taken: Vec<(Vec2, f32)>,
 }
 
 impl Site {
-    /// Bare ground, of which the rig has its own.
-    pub fn new(builder: Builder, street: Street, rig: Vec2) -> Self {
-        Self { builder, street, rig, taken: vec![(rig, FREE_RADIUS_M)] }
+    /// Bare ground, of which the rig has its own: spots along its way.
+    pub fn new(builder: Builder, street: Street, way: Vec<Vec2>) -> Self {
+        let taken = way.iter().map(|&spot| (spot, FREE_RADIUS_M)).collect();
+        Self { builder, street, way, taken }
     }
 
     /// Takes a disc of ground, if all of it is free; `(s, d)` in street coordinates.
@@ -35,7 +37,7 @@ impl Site {
 
     /// Takes ground for something long, lying at `yaw` to the street.
     ///
-    /// `gap` is what must lie between it and the rig.
+    /// `gap` is what must lie between it and the rig's way.
     pub fn claim_long(
         &mut self,
         s: f32,
@@ -51,7 +53,7 @@ impl Site {
             .collect();
         let free = |(spot, size): &(Vec2, f32)| {
             let clear = self.taken.iter().all(|(other, radius)| spot.distance(*other) > size + radius);
-            clear && spot.distance(self.rig) > size + gap
+            clear && self.way.iter().all(|rig| spot.distance(*rig) > size + gap)
         };
         let all_free = spots.iter().all(free);
         if all_free {

@@ -13,7 +13,19 @@ from typing import TYPE_CHECKING, Any, TypeAlias, get_args
 import click
 
 from semcal_cli.cli.options import PATH, number_option, quiet_option, seed_option, threads_option
-from semcal_cli.config import MAX_SEED, SYNTH_MAX_BASELINE_M, Lens, Ontology, Pattern, SynthConfig
+from semcal_cli.config import (
+    MAX_SEED,
+    SYNTH_MAX_BASELINE_M,
+    SYNTH_MAX_DELAY_MS,
+    SYNTH_MAX_READOUT_MS,
+    Lens,
+    Ontology,
+    Pattern,
+    ReadoutDirection,
+    RigMotion,
+    SynthConfig,
+)
+from semcal_cli.errors import InputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -55,6 +67,7 @@ def _section(title: str) -> Callable[..., Decorator]:
 
 drive_option, lidar_option, camera_option = _section("Drive"), _section("LiDAR"), _section("Camera")
 mounting_option, label_option = _section("Mounting"), _section("Labels")
+motion_option = _section("Motion")
 
 ANGLE = click.FloatRange(-180.0, 180.0)
 ELEVATION = click.FloatRange(-90.0, 90.0)
@@ -133,6 +146,27 @@ SHARE = click.FloatRange(0.0, 1.0, max_open=True)
     type=click.Choice(get_args(Ontology)),
     help="Label points and images with the same named ids, or with ids that have nothing in common.",
 )
+@motion_option(
+    "--motion",
+    type=click.Choice(get_args(RigMotion)),
+    help="steady: straight on at 12 m/s in every frame; mixed: in each frame another speed up to 20 m/s, and another "
+    "turn up to 0.4 rad/s. Points and lines of pictures are measured from where the rig is then.",
+)
+@motion_option(
+    "--delay-ms",
+    type=click.FloatRange(-SYNTH_MAX_DELAY_MS, SYNTH_MAX_DELAY_MS),
+    help="Take the pictures this much later than image_stamp says, which drive.yaml does not tell; negative: earlier.",
+)
+@motion_option(
+    "--readout-ms",
+    type=click.FloatRange(0.0, SYNTH_MAX_READOUT_MS),
+    help="Time that a rolling shutter takes from the first line of a picture to the last; 0: a global shutter.",
+)
+@motion_option(
+    "--readout-direction",
+    type=click.Choice(get_args(ReadoutDirection)),
+    help="Way in which a rolling shutter reads the lines; down begins with the uppermost row.",
+)
 @number_option(
     "--drives",
     "num_drives",
@@ -174,8 +208,13 @@ def synth(
     from rich.progress import Progress
 
     from semcal_cli import _core
+    from semcal_cli.synthetic.motion import check_motion
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
 
+    try:
+        check_motion(config)
+    except InputError as error:
+        raise click.UsageError(str(error)) from None
     if threads is not None:
         _core.set_num_threads(threads)
     start = perf_counter()

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, NamedTuple, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, Field, PrivateAttr, ValidationInfo, field_validator, model_validator
 
-from semcal_cli.config import MAX_POINTS
+from semcal_cli.config import MAX_POINTS, ReadoutDirection
 from semcal_cli.drive.other_documents import OF_RIG, check_is_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
@@ -110,8 +110,6 @@ Readout = Annotated[float, Field(ge=0.0, le=1.0)]
 """Time in seconds from the first line of a picture to the last. No shutter rolls for longer than a frame takes."""
 TimeOffset = Annotated[float, Field(ge=-1.0, le=1.0)]
 """Offset of two clocks, in seconds. Sweeps and pictures that are farther apart are no pairs."""
-ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
-"""Way in which the lines of a picture are read, one after another."""
 
 
 def _orthonormal(T: StatedTransform) -> StatedTransform:

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import SYNTH_MIN_BASELINE_M, Lens, SynthConfig
@@ -19,26 +18,22 @@ from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera, CameraModel
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
-from semcal_cli.files.images import write_image
-from semcal_cli.files.messages import os_reason
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, Vector, pose_from_mounting
-from semcal_cli.synthetic.label_noise import mislabel
-
-Labels = npt.NDArray[np.uint8]
-
-UNLABELED = 0
-"""Id of pixels that the lens does not reach; no point has it."""
-SKY = "sky"
-FIRST_DISJOINT_ID = 100
-"""First id of disjoint label images, above every id of the synthetic classes."""
+from semcal_cli.synthetic.frame_files import (
+    PICTURE_FOLDERS,
+    SWEEP_FOLDERS,
+    UNLABELED,
+    frame_document,
+    unwritable,
+    write_frame,
+)
+from semcal_cli.synthetic.motion import POSES_FILE, check_motion, poses_text, shutter
+from semcal_cli.synthetic.streams import MOUNTING, generator
 
 PITCH_DEG, ROLL_DEG = 8.0, 4.0
 CENTER_BOX_M = np.array([1.0, 1.0, 0.6])
 """Largest coordinates of a randomly mounted camera in the LiDAR frame, in both directions."""
-
-MOUNTING, ONTOLOGY, POINT_LABELS, IMAGE_LABELS = range(4)
-"""Independent streams of random numbers."""
 
 # Model, distortion in OpenCV's order, horizontal field of view. Each lens is monotone over its field of view.
 LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
@@ -51,9 +46,6 @@ LENSES: dict[Lens, tuple[CameraModel, tuple[float, ...], float]] = {
 }
 LENS_PARAMETERS: dict[Lens, dict[str, float]] = {"omnidirectional": {"xi": 1.2}}
 
-FOLDERS = {"points": "bin", "point_labels": "label", "image_labels": "png", "images": "png"}
-SWEEP_FOLDERS = ("points", "point_labels")
-
 
 @dataclass(frozen=True)
 class SynthSummary:
@@ -65,12 +57,6 @@ class SynthSummary:
     """Number of points of all frames."""
     num_classes: int
     """Number of classes of points and pixels together, before label noise."""
-
-
-@dataclass(frozen=True)
-class _Written:
-    num_points: int
-    classes: frozenset[int]
 
 
 def synthesize(
@@ -96,21 +82,22 @@ def synthesize(
         camera: Number of the camera in a rig; the label noise differs between the cameras.
 
     Raises:
-        InputError: the folder is not empty or cannot be written, or the config describes no possible rig.
+        InputError: the folder is not empty or cannot be written, or the config describes no possible rig or motion.
     """
+    check_motion(config)
     T_camera_lidar = mounting(config)
     renderer = make_renderer(config, T_camera_lidar)
     _prepare_folder(out, force, sweeps)
-    ids = image_ids(config)
     # Rust renders one frame at a time on all cores, while the other thread writes the previous frame.
     with ThreadPoolExecutor(max_workers=2) as threads:
         frames = []
-        for frame in threads.map(
-            partial(_write_frame, config, renderer, ids, out, sweeps, camera), range(config.num_frames)
-        ):
+        write = partial(write_frame, config, renderer, out, sweeps, camera)
+        for frame in threads.map(write, range(config.num_frames)):
             frames.append(frame)
             if progress is not None:
                 progress(len(frames))
+    if config.motion != "none" and sweeps is None:
+        write_text(poses_text(config), out / POSES_FILE)
     write_text(document_text(_drive_document(config, T_camera_lidar, sweeps), "yaml"), out / DRIVE_FILE)
     return SynthSummary(
         num_frames=len(frames),
@@ -142,13 +129,14 @@ def synthesize_rig(
         The summary of the last camera's drive.
 
     Raises:
-        InputError: the folder is not empty or cannot be written, or the config describes no possible rig.
+        InputError: the folder is not empty or cannot be written, or the config describes no possible rig or motion.
     """
+    check_motion(config)
     _check_empty(out, force)
     try:
         (out / RIG_FILE).unlink(missing_ok=True)
     except OSError as error:
-        raise _unwritable(out, error) from None
+        raise unwritable(out, error) from None
     rig_seed = config.seed if config.rig_seed is None else config.rig_seed
     first_deg = config.camera_azimuth_deg or 0.0
     names = [f"camera_{index}" for index in range(num_cameras)]
@@ -176,7 +164,7 @@ def mounting(config: SynthConfig) -> Pose:
         T_camera_lidar (4, 4), metres.
     """
     rig = config if config.rig_seed is None else replace(config, seed=config.rig_seed)
-    rng = _generator(rig, MOUNTING)
+    rng = generator(rig, MOUNTING)
     azimuth, pitch, roll = rng.uniform((-180.0, -PITCH_DEG, -ROLL_DEG), (180.0, PITCH_DEG, ROLL_DEG))
     azimuth = azimuth if config.camera_azimuth_deg is None else config.camera_azimuth_deg
     pitch = pitch if config.camera_pitch_deg is None else config.camera_pitch_deg
@@ -239,16 +227,6 @@ def make_renderer(config: SynthConfig, T_camera_lidar: Pose) -> _core.Renderer:
     return _core.Renderer(core_camera(make_camera(config)), T_camera_lidar, config)
 
 
-def image_ids(config: SynthConfig) -> Labels:
-    """Make the table (256,) from the ids of the synthetic classes to those of the label images."""
-    table = np.arange(256, dtype=np.uint8)
-    if config.ontology == "disjoint":
-        classes = _class_ids()
-        shuffled = _generator(config, ONTOLOGY).permutation(len(classes))
-        table[classes] = FIRST_DISJOINT_ID + shuffled
-    return table
-
-
 def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
     """Draw the position of the camera, (3,) metres in the LiDAR frame."""
     distance = math.inf
@@ -258,98 +236,36 @@ def _camera_center(config: SynthConfig, rng: np.random.Generator) -> Vector:
     return center if config.baseline_m is None else center * (config.baseline_m / distance)
 
 
-def _write_frame(
-    config: SynthConfig,
-    renderer: _core.Renderer,
-    ids: Labels,
-    out: Path,
-    sweeps: str | None,
-    camera: int,
-    number: int,
-) -> _Written:
-    frame = renderer.frame(config.seed, number)
-    points, labels, image_labels = frame.points, frame.point_labels, frame.image_labels
-    path = {folder: out / name for folder, name in _file_names(number).items()}
-    try:
-        if sweeps is None:
-            points.astype("<f4").tofile(path["points"])
-            _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
-    except OSError as error:
-        raise _unwritable(out, error) from None
-    # The label noise of two cameras is in different places.
-    rng = _generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
-    noisy = mislabel(image_labels, config.label_noise, _class_ids(), rng, UNLABELED)
-    write_image(ids[noisy], path["image_labels"])
-    write_image(frame.image_rgb[..., ::-1], path["images"])
-    classes = np.union1d(labels & 0xFFFF, image_labels)
-    return _Written(len(points), frozenset(classes.tolist()))
-
-
-def _noisy_point_labels(
-    config: SynthConfig, labels: npt.NDArray[np.uint32], number: int
-) -> npt.NDArray[np.uint32]:
-    """Mislabel points (N,), `instance << 16 | class`, but never as sky, which gives no return."""
-    classes = np.array([id_ for id_, name in _core.synthetic_classes() if name != SKY], dtype=np.uint8)
-    true = (labels & 0xFFFF).astype(np.uint8)
-    noisy = mislabel(true, config.label_noise, classes, _generator(config, POINT_LABELS, number), UNLABELED)
-    return (labels & np.uint32(0xFFFF0000)) | noisy
-
-
-def _class_ids() -> Labels:
-    return np.array([id_ for id_, _ in _core.synthetic_classes()], dtype=np.uint8)
-
-
-def _generator(config: SynthConfig, stream: int, frame: int = 0, *more: int) -> np.random.Generator:
-    return np.random.default_rng((config.seed, stream, frame, *more))
-
-
-def _file_names(number: int) -> dict[str, str]:
-    return {folder: f"{folder}/{number:06d}.{suffix}" for folder, suffix in FOLDERS.items()}
-
-
 def _check_empty(out: Path, force: bool) -> None:
     try:
         if not force and out.is_dir() and any(out.iterdir()):
             raise InputError(f"{out}: the folder is not empty; name another, or write into it with --force")
     except OSError as error:
-        raise _unwritable(out, error) from None
+        raise unwritable(out, error) from None
 
 
 def _prepare_folder(out: Path, force: bool, sweeps: str | None) -> None:
     _check_empty(out, force)
     try:
-        for folder in FOLDERS if sweeps is None else FOLDERS.keys() - set(SWEEP_FOLDERS):
+        for folder in PICTURE_FOLDERS if sweeps else SWEEP_FOLDERS + PICTURE_FOLDERS:
             (out / folder).mkdir(parents=True, exist_ok=True)
         (out / DRIVE_FILE).unlink(missing_ok=True)
     except OSError as error:
-        raise _unwritable(out, error) from None
-
-
-def _unwritable(out: Path, error: OSError) -> InputError:
-    return InputError(f"{out}: cannot be written: {os_reason(error)}")
+        raise unwritable(out, error) from None
 
 
 def _drive_document(config: SynthConfig, T_camera_lidar: Pose, sweeps: str | None) -> dict[str, Any]:
     document: dict[str, Any] = {"semcal_drive": 1}
-    document["camera"] = make_camera(config).model_dump(mode="json", exclude_unset=True)
+    document["camera"] = make_camera(config).model_dump(mode="json", exclude_unset=True) | shutter(config)
     if config.pattern == "spinning":
         keys = ("channels", "columns", "fov_up_deg", "fov_down_deg")
         document["lidar"] = {key: getattr(config, key) for key in keys}
-    document["frames"] = [_frame_document(number, sweeps) for number in range(config.num_frames)]
+    document["frames"] = [frame_document(config, number, sweeps) for number in range(config.num_frames)]
     document["ignore"] = {"points": [UNLABELED], "image": [UNLABELED]}
     if config.ontology == "shared":
         names = {name: [id_] for id_, name in _core.synthetic_classes()}
         document["classes"] = {"points": names, "image": names}
+    if config.motion != "none":
+        document["motion"] = {"poses": POSES_FILE if sweeps is None else f"{sweeps}/{POSES_FILE}"}
     document["T_camera_lidar"] = T_camera_lidar.tolist()
     return document
-
-
-def _frame_document(number: int, sweeps: str | None) -> dict[str, str]:
-    names = _file_names(number)
-    place = "" if sweeps is None else f"{sweeps}/"
-    return {
-        "points": place + names["points"],
-        "point_labels": place + names["point_labels"],
-        "image_labels": names["image_labels"],
-        "image": names["images"],
-    }

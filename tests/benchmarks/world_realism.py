@@ -25,7 +25,8 @@ from semcal_cli.drive.observations import FrameObservation, LabelledCloud, Label
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.synthetic.synthesis import UNLABELED, make_camera, make_renderer, mounting
+from semcal_cli.synthetic.frame_files import UNLABELED
+from semcal_cli.synthetic.synthesis import make_camera, make_renderer, mounting
 
 HIDDEN, VISIBLE = 1, 2
 MIN_POINTS = 50

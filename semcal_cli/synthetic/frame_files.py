@@ -1,0 +1,138 @@
+"""Files of the frames of a synthetic drive."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.config import SynthConfig
+from semcal_cli.errors import InputError
+from semcal_cli.files.images import write_image
+from semcal_cli.files.messages import os_reason
+from semcal_cli.synthetic.label_noise import mislabel
+from semcal_cli.synthetic.motion import lidar_twist, stamps
+from semcal_cli.synthetic.streams import IMAGE_LABELS, ONTOLOGY, POINT_LABELS, generator
+
+Labels = npt.NDArray[np.uint8]
+
+UNLABELED = 0
+"""Id of pixels that the lens does not reach; no point has it."""
+SKY = "sky"
+FIRST_DISJOINT_ID = 100
+"""First id of disjoint label images, above every id of the synthetic classes."""
+
+SWEEP_FOLDERS, PICTURE_FOLDERS = ("points", "point_labels"), ("image_labels", "images")
+SUFFIXES = {"points": "bin", "point_labels": "label", "image_labels": "png", "images": "png"}
+TIMED_POINTS_SUFFIX = "pcd"
+"""Suffix of clouds with a time for each point, which a .bin cannot hold."""
+TIMED_FIELDS = ("x", "y", "z", "intensity", "time")
+"""Fields of such a cloud, of four bytes each."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What was written of a frame."""
+
+    num_points: int
+    """Points of the sweep."""
+    classes: frozenset[int]
+    """Classes of points and pixels, before label noise."""
+
+
+def write_frame(
+    config: SynthConfig, renderer: _core.Renderer, out: Path, sweeps: str | None, camera: int, number: int
+) -> Written:
+    """Render a frame and write its files, the sweep only if it is not another camera's: see `synthesize`.
+
+    Raises:
+        InputError: a file cannot be written.
+    """
+    frame = renderer.frame(config.seed, number, lidar_twist(config, number))
+    labels, image_labels = frame.point_labels, frame.image_labels
+    path = {folder: out / name for folder, name in file_names(config, number).items()}
+    try:
+        if sweeps is None:
+            path["points"].write_bytes(_cloud(config, frame))
+            _noisy_point_labels(config, labels, number).astype("<u4").tofile(path["point_labels"])
+    except OSError as error:
+        raise unwritable(out, error) from None
+    # The label noise of two cameras is in different places.
+    rng = generator(config, IMAGE_LABELS, number, *([] if camera == 0 else [camera]))
+    noisy = mislabel(image_labels, config.label_noise, class_ids(), rng, UNLABELED)
+    write_image(image_ids(config)[noisy], path["image_labels"])
+    write_image(frame.image_rgb[..., ::-1], path["images"])
+    classes = np.union1d(labels & 0xFFFF, image_labels)
+    return Written(len(labels), frozenset(classes.tolist()))
+
+
+def image_ids(config: SynthConfig) -> Labels:
+    """Make the table (256,) from the ids of the synthetic classes to those of the label images."""
+    table = np.arange(256, dtype=np.uint8)
+    if config.ontology == "disjoint":
+        classes = class_ids()
+        shuffled = generator(config, ONTOLOGY).permutation(len(classes))
+        table[classes] = FIRST_DISJOINT_ID + shuffled
+    return table
+
+
+def class_ids() -> Labels:
+    """List the ids of the synthetic classes."""
+    return np.array([id_ for id_, _ in _core.synthetic_classes()], dtype=np.uint8)
+
+
+def frame_document(config: SynthConfig, number: int, sweeps: str | None) -> dict[str, str | float]:
+    """Make what a drive.yaml says of a frame."""
+    names = file_names(config, number)
+    place = "" if sweeps is None else f"{sweeps}/"
+    return {
+        "points": place + names["points"],
+        "point_labels": place + names["point_labels"],
+        "image_labels": names["image_labels"],
+        "image": names["images"],
+        **stamps(config, number),
+    }
+
+
+def file_names(config: SynthConfig, number: int) -> dict[str, str]:
+    """Name the file of a frame in each folder."""
+    suffixes = SUFFIXES if config.motion == "none" else SUFFIXES | {"points": TIMED_POINTS_SUFFIX}
+    return {folder: f"{folder}/{number:06d}.{suffix}" for folder, suffix in suffixes.items()}
+
+
+def unwritable(out: Path, error: OSError) -> InputError:
+    """Say in a line why a drive cannot be written."""
+    return InputError(f"{out}: cannot be written: {os_reason(error)}")
+
+
+def _cloud(config: SynthConfig, frame: _core.RenderedFrame) -> bytes:
+    """Make the content of a cloud: KITTI's records, or a binary PCD if the points have times of their own."""
+    if config.motion == "none":
+        return frame.points.astype("<f4").tobytes()
+    records = np.column_stack([frame.points, frame.point_times]).astype("<f4")
+    header = [
+        "VERSION 0.7",
+        "FIELDS " + " ".join(TIMED_FIELDS),
+        "SIZE" + len(TIMED_FIELDS) * " 4",
+        "TYPE" + len(TIMED_FIELDS) * " F",
+        "COUNT" + len(TIMED_FIELDS) * " 1",
+        f"WIDTH {len(records)}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {len(records)}",
+        "DATA binary",
+    ]
+    return ("\n".join(header) + "\n").encode() + records.tobytes()
+
+
+def _noisy_point_labels(
+    config: SynthConfig, labels: npt.NDArray[np.uint32], number: int
+) -> npt.NDArray[np.uint32]:
+    """Mislabel points (N,), `instance << 16 | class`, but never as sky, which gives no return."""
+    classes = np.array([id_ for id_, name in _core.synthetic_classes() if name != SKY], dtype=np.uint8)
+    true = (labels & 0xFFFF).astype(np.uint8)
+    noisy = mislabel(true, config.label_noise, classes, generator(config, POINT_LABELS, number), UNLABELED)
+    return (labels & np.uint32(0xFFFF0000)) | noisy

@@ -1,0 +1,131 @@
+"""Motion of a synthetic rig: what it truly does in each frame, and what its drive.yaml says of it.
+
+The rig moves with one twist in the second around each frame's sweep. Each frame has a street of its own, so the
+trajectory only joins the frames. Pictures are stamped with the middle of the sweep.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from semcal_cli.config import SYNTH_MAX_DELAY_MS, SYNTH_MAX_READOUT_MS, SynthConfig
+from semcal_cli.errors import InputError
+from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.synthetic.streams import MOTION, generator
+
+POSES_FILE = "poses.txt"
+FIRST_STAMP_S = 1.0
+FRAME_S = 1.0
+"""Time from one sweep to the next. It is longer than what a frame's measurements can span."""
+STEADY_M_S = 12.0
+MAX_SPEED_M_S, MAX_YAW_RATE_RAD_S = 20.0, 0.4
+"""Fastest forward speed of mixed motion, and fastest turn to either side."""
+
+
+class VehicleMotion(NamedTuple):
+    """Motion of the vehicle: x forward, y left, z up, with the origin at the LiDAR."""
+
+    speed_m_s: float
+    """Speed along x."""
+    yaw_rate_rad_s: float
+    """Turn about z, positive to the left."""
+
+    def displacement(self, seconds: float) -> Pose:
+        """Pose (4, 4) of the vehicle after some time in its frame at the start: an arc of a circle."""
+        turn, way_m = self.yaw_rate_rad_s * seconds, self.speed_m_s * seconds
+        # np.sinc(x) is sin(pi x) / (pi x): an arc's chord over its length is sin(turn / 2) / (turn / 2).
+        chord_m = way_m * float(np.sinc(0.5 * turn / math.pi))
+        T: Pose = np.eye(4)
+        T[:2, :2] = [[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]]
+        T[:2, 3] = chord_m * math.cos(0.5 * turn), chord_m * math.sin(0.5 * turn)
+        return T
+
+
+def check_motion(config: SynthConfig) -> None:
+    """Check that what is asked of clocks and shutter is possible, and shows.
+
+    Raises:
+        InputError: a time is out of its range, or nothing moves, so that it would change nothing.
+    """
+    limits = {
+        "--delay-ms": (config.delay_ms, -SYNTH_MAX_DELAY_MS, SYNTH_MAX_DELAY_MS),
+        "--readout-ms": (config.readout_ms, 0.0, SYNTH_MAX_READOUT_MS),
+    }
+    for option, (value, least, most) in limits.items():
+        if not least <= value <= most:
+            raise InputError(f"{option}: found {value:g}, needed {least:g} to {most:g}")
+        if value != 0.0 and config.motion == "none":
+            raise InputError(
+                f"{option}: found {value:g}, needed --motion steady or mixed, without which it changes nothing"
+            )
+    if config.readout_direction != SynthConfig.readout_direction and config.readout_ms == 0.0:
+        found = f"--readout-direction: found {config.readout_direction}"
+        raise InputError(f"{found}, needed --readout-ms, without which it changes nothing")
+
+
+def vehicle_motion(config: SynthConfig, number: int) -> VehicleMotion | None:
+    """Tell how the vehicle moves in a frame; None if it stands still."""
+    if config.motion == "none":
+        return None
+    if config.motion == "steady":
+        return VehicleMotion(STEADY_M_S, 0.0)
+    rng = generator(config, MOTION, number)
+    speed_m_s = rng.uniform(0.0, MAX_SPEED_M_S)
+    return VehicleMotion(speed_m_s, rng.uniform(-MAX_YAW_RATE_RAD_S, MAX_YAW_RATE_RAD_S))
+
+
+def lidar_twist(config: SynthConfig, number: int) -> list[float] | None:
+    """Give the twist (6,) of the LiDAR in a frame, metres and radians a second in its own frame, if it moves."""
+    motion = vehicle_motion(config, number)
+    if motion is None:
+        return None
+    R_lidar_vehicle = _T_vehicle_lidar(config)[:3, :3].T
+    linear = R_lidar_vehicle @ (motion.speed_m_s, 0.0, 0.0)
+    angular = R_lidar_vehicle @ (0.0, 0.0, motion.yaw_rate_rad_s)
+    return [*linear.tolist(), *angular.tolist()]
+
+
+def poses_text(config: SynthConfig) -> str:
+    """Write the trajectory of the LiDAR in the frame of its first pose, in the TUM format.
+
+    Poses stand half-way between the frames, so that each frame's twist holds in all of its second.
+    """
+    T_vehicle_lidar = _T_vehicle_lidar(config)
+    T_world_vehicle: Pose = T_vehicle_lidar.T  # a rotation: the fixed frame is the LiDAR's at the start
+    middle_s = 0.5 * config.sweep_s
+    lines = ["# seconds x y z qx qy qz qw: the LiDAR in the frame of its first pose"]
+    for number in range(config.num_frames + 1):
+        pose = T_world_vehicle @ T_vehicle_lidar
+        values = [*pose[:3, 3].tolist(), *quaternion_xyzw(pose).tolist()]
+        stamp_s = FIRST_STAMP_S + FRAME_S * (number - 0.5) + middle_s
+        lines.append(" ".join(map(repr, [stamp_s, *values])))
+        motion = vehicle_motion(config, number) if number < config.num_frames else None
+        if motion is not None:
+            T_world_vehicle = T_world_vehicle @ motion.displacement(FRAME_S)
+    return "\n".join(lines) + "\n"
+
+
+def stamps(config: SynthConfig, number: int) -> dict[str, float]:
+    """Give the stamps of a frame's sweep and picture, in seconds; none for a rig that stands still."""
+    if config.motion == "none":
+        return {}
+    points_stamp = FIRST_STAMP_S + FRAME_S * number
+    return {"points_stamp": points_stamp, "image_stamp": points_stamp + 0.5 * config.sweep_s}
+
+
+def shutter(config: SynthConfig) -> dict[str, Any]:
+    """Give what a drive.yaml says of a rolling shutter; nothing of a global one."""
+    if config.readout_ms == 0.0:
+        return {}
+    return {"readout_s": 1e-3 * config.readout_ms, "direction": config.readout_direction}
+
+
+def _T_vehicle_lidar(config: SynthConfig) -> Pose:
+    """Pose (4, 4) of the LiDAR in the vehicle, whose x axis the LiDAR's lies below by its tilt."""
+    tilt = math.radians(config.lidar_tilt_deg)
+    T: Pose = np.eye(4)
+    T[0, 0], T[0, 2], T[2, 0], T[2, 2] = math.cos(tilt), math.sin(tilt), -math.sin(tilt), math.cos(tilt)
+    return T
