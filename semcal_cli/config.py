@@ -269,8 +269,10 @@ class JointConfig:
 
     factors: tuple[int, ...]
     """Sides of the blocks of the levels, coarsest first, pixels."""
+    changes: tuple[float, ...]
+    """Changes of the variables after the pose at the start."""
     sigmas: tuple[float, ...]
-    """Standard deviations of the variables after the pose, by what was known before."""
+    """Standard deviations of these variables, by what was known before."""
     evidence: float
     """Nats of a likelihood that a nat of mutual information is worth."""
     edge_band_px: int = EDGE_BAND_PX

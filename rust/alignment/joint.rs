@@ -52,7 +52,9 @@ pub struct JointConfig {
     pub tolerance: f64,
     /// The camera stays within this distance of the LiDAR, metres.
     pub max_baseline_m: f64,
-    /// Standard deviations of the variables after the pose, by what was known before.
+    /// Changes of the variables after the pose at the start.
+    pub changes: Vec<f64>,
+    /// Standard deviations of these variables, by what was known before.
     pub sigmas: Vec<f64>,
     /// Nats of a likelihood that a nat of mutual information is worth.
     pub evidence: f64,
@@ -78,8 +80,10 @@ pub fn maximise(
     config: &JointConfig,
 ) -> Result<JointMaximum> {
     let given = Estimate { pose: *start, camera: observations.camera.clone(), offset_s: 0.0 };
-    let mut maximum = JointMaximum { estimate: given, moved_px: f64::INFINITY };
     let mut gone = DVector::zeros(variables.count());
+    gone.rows_mut(6, config.changes.len()).copy_from_slice(&config.changes);
+    let estimate = given.changed(variables, &gone, config.max_baseline_m)?;
+    let mut maximum = JointMaximum { estimate, moved_px: f64::INFINITY };
     for &factor in &config.factors {
         for _ in 0..config.max_rounds {
             let Some(moved) =

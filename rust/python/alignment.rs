@@ -190,15 +190,7 @@ pub(super) fn maximise(
     let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
     let camera = &observations.0.camera;
     config.factors.iter().try_for_each(|&factor| check_factor(factor, camera))?;
-    if config.sigmas.len() + 6 != variables.count()
-        || config.sigmas.iter().any(|sigma| sigma.is_nan() || *sigma <= 0.0)
-    {
-        return Err(value_error(format!(
-            "found sigmas {:?}, needed {} above 0",
-            config.sigmas,
-            variables.count() - 6
-        )));
-    }
+    check_joint(&config, variables.count() - 6)?;
     let JointMaximum { estimate, moved_px } =
         detached(py, || alignment::maximise(&observations.0, &start, &variables, &config))?;
     let value = |camera: &Camera, each: &Intrinsic| camera.intrinsic(*each).unwrap_or(0.0);
@@ -209,6 +201,20 @@ pub(super) fn maximise(
         offset_s: estimate.offset_s,
         moved_px,
     })
+}
+
+fn check_joint(config: &JointConfig, count: usize) -> PyResult<()> {
+    let JointConfig { changes, sigmas, evidence, .. } = config;
+    let is_positive = |x: f64| x.is_finite() && x > 0.0;
+    if changes.len() != count || !changes.iter().all(|change| change.is_finite()) {
+        return Err(value_error(format!("found changes {changes:?}, needed {count} finite ones")));
+    }
+    if sigmas.len() != count || !sigmas.iter().all(|&sigma| is_positive(sigma)) || !is_positive(*evidence) {
+        return Err(value_error(format!(
+            "found sigmas {sigmas:?} and evidence {evidence}, needed {count} and one above 0"
+        )));
+    }
+    Ok(())
 }
 
 /// What is estimated beside the pose: intrinsics by their names, and with twists of all frames the offset of the clock.

@@ -48,6 +48,7 @@ from_attributes! {
         max_steps,
         tolerance,
         max_baseline_m,
+        changes,
         sigmas,
         evidence,
     }

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.segment_information import segment_information
-from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, determined_sensitivity, sensitivity
 from semcal_cli.config import JointConfig, JointlyConfig, PolishConfig, SensitivityConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_all_coefficients, with_intrinsics
@@ -39,6 +39,11 @@ BLOCKS_ACROSS = 80
 """At least this many of the coarsest blocks fit across a picture, where intrinsics are estimated."""
 BLOCKS_ACROSS_WITH_DELAY = 20
 """The same where the offset of the clock is estimated, which moves points farther."""
+FINE_LEVELS = 2
+"""Number of the level, with blocks of four pixels, from which on the estimate is climbed twice."""
+LEAST_EVIDENCE = 3e3
+"""Nats of a likelihood that a nat of mutual information is worth while the estimate is far off. With right variables it
+is some thousand for each frame."""
 MAX_SIGMA_SHARE = 0.5
 """Largest standard error of an intrinsic that is determined, as a share of what was known before."""
 MAX_DELAY_SIGMA_S = 0.01
@@ -215,26 +220,36 @@ def _determined(
 def _fit(
     observations: Observations, T: Pose, variables: _Variables, config: JointlyConfig, polish: PolishConfig
 ) -> _Fit:
+    """Find the top from what the drive says, from coarse blocks to pixels.
+
+    How much what was known before weighs is known only there, and then the last levels are climbed again.
+    """
     camera = observations.camera
-    known, names = variables.sigmas(camera, config), variables.of_core(camera)
-    evidence = _evidence(observations, T, polish)
     width = min(camera.width, camera.height * 2)
     across = BLOCKS_ACROSS_WITH_DELAY if variables.with_delay else BLOCKS_ACROSS
-    coarsest = int(math.log2(max(width / across, 1.0)))
-    found = _core.maximise(
-        observations.core,
-        T,
-        JointConfig(
-            tuple(2**level for level in range(coarsest, -1, -1)),
-            tuple(known.tolist()),
-            evidence,
-            polish.edge_band_px,
-            max_baseline_m=polish.max_baseline_m,
-        ),
-        names,
-        variables.twists(observations),
+    coarsest = max(int(math.log2(max(width / across, 1.0))), FINE_LEVELS)
+    at_drive = np.zeros(len(variables.names))
+    levels = range(coarsest, FINE_LEVELS - 1, -1)
+    coarse = _climb(observations, T, variables, at_drive, levels, LEAST_EVIDENCE, config, polish)
+    return _finish(
+        observations, coarse.T_camera_lidar, variables, _changes(coarse, variables), config, polish
     )
-    changes = np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
+
+
+def _finish(
+    observations: Observations,
+    T: Pose,
+    variables: _Variables,
+    changes: Values,
+    config: JointlyConfig,
+    polish: PolishConfig,
+) -> _Fit:
+    """Climb the last levels from near the top, and tell how sure its place is."""
+    known = variables.sigmas(observations.camera, config)
+    evidence = _evidence(_seen(observations, variables, changes), T, polish)
+    levels = range(FINE_LEVELS, -1, -1)
+    found = _climb(observations, T, variables, changes, levels, evidence, config, polish)
+    changes = _changes(found, variables)
     seen = _seen(observations, variables, changes)
     covariance, degrees_of_freedom = _covariance(
         seen, found.T_camera_lidar, variables, known, evidence, polish
@@ -244,14 +259,43 @@ def _fit(
     )
 
 
+def _climb(
+    observations: Observations,
+    T: Pose,
+    variables: _Variables,
+    changes: Values,
+    levels: range,
+    evidence: float,
+    config: JointlyConfig,
+    polish: PolishConfig,
+) -> _core.JointMaximum:
+    """Climb some levels of the pyramid, whose blocks have sides of two to the power of their number."""
+    camera = observations.camera
+    settings = JointConfig(
+        factors=tuple(2**level for level in levels),
+        changes=tuple(changes.tolist()),
+        sigmas=tuple(variables.sigmas(camera, config).tolist()),
+        evidence=evidence,
+        edge_band_px=polish.edge_band_px,
+        max_baseline_m=polish.max_baseline_m,
+    )
+    twists = variables.twists(observations)
+    return _core.maximise(observations.core, T, settings, variables.of_core(camera), twists)
+
+
+def _changes(found: _core.JointMaximum, variables: _Variables) -> Values:
+    return np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
+
+
 def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> float:
     """Compute how many nats of a likelihood a nat of mutual information is worth, by the scatter of the scores.
 
     Raises:
         CalibrationError: the labels tell nothing of the pose.
     """
-    around = sensitivity(observations, T, SensitivityConfig(edge_band_px=polish.edge_band_px))
-    if around is None or not around.is_determined:
+    settings = SensitivityConfig(edge_band_px=polish.edge_band_px)
+    around = determined_sensitivity(observations, T, settings)
+    if around is None:
         raise CalibrationError(
             "labels do not determine the pose, and so no intrinsics and no clock: record frames with objects near and "
             "far, at the left and at the right"
@@ -322,9 +366,10 @@ def _held_out_gain(
     """Compute what held-out data gain by estimates of the others, with the variables and without them."""
     kept, held_out = split(observations, polish)
     before = newton(kept, T, polish).T_camera_lidar
-    part = _fit(kept, T, fit.variables, config, polish) if fit.variables.names else None
-    if part is None:
+    if not fit.variables.names:
         return _core.held_out_gain(kept.core, held_out.core, before, before)
+    # The top of the kept data is near that of all.
+    part = _finish(kept, fit.T_camera_lidar, fit.variables, fit.changes, config, polish)
     seen = _seen(held_out, part.variables, part.changes)
     if observations.has_segments:
         return _segments_gain(held_out, before, seen, part.T_camera_lidar)
