@@ -28,6 +28,10 @@ const LONGEST_STEP: f64 = 1.0;
 const MAX_HALVINGS: i32 = 4;
 /// Points at least this number of blocks inside one class are summed up once.
 const CONSTANT_RADIUS: usize = 2;
+/// Curvature is taken again if the last round moved the points by more blocks than this.
+const CURVATURE_HOLDS: f64 = 0.3;
+/// Levels but the last end when a round moved the points by less blocks than this.
+const COARSE_TOLERANCE: f64 = 0.1;
 /// Directions count as curved at least by this share of the most curved one.
 const LEAST_CURVATURE: f64 = 1e-3;
 /// Blocks up to this side, pixels, are fine: all points are used.
@@ -48,7 +52,7 @@ pub struct JointConfig {
     pub max_rounds: usize,
     /// Largest number of Newton steps for each choice of points.
     pub max_steps: usize,
-    /// A level ends when a round moved the points by less than this share of a block, root mean square.
+    /// The last level ends when a round moved the points by less than this share of a block, root mean square.
     pub tolerance: f64,
     /// The camera stays within this distance of the LiDAR, metres.
     pub max_baseline_m: f64,
@@ -83,61 +87,83 @@ pub fn maximise(
     let mut gone = DVector::zeros(variables.count());
     gone.rows_mut(6, config.changes.len()).copy_from_slice(&config.changes);
     let estimate = given.changed(variables, &gone, config.max_baseline_m)?;
-    let mut maximum = JointMaximum { estimate, moved_px: f64::INFINITY };
-    for &factor in &config.factors {
+    let mut climb = Climb { observations, variables, config, estimate, gone, inverse_curvature: None };
+    let mut moved_px = f64::INFINITY;
+    for (&factor, is_last) in config.factors.iter().zip(is_last(config.factors.len())) {
+        // Curvature in other blocks is another one.
+        climb.inverse_curvature = None;
+        let tolerance = if is_last { config.tolerance } else { COARSE_TOLERANCE };
         for _ in 0..config.max_rounds {
-            let Some(moved) =
-                round(observations, variables, config, factor, &mut maximum.estimate, &mut gone)?
-            else {
-                break;
-            };
-            maximum.moved_px = moved * factor as f64;
-            if moved < config.tolerance {
+            let Some(moved) = climb.round(factor, tolerance)? else { break };
+            moved_px = moved * factor as f64;
+            if moved < tolerance {
                 break;
             }
         }
     }
-    Ok(maximum)
+    Ok(JointMaximum { estimate: climb.estimate, moved_px })
 }
 
-/// One choice of points and the steps with it: by how many blocks it moved the points, or wanted to; nothing where the
-/// information does not change.
-fn round(
-    observations: &Arc<Observations>,
-    variables: &Variables,
-    config: &JointConfig,
-    factor: usize,
-    estimate: &mut Estimate,
-    gone: &mut DVector<f64>,
-) -> Result<Option<f64>> {
-    let seen = in_view(&estimate.observed(observations, variables), &[estimate.pose]);
-    let max_points = if factor > FINE { config.max_coarse_points } else { usize::MAX };
-    let level = Level::new(seen, factor, config.edge_band_px, max_points);
-    let Chosen { moving: samples, constant } =
-        level.chosen(&estimate.pose, Counted::Visible, CONSTANT_RADIUS);
-    let anchor = estimate.clone();
-    let near = Neighbourhood::new(variables, &anchor)?;
-    let n = variables.count();
-    let here = near.projection(&DVector::zeros(n))?;
-    let precision = DVector::from_fn(n, |i, _| match config.sigmas.get(i.wrapping_sub(6)) {
-        Some(sigma) => sigma.powi(-2) / config.evidence,
-        None => 0.0,
-    });
-    let motions = mean_motions(&here, &samples, n) / (factor as f64).powi(2);
-    let Some(steps) = unit_steps(&motions, &config.sigmas) else { return Ok(None) };
-    let problem = Problem {
-        level: &level,
-        samples: &samples,
-        constant: &constant,
-        near: &near,
-        precision,
-        gone,
-        steps,
-    };
-    let Some((change, blocks)) = problem.newton(config) else { return Ok(None) };
-    *estimate = anchor.changed(variables, &change, config.max_baseline_m)?;
-    *gone += change;
-    Ok(Some(blocks))
+/// Whether each of some levels is the last.
+fn is_last(count: usize) -> impl Iterator<Item = bool> {
+    (1..=count).map(move |number| number == count)
+}
+
+/// A climb on its way.
+struct Climb<'a> {
+    observations: &'a Arc<Observations>,
+    variables: &'a Variables,
+    config: &'a JointConfig,
+    estimate: Estimate,
+    /// Change of the variables from what was known before; that of the pose means nothing.
+    gone: DVector<f64>,
+    /// Inverse of minus the second derivative by the variables, while it holds.
+    inverse_curvature: Option<DMatrix<f64>>,
+}
+
+impl Climb<'_> {
+    /// One choice of points and the steps with it: by how many blocks it moved the points, or wanted to; nothing where the
+    /// information does not change.
+    fn round(&mut self, factor: usize, tolerance: f64) -> Result<Option<f64>> {
+        let Self { variables, config, .. } = *self;
+        let anchor = self.estimate.clone();
+        let seen = in_view(&anchor.observed(self.observations, variables), &[anchor.pose]);
+        let max_points = if factor > FINE { config.max_coarse_points } else { usize::MAX };
+        let level = Level::new(seen, factor, config.edge_band_px, max_points);
+        let Chosen { moving: samples, constant } =
+            level.chosen(&anchor.pose, Counted::Visible, CONSTANT_RADIUS);
+        let near = Neighbourhood::new(variables, &anchor)?;
+        let n = variables.count();
+        let here = near.projection(&DVector::zeros(n))?;
+        let precision = DVector::from_fn(n, |i, _| match config.sigmas.get(i.wrapping_sub(6)) {
+            Some(sigma) => sigma.powi(-2) / config.evidence,
+            None => 0.0,
+        });
+        let motions = mean_motions(&here, &samples, n) / (factor as f64).powi(2);
+        let Some(steps) = unit_steps(&motions, &config.sigmas) else { return Ok(None) };
+        let Some(blocks) = steps.clone().try_inverse() else { return Ok(None) };
+        let (level, samples, constant, near, gone) = (&level, &samples[..], &constant, &near, &self.gone);
+        let problem = Problem { level, samples, constant, near, precision, gone, steps, blocks };
+        let is_fresh = self.inverse_curvature.is_none();
+        let inverse = match self.inverse_curvature.take() {
+            Some(inverse) => inverse,
+            None => match problem.inverse_curvature() {
+                Some(inverse) => inverse,
+                None => return Ok(None),
+            },
+        };
+        let Some(Way { change, moved, wanted }) = problem.newton(&inverse, config.max_steps, tolerance)
+        else {
+            return Ok(None);
+        };
+        self.estimate = anchor.changed(variables, &change, config.max_baseline_m)?;
+        self.gone += change;
+        // A step that gained nothing may be that of an old curvature, or a cusp is the top.
+        if moved <= CURVATURE_HOLDS && (wanted < tolerance || is_fresh) {
+            self.inverse_curvature = Some(inverse);
+        }
+        Ok(Some(if is_fresh { moved } else { moved.max(wanted) }))
+    }
 }
 
 /// Steps, as columns, that each move the points by one block, root mean square, independently of one another, but no
@@ -162,7 +188,7 @@ fn unit_steps(motions: &DMatrix<f64>, sigmas: &[f64]) -> Option<DMatrix<f64>> {
     Some(DMatrix::from_diagonal(&scale) * eigen.eigenvectors * DMatrix::from_diagonal(&lengths))
 }
 
-/// The penalised information of one choice of points. Ways are in steps.
+/// The penalised information of one choice of points.
 struct Problem<'a> {
     level: &'a Level,
     samples: &'a [Sample],
@@ -172,25 +198,37 @@ struct Problem<'a> {
     precision: DVector<f64>,
     /// Change of the variables so far.
     gone: &'a DVector<f64>,
+    /// Changes of the variables, as columns, that each move the points by one block.
     steps: DMatrix<f64>,
+    /// The inverse of the steps.
+    blocks: DMatrix<f64>,
+}
+
+/// Where Newton's method went with one choice of points.
+struct Way {
+    /// Change of the variables.
+    change: DVector<f64>,
+    /// By how many blocks it moved the points.
+    moved: f64,
+    /// By how many blocks it still tried to move them: steps without a gain mean that the curvature is wrong, or that the
+    /// top is a cusp.
+    wanted: f64,
 }
 
 impl Problem<'_> {
-    /// Newton's method: the change of the variables, and by how many blocks it moved the points or wanted to.
-    fn newton(&self, config: &JointConfig) -> Option<(DVector<f64>, f64)> {
-        let mut way = DVector::zeros(self.steps.ncols());
-        let (mut value, mut gradient) = self.value_and_gradient(&way)?;
-        let inverse = self.inverse_curvature()?;
+    fn newton(&self, inverse: &DMatrix<f64>, max_steps: usize, tolerance: f64) -> Option<Way> {
+        let mut change = DVector::zeros(self.steps.nrows());
+        let (mut value, mut gradient) = self.value_and_gradient(&change)?;
         let mut wanted = 0.0;
-        for _ in 0..config.max_steps {
-            let mut step = &inverse * &gradient;
-            let length = step.norm();
+        for _ in 0..max_steps {
+            let mut step = inverse * &gradient;
+            let length = (&self.blocks * &step).norm();
             if !length.is_finite() {
                 return None;
             }
             step *= (LONGEST_STEP / length).min(1.0);
             let better = (0..=MAX_HALVINGS).find_map(|halvings| {
-                let next = &way + &step * 0.5f64.powi(halvings);
+                let next = &change + &step * 0.5f64.powi(halvings);
                 let (next_value, next_gradient) = self.value_and_gradient(&next)?;
                 (next_value > value).then_some((next, next_value, next_gradient))
             });
@@ -199,23 +237,23 @@ impl Problem<'_> {
                 wanted = 0.5f64.powi(MAX_HALVINGS) * length.min(LONGEST_STEP);
                 break;
             };
-            let gone = (&next - &way).norm();
-            (way, value, gradient) = (next, next_value, next_gradient);
-            if gone < config.tolerance {
+            let gone = (&self.blocks * (&next - &change)).norm();
+            (change, value, gradient) = (next, next_value, next_gradient);
+            if gone < tolerance {
                 break;
             }
         }
-        Some((&self.steps * &way, way.norm().max(wanted)))
+        let moved = (&self.blocks * &change).norm();
+        Some(Way { change, moved, wanted })
     }
 
-    /// The penalised information and its gradient by the steps; nothing where the camera is impossible.
-    fn value_and_gradient(&self, way: &DVector<f64>) -> Option<(f64, DVector<f64>)> {
-        let change = &self.steps * way;
-        let at = self.near.projection(&change).ok()?;
+    /// The penalised information and its gradient by the variables; nothing where the camera is impossible.
+    fn value_and_gradient(&self, change: &DVector<f64>) -> Option<(f64, DVector<f64>)> {
+        let at = self.near.projection(change).ok()?;
         let (value, gradient) = with_width!(change.len(), WIDTH => self.information::<WIDTH>(&at));
         let off = self.gone + change;
         let pull = self.precision.component_mul(&off);
-        Some((value - 0.5 * pull.dot(&off), self.steps.tr_mul(&(gradient - pull))))
+        Some((value - 0.5 * pull.dot(&off), gradient - pull))
     }
 
     /// Mutual information, and its gradient by the variables.
@@ -250,18 +288,16 @@ impl Problem<'_> {
         (self.level.information(&joint), gradient / total)
     }
 
-    /// The inverse of minus the second derivative by the steps.
+    /// The inverse of minus the second derivative by the variables, from gradients to both sides along each step.
     fn inverse_curvature(&self) -> Option<DMatrix<f64>> {
-        let n = self.steps.ncols();
-        let column = |axis: usize| {
+        let column = |step: usize| {
             let gradient = |by: f64| {
-                let mut way = DVector::zeros(n);
-                way[axis] = by;
-                self.value_and_gradient(&way).map(|(_, gradient)| gradient)
+                self.value_and_gradient(&(self.steps.column(step) * by)).map(|(_, gradient)| gradient)
             };
-            Some((gradient(-HALF_WIDTH)? - gradient(HALF_WIDTH)?) / (2.0 * HALF_WIDTH))
+            let difference = gradient(-HALF_WIDTH)? - gradient(HALF_WIDTH)?;
+            Some(self.steps.tr_mul(&difference) / (2.0 * HALF_WIDTH))
         };
-        let columns: Vec<DVector<f64>> = (0..n).map(column).collect::<Option<_>>()?;
+        let columns: Vec<DVector<f64>> = (0..self.steps.ncols()).map(column).collect::<Option<_>>()?;
         let curvature = DMatrix::from_columns(&columns);
         if !curvature.iter().all(|x| x.is_finite()) {
             return None;
@@ -272,6 +308,7 @@ impl Problem<'_> {
             return None;
         }
         let inverse = eigen.eigenvalues.map(|value| 1.0 / value.abs().max(least));
-        Some(&eigen.eigenvectors * DMatrix::from_diagonal(&inverse) * eigen.eigenvectors.transpose())
+        let basis = &self.steps * eigen.eigenvectors;
+        Some(&basis * DMatrix::from_diagonal(&inverse) * basis.transpose())
     }
 }

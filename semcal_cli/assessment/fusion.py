@@ -22,6 +22,7 @@ from semcal_cli.assessment.intrinsics import (
     covariance_of_intrinsics,
     shift_by_intrinsics,
 )
+from semcal_cli.assessment.measurement import Measurement, measure, silent
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
@@ -43,8 +44,6 @@ LONGEST_STEP_PX = 2.0
 """Largest movement of the points in one round, in pixels, root mean square; the curvature holds about that far."""
 SETTLED_PX = 0.1
 """Movement of the points below which the rounds end, in pixels, root mean square, as `PolishConfig.settled_px`."""
-LEAST_BEND = 1e-6
-"""Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
 LEAST_INFORMATION = 1e-13
 """Smallest information along a direction, as a share of the best known direction's. Less is rounding."""
 UNSETTLED = Finding(
@@ -53,8 +52,6 @@ UNSETTLED = Finding(
     "add frames, or start nearer with --init",
 )
 MEASURE_AGAIN = "measure it again, or state it less exactly"
-MANY = 1e6
-"""Degrees of freedom of a prior's standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,7 +90,7 @@ def fuse(
         observations, T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     )
     if around is not None and is_alone:
-        labels = _labels(around, of_intrinsics)
+        labels = measure(around, of_intrinsics)
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
     T, fit = _iterate(observations, T_camera_lidar, priors, around, of_intrinsics, is_alone, edge_band_px)
     if fit is not None:
@@ -115,7 +112,7 @@ def fuse(
 class _Fit(NamedTuple):
     """State after the last round of Gauss-Newton."""
 
-    labels: _Labels
+    labels: Measurement
     """Measurement of the pose by the labels."""
     covariance: Matrix
     """(6, 6) covariance of a twist on the left of the pose."""
@@ -128,7 +125,7 @@ class _Fit(NamedTuple):
         """Compute the uncertainty of the pose; None if a direction is not determined."""
         if not self.is_closed:
             return None
-        degrees_of_freedom = _degrees_of_freedom(self.labels, self.covariance)
+        degrees_of_freedom = self.labels.degrees_of_freedom(self.covariance)
         return Uncertainty.from_covariance(T_camera_lidar, self.covariance, degrees_of_freedom)
 
 
@@ -146,14 +143,14 @@ def _iterate(
     If the labels alone determine the pose, they are evaluated once; otherwise they are evaluated in every round.
     """
     T = T_start if is_alone else clamp(T_start, priors)
-    labels, fit = _SILENT, None
+    labels, fit = silent(6), None
     for index in range(MAX_ROUNDS):
         if index > 0 and not is_alone:
             around = sensitivity(observations, T, SensitivityConfig(edge_band_px=edge_band_px))
         if around is None:
             return T, None
         if index == 0 or not is_alone:
-            labels = _labels(around, of_intrinsics)
+            labels = measure(around, of_intrinsics)
         step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))
@@ -164,32 +161,6 @@ def _iterate(
         if moved_px < SETTLED_PX:
             break
     return T, fit
-
-
-class _Labels(NamedTuple):
-    """Measurement of a twist by the labels: `reads @ twist` is normal with this mean and covariance."""
-
-    reads: Matrix
-    """(k, 6) directions in which the mutual information curves."""
-    influences: Matrix
-    """(parts, k) influence of each part of the images, centred and weighted."""
-    num_alike: npt.NDArray[np.float64]
-    """(parts,) number of frames that show the scene of the part."""
-    mean: npt.NDArray[np.float64]
-    """(k,) mean."""
-    covariance: Matrix
-    """(k, k) covariance."""
-    of_intrinsics: Matrix | None = None
-    """(k, k) part of the covariance that stated errors of the intrinsics add; None without them."""
-
-    @property
-    def information(self) -> Matrix:
-        """Information (6, 6) about a twist, 0 in directions that are not measured."""
-        return np.asarray(self.reads.T @ np.linalg.solve(self.covariance, self.reads))
-
-
-_SILENT = _Labels(np.zeros((0, 6)), np.zeros((1, 0)), np.ones(1), np.zeros(0), np.zeros((0, 0)))
-"""Measurement by labels without information."""
 
 
 class _Known(NamedTuple):
@@ -210,22 +181,6 @@ def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix |
     )
 
 
-def _labels(around: Sensitivity, of_intrinsics: Matrix | None) -> _Labels:
-    scale = 1.0 / np.sqrt(np.diag(around.motions))
-    bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
-    bend = bends > LEAST_BEND * max(bends[-1], 0.0)
-    if len(around.scores) <= len(bends) + 1:
-        return _SILENT  # So few parts do not determine a covariance.
-    influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
-    covariance, weighted = around.scatter(influences)
-    reads = (directions[:, bend] / scale[:, None]).T
-    labels = _Labels(reads, weighted, around.num_alike, influences.sum(axis=0), covariance)
-    if of_intrinsics is None:
-        return labels
-    along = labels.reads @ of_intrinsics @ labels.reads.T
-    return labels._replace(covariance=covariance + along, of_intrinsics=along)
-
-
 def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
     sigmas = np.concatenate([prior.sigmas for prior in priors])
     stated = np.isfinite(sigmas)
@@ -234,7 +189,7 @@ def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:
     return _Known(jacobian[stated], residual[stated], sigmas[stated])
 
 
-def _solve(labels: _Labels, known: _Known, motions: Matrix) -> tuple[Vector6, Matrix, bool]:
+def _solve(labels: Measurement, known: _Known, motions: Matrix) -> tuple[Vector6, Matrix, bool]:
     """Compute the twist to the best pose, its covariance, and whether every direction is determined.
 
     The pose stays where it is along directions that are not determined.
@@ -257,22 +212,7 @@ def _solve(labels: _Labels, known: _Known, motions: Matrix) -> tuple[Vector6, Ma
     return to_exact + covariance @ (pull - information @ to_exact), covariance, bool(closed.all())
 
 
-def _degrees_of_freedom(labels: _Labels, covariance: Matrix) -> Vector6:
-    """Compute Satterthwaite's degrees of freedom (6,); only the scatter of the labels is estimated."""
-    gain = np.linalg.solve(labels.covariance, labels.reads) @ covariance
-    influences = labels.influences @ gain
-    of_labels = covariance @ labels.information @ covariance
-    if labels.of_intrinsics is not None:
-        of_labels = of_labels - gain.T @ labels.of_intrinsics @ gain
-    share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
-    squares = influences**2
-    estimated = squares.sum(axis=0) ** 2 / np.maximum(
-        (labels.num_alike[:, None] * squares**2).sum(axis=0), np.finfo(float).tiny
-    )
-    return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
-
-
-def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
+def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     """Compare a prior with the optimum of the labels alone, over all known axes at once."""
     stated = np.isfinite(prior.sigmas)
     alone: Matrix = np.asarray(np.linalg.inv(labels.information), np.float64)
@@ -281,7 +221,7 @@ def _contradiction(labels: _Labels, prior: Prior, T_camera_lidar: Pose) -> list[
     off = prior.residual(T_camera_lidar)[stated] + jacobian @ twist
     covariance = jacobian @ alone @ jacobian.T + np.diag(np.square(prior.sigmas)[stated])
     chi2 = float(off @ np.linalg.solve(covariance, off))
-    fewest = float(_degrees_of_freedom(labels, alone).min())
+    fewest = float(labels.degrees_of_freedom(alone).min())
     # With few parts of the images almost any distance may be chance, so it is limited as well.
     num_axes = int(stated.sum())
     most = num_axes * min(_core.fisher_limit(CONTRADICTION_LEVEL, num_axes, fewest), MAX_SIGMAS**2)

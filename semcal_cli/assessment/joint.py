@@ -5,8 +5,9 @@ says. Standard deviations of what was known before keep a variable where it was 
 then left out, and told to be not determined. The estimate is kept if it differs from what the drive says by more than
 chance, and data that it did not use agree better with it.
 
-The covariance is the sandwich of `semcal_cli.assessment.sensitivity` over all variables together. What was known before
-is one more independent measurement.
+The covariance is that of the labels' measurement (`semcal_cli.assessment.measurement`) over all variables together;
+what was known before is one more independent measurement. Intrinsics that are not determined stay in it: they may be
+off by what was known of them, and so may the pose.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.measurement import measure
 from semcal_cli.assessment.segment_information import segment_information
-from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, determined_sensitivity, sensitivity
+from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import JointConfig, JointlyConfig, PolishConfig, SensitivityConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_all_coefficients, with_intrinsics
@@ -52,6 +54,8 @@ CHANCE = 1e-3
 """Probability, by chance, of an estimate that differs as much from what the drive says, below which it is kept."""
 MIN_GAIN = 2.0
 """Smallest gain of held-out data, in its standard errors, with which an estimate is kept."""
+LEAST_WEIGHT = 1e-12
+"""Smallest information along a direction, as a share of that of a variable alone. Less is rounding."""
 DELAY = "delay"
 
 
@@ -114,32 +118,39 @@ class _Fit(NamedTuple):
     """(m,) difference of the variables from what the drive says."""
     observations: Observations
     """Observations as the estimate sees them."""
+    uncertain: _Variables
+    """Variables of the covariance, among them those that are not determined."""
     covariance: Matrix | None
-    """(6 + m, 6 + m); None where the information does not fall in every direction."""
+    """(6 + n, 6 + n) covariance of the pose's twist and of these; None where a direction is open."""
     degrees_of_freedom: Values
     moved_px: float
+
+    @property
+    def places(self) -> list[int]:
+        """Rows of the variables in the covariance."""
+        return [6 + self.uncertain.names.index(name) for name in self.variables.names]
 
     @property
     def sigmas(self) -> Values:
         """(m,) standard errors of the variables; infinite if they are not known."""
         if self.covariance is None:
             return np.full(len(self.changes), math.inf)
-        return np.asarray(np.sqrt(np.diag(self.covariance)[6:]))
+        return np.asarray(np.sqrt(np.diag(self.covariance)[self.places]))
 
     @property
     def half_widths(self) -> Values:
         """(m,) half widths of 95 % intervals."""
-        quantiles = [_core.student_quantile(0.975, dof) for dof in self.degrees_of_freedom[6:]]
-        return np.asarray(self.sigmas * np.array(quantiles))
+        freedoms = self.degrees_of_freedom[self.places]
+        return np.asarray(self.sigmas * [_core.student_quantile(0.975, freedom) for freedom in freedoms])
 
     @property
     def is_beyond_chance(self) -> bool:
         """Whether the variables differ from what the drive says by more than chance (Wald's test)."""
         if self.covariance is None:
             return False
-        of_variables, count = self.covariance[6:, 6:], len(self.changes)
+        of_variables, count = self.covariance[np.ix_(self.places, self.places)], len(self.changes)
         distance = float(self.changes @ np.linalg.solve(of_variables, self.changes))
-        fewest = float(self.degrees_of_freedom[6:].min())
+        fewest = float(self.degrees_of_freedom[self.places].min())
         return distance > count * _core.fisher_limit(CHANCE, count, fewest)
 
 
@@ -201,7 +212,7 @@ def _determined(
     """Fit all variables that the data determine: each fit leaves out those that the one before did not determine."""
     variables = asked
     while True:
-        fit = _fit(observations, T, variables, config, polish)
+        fit = _fit(observations, T, variables, asked, config, polish)
         known = variables.sigmas(observations.camera, config)
         most = [
             MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * sigma
@@ -218,7 +229,12 @@ def _determined(
 
 
 def _fit(
-    observations: Observations, T: Pose, variables: _Variables, config: JointlyConfig, polish: PolishConfig
+    observations: Observations,
+    T: Pose,
+    variables: _Variables,
+    asked: _Variables,
+    config: JointlyConfig,
+    polish: PolishConfig,
 ) -> _Fit:
     """Find the top from what the drive says, from coarse blocks to pixels.
 
@@ -231,31 +247,38 @@ def _fit(
     at_drive = np.zeros(len(variables.names))
     levels = range(coarsest, FINE_LEVELS - 1, -1)
     coarse = _climb(observations, T, variables, at_drive, levels, LEAST_EVIDENCE, config, polish)
-    return _finish(
-        observations, coarse.T_camera_lidar, variables, _changes(coarse, variables), config, polish
-    )
+    changes = _changes(coarse, variables)
+    return _finish(observations, coarse.T_camera_lidar, variables, asked, changes, config, polish)
 
 
 def _finish(
     observations: Observations,
     T: Pose,
     variables: _Variables,
+    asked: _Variables,
     changes: Values,
     config: JointlyConfig,
     polish: PolishConfig,
 ) -> _Fit:
     """Climb the last levels from near the top, and tell how sure its place is."""
-    known = variables.sigmas(observations.camera, config)
+    # An offset of the clock that may be anything would make the pose as uncertain.
+    uncertain = _Variables(asked.intrinsics, variables.with_delay)
+    known = uncertain.sigmas(observations.camera, config)
     evidence = _evidence(_seen(observations, variables, changes), T, polish)
     levels = range(FINE_LEVELS, -1, -1)
     found = _climb(observations, T, variables, changes, levels, evidence, config, polish)
     changes = _changes(found, variables)
     seen = _seen(observations, variables, changes)
-    covariance, degrees_of_freedom = _covariance(
-        seen, found.T_camera_lidar, variables, known, evidence, polish
-    )
+    covariance, degrees_of_freedom = _covariance(seen, found.T_camera_lidar, uncertain, known, polish)
     return _Fit(
-        variables, found.T_camera_lidar, changes, seen, covariance, degrees_of_freedom, found.moved_px
+        variables,
+        found.T_camera_lidar,
+        changes,
+        seen,
+        uncertain,
+        covariance,
+        degrees_of_freedom,
+        found.moved_px,
     )
 
 
@@ -309,10 +332,9 @@ def _covariance(
     T: Pose,
     variables: _Variables,
     known: Values,
-    evidence: float,
     polish: PolishConfig,
 ) -> tuple[Matrix | None, Values]:
-    """Compute the covariance of all variables, in which what was known before is one more measurement."""
+    """Compute the covariance of all variables, by the labels and by what was known before."""
     around = sensitivity(
         seen,
         T,
@@ -322,13 +344,18 @@ def _covariance(
     )
     if around is None:
         return None, np.ones(6 + len(known))
-    precision = np.concatenate([np.zeros(6), known**-2.0]) / evidence
-    penalised: Sensitivity = replace(around, curvature=around.curvature + np.diag(precision))
-    if not penalised.is_determined:
+    labels = measure(around)
+    information = labels.information + np.diag(np.concatenate([np.zeros(6), known**-2.0]))
+    # Metres, radians and pixels side by side: each variable is scaled before directions are compared.
+    scale = np.sqrt(np.diag(information))
+    if not (scale > 0.0).all():
         return None, np.ones(6 + len(known))
-    covariance, degrees_of_freedom = penalised.sandwich()
-    inverse = np.linalg.inv(penalised.curvature)
-    return covariance + inverse @ np.diag(precision / evidence) @ inverse, degrees_of_freedom
+    weights, directions = np.linalg.eigh(information / np.outer(scale, scale))
+    if weights[0] < LEAST_WEIGHT:
+        return None, np.ones(6 + len(known))
+    basis = directions / scale[:, None]
+    covariance = np.asarray(basis / weights @ basis.T)
+    return covariance, labels.degrees_of_freedom(covariance)
 
 
 def _seen(observations: Observations, variables: _Variables, changes: Values) -> Observations:
@@ -369,7 +396,7 @@ def _held_out_gain(
     if not fit.variables.names:
         return _core.held_out_gain(kept.core, held_out.core, before, before)
     # The top of the kept data is near that of all.
-    part = _finish(kept, fit.T_camera_lidar, fit.variables, fit.changes, config, polish)
+    part = _finish(kept, fit.T_camera_lidar, fit.variables, fit.uncertain, fit.changes, config, polish)
     seen = _seen(held_out, part.variables, part.changes)
     if observations.has_segments:
         return _segments_gain(held_out, before, seen, part.T_camera_lidar)

@@ -155,6 +155,42 @@ def accuracy(
 
 
 @experiment.command()
+@seeds_options(20, "Drives for each row.", first_seed=80_000)
+@click.option(
+    "--row",
+    "rows",
+    multiple=True,
+    metavar="NAME",
+    help="Only this row of the table, as 'intrinsics wrong'; may be given again.",
+)
+@out_option
+@into_option
+def jointly(
+    seeds: int, first_seed: int, jobs: int, rows: tuple[str, ...], out: Path, into: Place | None
+) -> None:
+    """Compare intrinsics and clocks that are estimated with the pose with the truth.
+
+    Takes about two minutes for each seed. Writes results.csv, summary.json and table.md into a folder of DIR; a stopped
+    run resumes where it was.
+    """
+    from semcal_cli.cli.experiment_progress import experiment_progress
+    from semcal_cli.experiments import jointly, runner
+    from semcal_cli.experiments.pool import Pool
+
+    for row in rows:
+        if row not in jointly.ROWS:
+            raise click.BadParameter(
+                f"found {row!r}, needed one of: {', '.join(jointly.ROWS)}", param_hint="--row"
+            )
+    folder = runner.make_folder(out, "jointly")
+    chosen = jointly.cases(range(first_seed, first_seed + seeds), rows or tuple(jointly.ROWS))
+    with experiment_progress(jobs) as watcher:
+        run = jointly.Experiment(Pool(out / "pool"))
+        results = runner.run_cases(chosen, run, jointly.Result, folder, jobs, watcher)
+    _print(jointly.write_jointly(results, jobs, folder), folder, into)
+
+
+@experiment.command()
 @seeds_options(
     60,
     "Drives: six calibrations of each as it is, five made impossible, 15 verifications.",

@@ -1,0 +1,84 @@
+"""What labels measure: the place of their optimum, along the directions in which the mutual information curves.
+
+Directions in which it does not curve carry no information of the labels, so that what is known otherwise decides there.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
+
+LEAST_BEND = 1e-6
+"""Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
+MANY = 1e6
+"""Degrees of freedom of what is known exactly."""
+
+
+class Measurement(NamedTuple):
+    """Measurement of n variables by the labels: `reads @ change` is normal with this mean and covariance."""
+
+    reads: Matrix
+    """(k, n) directions in which the mutual information curves."""
+    influences: Matrix
+    """(parts, k) influence of each part of the images, centred and weighted."""
+    num_alike: npt.NDArray[np.float64]
+    """(parts,) number of frames that show the scene of the part."""
+    mean: npt.NDArray[np.float64]
+    """(k,) mean."""
+    covariance: Matrix
+    """(k, k) covariance."""
+    of_intrinsics: Matrix | None = None
+    """(k, k) part of the covariance that stated errors of the intrinsics add; None without them."""
+
+    @property
+    def information(self) -> Matrix:
+        """Information (n, n) about a change, 0 in directions that are not measured."""
+        return np.asarray(self.reads.T @ np.linalg.solve(self.covariance, self.reads))
+
+    def degrees_of_freedom(self, covariance: Matrix) -> npt.NDArray[np.float64]:
+        """Compute Satterthwaite's degrees of freedom (n,) of a covariance (n, n) to which labels contribute.
+
+        Only the scatter of the labels is estimated.
+        """
+        gain = np.linalg.solve(self.covariance, self.reads) @ covariance
+        influences = self.influences @ gain
+        of_labels = covariance @ self.information @ covariance
+        if self.of_intrinsics is not None:
+            of_labels = of_labels - gain.T @ self.of_intrinsics @ gain
+        share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
+        squares = influences**2
+        estimated = squares.sum(axis=0) ** 2 / np.maximum(
+            (self.num_alike[:, None] * squares**2).sum(axis=0), np.finfo(float).tiny
+        )
+        return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
+
+
+def silent(count: int) -> Measurement:
+    """Make the measurement of `count` variables by labels without information."""
+    return Measurement(np.zeros((0, count)), np.zeros((1, 0)), np.ones(1), np.zeros(0), np.zeros((0, 0)))
+
+
+def measure(around: Sensitivity, of_intrinsics: Matrix | None = None) -> Measurement:
+    """Measure the optimum of the labels.
+
+    Args:
+        around: Curvature and scores of the mutual information around the variables.
+        of_intrinsics: (n, n) covariance that stated errors of the intrinsics add.
+    """
+    scale = 1.0 / np.sqrt(np.diag(around.motions))
+    bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
+    bend = bends > LEAST_BEND * max(bends[-1], 0.0)
+    if len(around.scores) <= len(bends) + 1:
+        return silent(len(bends))  # So few parts do not determine a covariance.
+    influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
+    covariance, weighted = around.scatter(influences)
+    reads = (directions[:, bend] / scale[:, None]).T
+    labels = Measurement(reads, weighted, around.num_alike, influences.sum(axis=0), covariance)
+    if of_intrinsics is None:
+        return labels
+    along = labels.reads @ of_intrinsics @ labels.reads.T
+    return labels._replace(covariance=covariance + along, of_intrinsics=along)

@@ -1,0 +1,350 @@
+"""Intrinsics and the offset of the clock, estimated together with the pose: errors against the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+from semcal_cli.config import CalibrationConfig, InitializationConfig, JointlyConfig, RefinementConfig
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.document import Camera, Drive
+from semcal_cli.drive.intrinsics import intrinsic_value, with_intrinsics
+from semcal_cli.drive.loading import LoadedDrive
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import mend, read_observations
+from semcal_cli.errors import SemcalError
+from semcal_cli.experiments.distribution import grouped
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.rate import Rate
+from semcal_cli.experiments.result_files import machine, markdown_table, write_results
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.camera import RefinedCamera
+from semcal_cli.stages import Stages
+from semcal_cli.synthetic.label_noise import with_wrong_labels
+
+Degrade = Callable[[Observations, np.random.Generator], Observations]
+
+INTRINSICS = ("fx", "fy", "cx", "cy", "k1", "k2")
+FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02
+"""By how much focal lengths, principal point and k1 are wrong, each with a random sign."""
+STANDING = ("road", "road_line", "sidewalk", "terrain", "ground")
+"""Classes of a flat scene."""
+FAR_OFF = 2.0
+"""Half widths of a 95 % interval from which on an estimate is wrong, though it was kept."""
+
+
+def _wrong(observations: Observations, rng: np.random.Generator) -> Observations:
+    return with_wrong_labels(observations, 0.2, rng)
+
+
+def _flat(observations: Observations, rng: np.random.Generator) -> Observations:
+    """Leave only the ground labelled, on both sides."""
+
+    def kept(names: Sequence[str]) -> np.ndarray:
+        table = np.full(256, NO_CLASS, np.uint8)
+        for index, name in enumerate(names):
+            if name in STANDING:
+                table[index] = index
+        return table
+
+    of_points, of_pixels = kept(observations.point_class_names), kept(observations.image_class_names)
+    clouds = [cloud.with_classes(of_points[cloud.classes]) for cloud in observations.clouds]
+    images = [image.with_classes(of_pixels[image.classes]) for image in observations.images]
+    return observations.with_clouds(clouds).with_images(images)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row of the table: a drive, what is wrong about it, and what is estimated."""
+
+    rig: str
+    changes: dict[str, object] = field(default_factory=dict)
+    """Changes of the drive's `SynthConfig`."""
+    is_wrong: bool = True
+    """Whether the drive's intrinsics are wrong."""
+    intrinsics: tuple[str, ...] = INTRINSICS
+    with_delay: bool = False
+    num_pairs: int = 20
+    degrade: Degrade | None = None
+
+
+def _clock(delay_ms: float, motion: str = "mixed") -> Row:
+    changes: dict[str, object] = {"motion": motion, "delay_ms": delay_ms}
+    rig = f"{motion}_{delay_ms:g}_ms".replace("-", "minus_")
+    return Row(rig, changes, is_wrong=False, intrinsics=(), with_delay=True)
+
+
+ROWS: dict[str, Row] = {
+    "intrinsics right": Row("default", is_wrong=False),
+    "intrinsics wrong": Row("default"),
+    "intrinsics wrong, 20 % wrong labels": Row("default", degrade=_wrong),
+    "intrinsics wrong, 35-degree lens": Row("narrow", {"lens": "narrow"}),
+    "intrinsics wrong, 100-degree lens": Row("wide", {"lens": "wide"}),
+    "intrinsics wrong, fisheye": Row("fisheye", {"lens": "fisheye"}),
+    "intrinsics wrong, one frame, 35-degree lens": Row("narrow", {"lens": "narrow"}, num_pairs=1),
+    "intrinsics wrong, one frame": Row("default", num_pairs=1),
+    "intrinsics wrong, flat scene": Row("default", degrade=_flat, num_pairs=10),
+    "clock right": _clock(0.0),
+    "clock 5 ms late": _clock(5.0),
+    "clock 20 ms late": _clock(20.0),
+    "clock 80 ms late": _clock(80.0),
+    "clock 80 ms early": _clock(-80.0),
+    "clock 20 ms late, steady speed, straight on": _clock(20.0, "steady"),
+}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A row on one seed."""
+
+    row: str
+    """Key of `ROWS`."""
+    seed: int
+    """Seed of the drive."""
+
+
+def cases(seeds: range, rows: Sequence[str] = tuple(ROWS)) -> list[Case]:
+    """List the cases of some rows, seed by seed, so that a stopped run has results of all rows."""
+    return [Case(row, seed) for seed in seeds for row in rows]
+
+
+@dataclass(frozen=True)
+class Result:
+    """What one run found; errors are estimate minus truth, and None of what was not determined."""
+
+    row: str
+    seed: int
+    status: str
+    """Status of the calibration, or the reason why it failed."""
+    is_kept: bool = False
+    """Whether the pose belongs to the estimate."""
+    rotation_deg: float = math.inf
+    camera_center_cm: float = math.inf
+    polished_deg: float = math.inf
+    """Error of the pose before, with what the drive says."""
+    polished_cm: float = math.inf
+    fx_percent: float | None = None
+    fy_percent: float | None = None
+    cx_px: float | None = None
+    cy_px: float | None = None
+    k1: float | None = None
+    clock_ms: float | None = None
+    num_inside: int = 0
+    """Number of true values inside the 95 % intervals: of the pose's six axes and of what was determined."""
+    num_intervals: int = 0
+    is_far_off: bool = False
+    """Whether the estimate was kept, though a value lies more than `FAR_OFF` half widths from the truth."""
+    seconds: float = 0.0
+    """Time from pairs in memory to a verdict."""
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """The settings shared by all cases; a call runs one case. It can be pickled for other processes."""
+
+    pool: Pool
+
+    def __call__(self, case: Case) -> list[Result]:
+        """Calibrate from nothing, with what is wrong about the drive."""
+        row = ROWS[case.row]
+        drive, truth = self.pool.read(row.rig, row.changes, case.seed)
+        if row.num_pairs < len(drive.frames):
+            first = case.seed % (len(drive.frames) - row.num_pairs + 1)
+            drive = drive.model_copy(update={"frames": drive.frames[first : first + row.num_pairs]})
+        rng = np.random.default_rng((case.seed, list(ROWS).index(case.row)))
+        data = _load(drive, row, rng)
+        refinement = RefinementConfig(jointly=JointlyConfig(row.intrinsics, with_delay=row.with_delay))
+        start = perf_counter()
+        try:
+            stages = refine_and_polish(data, initialize(data, InitializationConfig()), refinement)
+            stages = assess(data, stages, refinement)
+            found = make_calibration(data, stages, CalibrationConfig(refinement=refinement))
+        except SemcalError as failure:
+            return [Result(case.row, case.seed, f"failed: {failure}")]
+        return [_compared(case, found, stages, drive.camera, truth, perf_counter() - start)]
+
+
+def _load(drive: Drive, row: Row, rng: np.random.Generator) -> LoadedDrive:
+    observations = read_observations(drive)
+    observations = mend(observations if row.degrade is None else row.degrade(observations, rng))
+    camera = _spoiled(drive.camera, rng) if row.is_wrong else drive.camera
+    spoiled = drive.model_copy(update={"camera": camera})
+    return LoadedDrive(spoiled, replace(observations, camera=camera))
+
+
+def _spoiled(camera: Camera, rng: np.random.Generator) -> Camera:
+    """Make the intrinsics of a camera wrong."""
+    sizes = {"fx": FOCAL_SHARE * camera.K[0][0], "fy": FOCAL_SHARE * camera.K[1][1]}
+    sizes |= {"cx": CENTER_PX, "cy": CENTER_PX, "k1": K1}
+    signs = rng.choice((-1.0, 1.0), len(sizes))
+    changed = {
+        name: intrinsic_value(camera, name) + float(sign) * size
+        for (name, size), sign in zip(sizes.items(), signs, strict=True)
+    }
+    return with_intrinsics(camera, changed)
+
+
+def _compared(
+    case: Case, found: Calibration, stages: Stages, camera: Camera, truth: Pose, seconds: float
+) -> Result:
+    """Compare a result with the truth."""
+    row = ROWS[case.row]
+    error = compare_poses(found.pose, truth)
+    *_, (_, before_joint) = ((name, stage) for name, stage in stages.poses.items() if name != "joint")
+    before = compare_poses(before_joint.T_camera_lidar, truth)
+    offsets: list[tuple[float, float]] = []
+    if found.uncertainty is not None:
+        values = (*(0.01 * x for x in error.camera_center_xyz_cm), *error.rotation_xyz_deg)
+        offsets += zip(values, found.uncertainty.half_widths, strict=True)
+    off = {} if found.camera is None else _off(found.camera, camera)
+    offsets += off.values()
+    clock_ms = None
+    if found.clock is not None and found.clock.half_width_95_s is not None:
+        delay_s = 1e-3 * float(row.changes["delay_ms"])  # type: ignore[arg-type]
+        clock_ms = 1e3 * (found.clock.time_offset_s - delay_s)
+        offsets.append((1e-3 * clock_ms, found.clock.half_width_95_s))
+    is_kept = stages.is_joint
+    (fx, _, _), (_, fy, _), _ = camera.K
+
+    def value(name: str, scale: float = 1.0) -> float | None:
+        return scale * off[name][0] if name in off else None
+
+    return Result(
+        row=case.row,
+        seed=case.seed,
+        status=found.status,
+        is_kept=is_kept,
+        rotation_deg=error.rotation_deg,
+        camera_center_cm=error.camera_center_cm,
+        polished_deg=before.rotation_deg,
+        polished_cm=before.camera_center_cm,
+        fx_percent=value("fx", 100.0 / fx),
+        fy_percent=value("fy", 100.0 / fy),
+        cx_px=value("cx"),
+        cy_px=value("cy"),
+        k1=value("k1"),
+        clock_ms=clock_ms,
+        num_inside=sum(abs(x) <= half for x, half in offsets),
+        num_intervals=len(offsets),
+        is_far_off=is_kept
+        and found.status == "trusted"
+        and any(abs(x) > FAR_OFF * half for x, half in offsets),
+        seconds=seconds,
+    )
+
+
+def _off(found: RefinedCamera, camera: Camera) -> dict[str, tuple[float, float]]:
+    """Give the errors of the intrinsics that are determined, with the half widths of their intervals."""
+    return {
+        name: (each.found - intrinsic_value(camera, name), each.half_width_95)
+        for name, each in found.intrinsics.items()
+        if each.half_width_95 is not None
+    }
+
+
+COLUMNS = (
+    "n | kept | trusted | not determined | rotation, deg: median, worst | camera centre, cm: median, worst "
+    "| pose beside that before, times: median | fx, fy off, %: median, worst | cx, cy off, px: median, worst "
+    "| k1 off: median, worst | clock off, ms: median, worst | intervals true | trusted and far off | s"
+)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What the runs of one row found."""
+
+    row: str
+    n: int
+    num_kept: int
+    num_trusted: int
+    num_not_determined: int
+    """Number of runs in which nothing beside the pose was determined."""
+    rotation_deg: tuple[float, float]
+    """Median and worst."""
+    camera_center_cm: tuple[float, float]
+    beside_before: float
+    """Median of the errors of the pose over those of the pose before, in rotation and place, the larger of the two."""
+    focal_percent: tuple[float, float] | None
+    center_px: tuple[float, float] | None
+    k1: tuple[float, float] | None
+    clock_ms: tuple[float, float] | None
+    num_inside: int
+    num_intervals: int
+    num_far_off: int
+    seconds: float
+
+
+def summarise(results: Iterable[Result]) -> list[Summary]:
+    """Summarise the results of each row, in the order of the results."""
+    return [_summary(row, found) for row, found in grouped(results, lambda r: r.row).items()]
+
+
+def _summary(row: str, found: Sequence[Result]) -> Summary:
+    def spread(*names: str) -> tuple[float, float] | None:
+        values = [getattr(r, name) for r in found for name in names]
+        sizes = [abs(value) for value in values if value is not None]
+        return (float(np.median(sizes)), max(sizes)) if sizes else None
+
+    medians = {
+        name: float(np.median([getattr(r, name) for r in found]))
+        for name in ("rotation_deg", "camera_center_cm", "polished_deg", "polished_cm")
+    }
+    beside = max(
+        medians["rotation_deg"] / medians["polished_deg"],
+        medians["camera_center_cm"] / medians["polished_cm"],
+    )
+    parts = ("fx_percent", "fy_percent", "cx_px", "cy_px", "k1", "clock_ms")
+    return Summary(
+        row=row,
+        n=len(found),
+        num_kept=sum(r.is_kept for r in found),
+        num_trusted=sum(r.status == "trusted" for r in found),
+        num_not_determined=sum(all(getattr(r, part) is None for part in parts) for r in found),
+        rotation_deg=spread("rotation_deg") or (math.inf, math.inf),
+        camera_center_cm=spread("camera_center_cm") or (math.inf, math.inf),
+        beside_before=beside,
+        focal_percent=spread("fx_percent", "fy_percent"),
+        center_px=spread("cx_px", "cy_px"),
+        k1=spread("k1"),
+        clock_ms=spread("clock_ms"),
+        num_inside=sum(r.num_inside for r in found),
+        num_intervals=sum(r.num_intervals for r in found),
+        num_far_off=sum(r.is_far_off for r in found),
+        seconds=float(np.median([r.seconds for r in found])),
+    )
+
+
+def markdown(summaries: Sequence[Summary]) -> str:
+    """Format the table."""
+
+    def cell(values: tuple[float, float] | None, digits: int) -> str:
+        return "" if values is None else ", ".join(f"{value:.{digits}f}" for value in values)
+
+    rows = [
+        (
+            *(s.row, s.n, s.num_kept, s.num_trusted, s.num_not_determined),
+            *(cell(s.rotation_deg, 4), cell(s.camera_center_cm, 2), f"{s.beside_before:.2f}"),
+            *(cell(s.focal_percent, 3), cell(s.center_px, 2), cell(s.k1, 4), cell(s.clock_ms, 2)),
+            Rate("", s.num_inside, s.num_intervals).cells[3],
+            *(s.num_far_off, f"{s.seconds:.1f}"),
+        )
+        for s in summaries
+    ]
+    return markdown_table(f"| | {COLUMNS} |", rows)
+
+
+def write_jointly(results: Sequence[Result], num_jobs: int, folder: Path) -> str:
+    """Write CSV, JSON and table into a folder, and return the table."""
+    summaries = summarise(results)
+    table = markdown(summaries)
+    document: dict[str, object] = {"experiment": "jointly", "machine": machine(), "jobs": num_jobs}
+    write_results(document, results, summaries, table, None, folder)
+    return table
