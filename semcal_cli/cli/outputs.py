@@ -172,7 +172,7 @@ def _report(calibration: Calibration, written_to: str) -> CiReport:
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
     uncertainty, figures = calibration.uncertainty, "interval not known"
     if uncertainty is not None:
-        figures = stated_error(uncertainty, calibration.input.camera)
+        figures = stated_error(uncertainty, calibration.used_camera)
     command = click.get_current_context().command.name or "calibrate"
     case = Case(calibration.status, verdict, figures)
     return CiReport(command, written_to, verdict, [case], calibration.reasons)

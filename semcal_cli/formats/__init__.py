@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
-from semcal_cli.drive.document import drive_file
+from semcal_cli.drive.document import Camera, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, listed, one_of
 from semcal_cli.files.writing import write_bytes
@@ -31,6 +32,7 @@ from semcal_cli.formats import (
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.geometry.poses import Pose, as_transform
+from semcal_cli.result.calibration import Calibration
 
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,
@@ -62,6 +64,66 @@ DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
 
 
+@dataclass(frozen=True)
+class Extrinsic:
+    """What a file says of where a camera is."""
+
+    T_camera_lidar: Pose
+    """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres."""
+    source: Source
+
+    @cached_property
+    def record(self) -> Calibration | None:
+        """The calibration that semcal wrote with the transform; None if the file is none."""
+        return semcal.record_in(self.source)
+
+    @cached_property
+    def camera(self) -> Camera | None:
+        """The camera that the transform belongs to: of the calibration, or of the drive; None if the file has none."""
+        return semcal.camera_in(self.source)
+
+
+def read_extrinsic(
+    path: Path | str,
+    name: str | None = None,
+    options: FormatOptions | None = None,
+    *,
+    direction_option: str | None = None,
+) -> Extrinsic:
+    """Read the transform of a file of any known format, or of a drive's folder, and what semcal wrote with it.
+
+    The file is read once, since it may be standard input.
+
+    Args:
+        path: The file.
+        name: Name of its format; None recognises it by its content.
+        options: What the file leaves open.
+        direction_option: Name of the option for the direction of a command that has no other option for what a file
+            leaves open; messages name it.
+
+    Raises:
+        InputError: the content is of no known format, of several, or wrong, or leaves something open.
+    """
+    path = Path(path)
+    source = Source.read(drive_file(path))
+    try:
+        format = _recognised(source) if name is None else find_format(name)
+        if not format.recognises(source):
+            _check_form(source)
+        _check_options(format, options or FormatOptions(), "--")
+        T_camera_lidar = format.read(source, options or FormatOptions())
+    except RecursionError:
+        raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
+    except InputError as error:
+        if options is not None and direction_option is None:
+            raise
+        # Commands that read a transform as one input of several have at most one of these options.
+        before, found, after = str(error).partition("--direction" if direction_option else "\0")
+        convert = "; `semcal convert` takes it" if OPTION.search(before + after) else ""
+        raise type(error)(f"{before}{found and direction_option}{after}{convert}") from None
+    return Extrinsic(T_camera_lidar, source)
+
+
 def read_transform(
     path: Path | str,
     name: str | None = None,
@@ -84,23 +146,7 @@ def read_transform(
     Raises:
         InputError: the content is of no known format, of several, or wrong, or leaves something open.
     """
-    path = Path(path)
-    source = Source.read(drive_file(path))
-    try:
-        format = _recognised(source) if name is None else find_format(name)
-        if not format.recognises(source):
-            _check_form(source)
-        _check_options(format, options or FormatOptions(), "--")
-        return format.read(source, options or FormatOptions())
-    except RecursionError:
-        raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
-    except InputError as error:
-        if options is not None and direction_option is None:
-            raise
-        # Commands that read a transform as one input of several have at most one of these options.
-        before, found, after = str(error).partition("--direction" if direction_option else "\0")
-        convert = "; `semcal convert` takes it" if OPTION.search(before + after) else ""
-        raise type(error)(f"{before}{found and direction_option}{after}{convert}") from None
+    return read_extrinsic(path, name, options, direction_option=direction_option).T_camera_lidar
 
 
 def find_format(name: str) -> Format:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
-from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.drive.document import Camera, Drive, drive_file
 from semcal_cli.errors import InputError, MisplacedError
 from semcal_cli.files.validation import (
     StatedTransform,
@@ -70,16 +70,35 @@ class _Fleet(StrictModel):
         return validate(cls, kept, source.path)
 
 
+def record_in(source: Source) -> Calibration | None:
+    """The calibration in a file; None if the file is not a calibration of semcal's.
+
+    Raises:
+        InputError: the file is a calibration, and wrong.
+    """
+    if CALIBRATION not in source.mapping:
+        return None
+    return validate(Calibration, source.document, source.path)
+
+
+def camera_in(source: Source) -> Camera | None:
+    """The camera that the transform in a file belongs to: a calibration's, or a drive's; None if there is none.
+
+    Raises:
+        InputError: the file is a calibration or a drive, and wrong.
+    """
+    if (record := record_in(source)) is not None:
+        return record.used_camera
+    return validate(Drive, source.document, source.path).camera if DRIVE in source.mapping else None
+
+
 def read_record(path: Path) -> Calibration | None:
     """Read the calibration in a file; None if the file is not a calibration of semcal's.
 
     Raises:
         InputError: the file is a calibration, and wrong.
     """
-    source = Source.read(drive_file(path))
-    if CALIBRATION not in source.mapping:
-        return None
-    return validate(Calibration, source.document, source.path)
+    return record_in(Source.read(drive_file(path)))
 
 
 def read_half_widths(path: Path) -> tuple[float, ...] | None:

@@ -219,7 +219,7 @@ class Calibration(StrictModel):
         changes: dict[str, object] = {}
         if self.camera is not None and self.camera.is_kept:
             changes["camera"] = self.camera.found
-        if self.clock is not None:
+        if self.clock is not None and self.clock.is_determined:
             changes["time_offset_s"] = self.clock.time_offset_s
         return drive.model_copy(update=changes)
 
