@@ -11,7 +11,7 @@ from semcal_cli.config_checks import check_limits
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.events import Listener, ignore
-from semcal_cli.formats import read_extrinsic, read_transform, write_transform
+from semcal_cli.formats import convert_file, read_extrinsic
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import as_transform
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -80,10 +80,10 @@ def convert(
     read_options: FormatOptions | None = None,
     write_options: FormatOptions | None = None,
 ) -> bytes:
-    """Convert the transform of a file into another format.
+    """Convert the transform of a file into another format, with the intrinsics of its camera where that holds them.
 
     Args:
-        source: A file of any known format, or a drive with a reference.
+        source: A file of any known format, or a drive with a reference. Calibrations and drives have a camera, too.
         to: Name of the format to write: see `semcal convert --formats`.
         output: File to write; None writes no file.
         from_format: Name of the source's format; None recognises it by its content.
@@ -96,5 +96,5 @@ def convert(
     Raises:
         InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
     """
-    T_camera_lidar = read_transform(Path(source), from_format, read_options)
-    return write_transform(T_camera_lidar, None if output is None else Path(output), to, write_options)
+    path = None if output is None else Path(output)
+    return convert_file(Path(source), to, path, from_format, read_options, write_options)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,7 +98,8 @@ class Outputs:
         if self.to is not None:
             from semcal_cli.formats import write_transform
 
-            write_transform(np.eye(4), None, *self.to)
+            name, options = self.to
+            write_transform(np.eye(4), None, name, replace(options, intrinsics=drive.camera))
         elif self.output is not None:
             output_format(self.output)
 
@@ -141,7 +142,9 @@ class Outputs:
         if self.to is not None:
             from semcal_cli.formats import write_transform
 
-            content = write_transform(calibration.pose, self.output, *self.to)
+            name, options = self.to
+            options = replace(options, intrinsics=calibration.used_camera)
+            content = write_transform(calibration.pose, self.output, name, options)
             if self.output is None:
                 click.echo(content, nl=False)
         elif self.output is not None:

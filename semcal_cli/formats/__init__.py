@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
+
 from semcal_cli.drive.document import Camera, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, listed, one_of
@@ -14,6 +16,7 @@ from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import (
     autoware,
     camera_entries,
+    camera_info,
     colmap,
     direct_visual_lidar,
     fast_livo2,
@@ -50,6 +53,7 @@ FORMATS: tuple[Format, ...] = (
     camera_entries.KALIBR,
     camera_entries.LIDAR2CAM,
     opencv.FORMAT,
+    camera_info.FORMAT,
     direct_visual_lidar.FORMAT,
     opencalib.FORMAT,
     fast_livo2.FORMAT,
@@ -162,12 +166,13 @@ def find_format(name: str) -> Format:
 
 
 def _recognised(source: Source) -> Format:
-    found = [format for format in FORMATS if format.recognises(source)]
+    recognised = [format for format in FORMATS if format.recognises(source)]
+    found = [format for format in recognised if format.has_transform] or recognised
     if len(found) == 1:
         return found[0]
     if not found:
         _check_form(source)
-    known = ", ".join(format.name for format in found or FORMATS)
+    known = ", ".join(format.name for format in found or FORMATS if format.has_transform)
     if found:
         raise InputError(
             f"{source.path}: found what several formats have, needed --from with one of: {known}"
@@ -214,8 +219,43 @@ def write_transform(
     return content
 
 
-def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> None:
+def convert_file(
+    source: Path,
+    to: str,
+    output: Path | None,
+    from_format: str | None = None,
+    read_options: FormatOptions | None = None,
+    write_options: FormatOptions | None = None,
+) -> bytes:
+    """Write the transform of a file in another format, with the intrinsics of its camera where that holds them.
+
+    Returns:
+        The content of the file.
+
+    Raises:
+        InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
+    """
+    written = write_options or FormatOptions()
+    if find_format(to).has_transform:
+        found = read_extrinsic(source, from_format, read_options)
+        T_camera_lidar, camera = found.T_camera_lidar, found.camera
+    else:
+        _check_options(semcal.FORMAT, read_options or FormatOptions(), "--")
+        T_camera_lidar, camera = np.eye(4), semcal.camera_in(Source.read(drive_file(source)))
+        if camera is None or from_format not in (None, semcal.FORMAT.name):
+            raise InputError(
+                f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
+            )
+    return write_transform(T_camera_lidar, output, to, replace(written, intrinsics=camera))
+
+
+def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> Format:
     """Replace the transform in a user's file, and leave every byte outside its values as it is.
+
+    Intrinsics of the options are set, too, where the file has some. Of a file without a transform they alone are set.
+
+    Returns:
+        The format of the file.
 
     Raises:
         InputError: files of this format cannot be edited, or the format needs an option that is not given.
@@ -232,14 +272,16 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     try:
         content = edited(source, lambda document: put(document, T_camera_lidar, of_file))
     except (AttributeError, KeyError, TypeError, ValueError):
+        what = "a transform" if format.has_transform else "intrinsics"
         raise InputError(
-            f"{path}: found something else where {format.name} files have a transform, needed a file that "
+            f"{path}: found something else where {format.name} files have {what}, needed a file that "
             "`semcal convert` reads"
         ) from None
     except RecursionError:
         raise InputError(f"{path}: found what is nested too deep, needed a file with a transform") from None
     if content != source.content:
         write_bytes(content, path)
+    return format
 
 
 def _check_options(format: Format, options: FormatOptions, prefix: str) -> None:

@@ -13,6 +13,7 @@ from pydantic import model_validator
 
 from semcal_cli.drive.document import Camera, Drive, drive_file
 from semcal_cli.errors import InputError, MisplacedError
+from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import (
     StatedTransform,
     StrictModel,
@@ -25,6 +26,8 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
+from semcal_cli.formats.lenses import with_count
+from semcal_cli.formats.setting import check_size, tell
 from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -143,7 +146,26 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         raise InputError(f"{options.file}: {error}") from None
     if DRIVE not in document:
         document.setdefault(TRANSFORM, 1)
+    elif options.intrinsics is not None:
+        _set_camera(document["camera"], options.intrinsics, options)
     document["T_camera_lidar"] = T_camera_lidar.tolist()
+
+
+def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
+    """Replace the intrinsics in the camera of a drive."""
+    check_size(options, camera, [block["width"], block["height"]])
+    if block["model"] != camera.model:
+        raise InputError(
+            f"{options.file}: camera.model: found {describe(block['model'])}, needed {camera.model!r}, as the camera "
+            "that was estimated with the transform has it"
+        )
+    camera = with_count(camera, len(block.get("distortion", ())))
+    block["K"] = [list(row) for row in camera.K]
+    if "distortion" in block or any(camera.distortion):
+        block["distortion"] = list(camera.distortion)
+    if camera.parameters:
+        block["parameters"] = dict(camera.parameters)
+    tell(options, camera)
 
 
 def _is_bare(source: Source) -> bool:

@@ -117,7 +117,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
-        files=files(T),
+        files=files(T, record.used_camera if record and record.camera else None),
         pictures=pictures,
         registration=None if registration is None else data_uri(registration.draw(0), MAX_BYTES),
         classes=class_agreements(observations, agreement, before),
