@@ -415,3 +415,16 @@ def test_a_camera_info_needs_a_camera_that_was_found(made: Path, record: Calibra
         f"{path}: found a camera-info, which holds intrinsics alone, needed IN to be a calibration that estimated and "
         "kept its camera's"
     )
+
+
+def test_coefficients_of_a_camera_info_may_become_more(
+    record: Calibration, file: Path, tmp_path: Path
+) -> None:
+    """plumb_bob has five in ROS, and K of no other layout is touched."""
+    path = tmp_path / "ost.yaml"
+    four = filled(INFO, record.input.camera).replace("cols: 5, data: [0.0, ", "cols: 4, data: [")
+    path.write_text(four)
+    assert run("convert", file, "--into", path).exit_code == 0
+    document = yaml.safe_load(path.read_text())
+    assert document["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.0] * 5}
+    assert document["projection_matrix"]["data"][0] == 40

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner, Result
+from conftest import NAMES
 from refined import clock, refined_camera, spoiled, with_camera
 
 import semcal_cli
@@ -234,3 +236,40 @@ def test_the_reference_of_a_folder_is_no_result(street: Path, street_truth: Pose
     found = run("overlay", tmp_path / "other", street, "-o", tmp_path / "out", "--max-frames", 1)
     assert "camera  " not in found.stderr
     np.testing.assert_allclose(semcal_cli.read_transform(street), street_truth)
+
+
+def test_view_uses_it(wrong_drive: Path, file: Path, right: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(spec: Drive, config: object, T_start: Pose | None, *rest: object) -> None:
+        seen.append((spec.camera, T_start))
+        raise KeyError
+
+    seen: list[tuple[Camera, Pose | None]] = []
+    run("view", "--help")  # imports it
+    monkeypatch.setattr(sys.modules["semcal_cli.cli.view"], "_session", stop)
+    found = run("view", wrong_drive, file)
+    assert isinstance(found.exception, KeyError)
+    assert found.stderr.startswith(said(right, file))
+    run("view", wrong_drive)
+    (camera, T_start), (own, nothing) = seen
+    np.testing.assert_array_equal(T_start, read_calibration(file).pose)
+    assert (camera, own, nothing) == (right, spoiled(right), None)
+
+
+def test_a_rig_is_shown_with_the_cameras_that_were_found(
+    rig: Path, rig_results: tuple[Result, Path], tmp_path: Path
+) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(rig_results[1], results)
+    (name, other) = NAMES
+    known = read_calibration(results / f"{name}.yaml")
+    given = known.input.camera
+    command = ("overlay", rig, results, "--max-frames", 1, "-o")
+    assert run(*command, tmp_path / "before").exit_code == 0
+    write_calibration(with_camera(known, given, spoiled(given)), results / f"{name}.yaml")
+    assert run(*command, tmp_path / "after").exit_code == 0
+    before, after = (
+        {camera: (tmp_path / when / camera / "000000.png").read_bytes() for camera in NAMES}
+        for when in ("before", "after")
+    )
+    assert before[name] != after[name]
+    assert before[other] == after[other]
