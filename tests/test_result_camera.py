@@ -138,7 +138,7 @@ def test_a_camera_that_was_not_kept_is_not_used(
     assert apply_result(rejected, drive, "c.yaml") == (drive, ())
     (sentence,) = camera_sentences(rejected)
     assert sentence == (
-        "The intrinsics were estimated together with the pose, not kept: on data that was held out they gain "
+        "The intrinsics were estimated together with the pose, but not kept: on data that was held out they gain "
         "0.0123 +- 0.0010 nats; the transform belongs to the camera of the drive."
     )
 
@@ -200,9 +200,9 @@ def test_compare_says_that_cameras_differ(file: Path, made: Path, right: Camera)
 def test_the_summary_lists_intrinsics_and_clock(record: Calibration, right: Camera) -> None:
     lines = summary_lines(record.model_copy(update={"clock": clock()}))
     fx, fy, cx = right.K[0][0], right.K[1][1], right.K[0][2]
-    start = lines.index(f"intrinsics       fx {fx:.2f} +- 0.42 px (drive: {1.03 * fx:.2f} px)")
+    start = lines.index(f"intrinsics       fx {fx:.2f} +- 0.42 px (drive: {1.03 * fx:.2f})")
     assert lines[start + 1 : start + 5] == [
-        f"                 fy {fy:.2f} +- 0.50 px (drive: {1.03 * fy:.2f} px)",
+        f"                 fy {fy:.2f} +- 0.50 px (drive: {1.03 * fy:.2f})",
         f"                 cx not determined: it stays at {cx:.6g} px",
         "                 kept: on data that was held out they gain 0.0123 +- 0.0010 nats",
         "clock            pictures are 23.1 ms later than their stamps say, +- 1.2 ms",
@@ -215,7 +215,7 @@ def test_nothing_that_was_determined_is_said_in_words(record: Calibration, right
     changes = {"camera": none, "clock": clock(is_determined=False)}
     sentences = camera_sentences(record.model_copy(update=changes))
     assert sentences == [
-        "The intrinsics were estimated together with the pose, not kept: the data determine none of them; the "
+        "The intrinsics were estimated together with the pose, but not kept: the data determine none of them; the "
         "transform belongs to the camera of the drive.",
         "Not determined: drive at different speeds, and turn.",
     ]

@@ -150,9 +150,8 @@ def camera_sentences(record: Calibration) -> list[str]:
     """Say whether the intrinsics and the clock that were estimated are used; empty if none were."""
     sentences = []
     if record.camera is not None:
-        sentences.append(
-            f"The intrinsics were estimated together with the pose, {kept_sentence(record.camera)}."
-        )
+        link, said = "and" if record.camera.is_kept else "but", kept_sentence(record.camera)
+        sentences.append(f"The intrinsics were estimated together with the pose, {link} {said}.")
     if record.clock is not None:
         said = clock_sentence(record.clock)
         sentences.append(f"{said[:1].upper()}{said[1:]}.")

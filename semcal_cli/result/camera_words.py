@@ -46,8 +46,8 @@ def intrinsic_lines(camera: RefinedCamera) -> list[str]:
     for each in intrinsic_texts(camera):
         found, _, unit = each.found.partition(" ")
         if each.is_determined:
-            half = each.half_width.partition(" ")[0]
-            lines.append(f"{each.name} {' '.join([found, '+-', half, unit]).strip()} (drive: {each.given})")
+            half, given = (text.partition(" ")[0] for text in (each.half_width, each.given))
+            lines.append(f"{each.name} {' '.join([found, '+-', half, unit]).strip()} (drive: {given})")
         else:
             lines.append(f"{each.name} not determined: it stays at {each.given}")
     return [*lines, kept_sentence(camera)]
