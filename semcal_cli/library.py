@@ -8,13 +8,15 @@ import numpy.typing as npt
 
 from semcal_cli.config import CalibrationConfig, Limits
 from semcal_cli.config_checks import check_limits
-from semcal_cli.drive.document import Drive
+from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.events import Listener, ignore
-from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.formats import convert_file, read_extrinsic
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.geometry.poses import as_transform
 from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.result.applied import apply_result
+from semcal_cli.result.calibration import Calibration
 from semcal_cli.verification import Verification
 from semcal_cli.verification import verify as verify_loaded
 
@@ -27,6 +29,9 @@ def verify(
     on_event: Listener = ignore,
 ) -> Verification:
     """Check whether a transform still holds on a drive.
+
+    The camera and the clock that a calibration estimated together with its transform take the place of the drive's. A
+    drive that is loaded is loaded again then.
 
     Args:
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
@@ -43,14 +48,26 @@ def verify(
     initial_pose = _initial_pose(transform)
     limits = limits or Limits()
     check_limits(limits)
+    if initial_pose.record is not None:
+        drive = _as_result_sees(drive, initial_pose.record, initial_pose.name)
     data = load(drive, config, on_event)
     return verify_loaded(data, initial_pose, limits, config.seed, on_event)
 
 
+def _as_result_sees(
+    drive: LoadedDrive | Drive | Path | str, record: Calibration, name: str
+) -> LoadedDrive | Drive:
+    """Give a drive the camera and the clock of a result; a loaded one stays as it is if that changes nothing."""
+    if isinstance(drive, LoadedDrive):
+        applied = apply_result(record, drive.drive, name).drive
+        return drive if applied == drive.drive else applied
+    return apply_result(record, drive if isinstance(drive, Drive) else read_drive(drive), name).drive
+
+
 def _initial_pose(transform: Path | str | npt.ArrayLike) -> InitialPose:
     if isinstance(transform, Path | str):
-        path = Path(transform)
-        return InitialPose(read_transform(path), str(path), path)
+        found = read_extrinsic(transform)
+        return InitialPose(found.T_camera_lidar, str(transform), Path(transform), record=found.record)
     return InitialPose(as_transform(transform, "transform"), "transform")
 
 
@@ -63,10 +80,10 @@ def convert(
     read_options: FormatOptions | None = None,
     write_options: FormatOptions | None = None,
 ) -> bytes:
-    """Convert the transform of a file into another format.
+    """Convert the transform of a file into another format, with the intrinsics of its camera where that holds them.
 
     Args:
-        source: A file of any known format, or a drive with a reference.
+        source: A file of any known format, or a drive with a reference. Calibrations and drives have a camera, too.
         to: Name of the format to write: see `semcal convert --formats`.
         output: File to write; None writes no file.
         from_format: Name of the source's format; None recognises it by its content.
@@ -79,5 +96,5 @@ def convert(
     Raises:
         InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
     """
-    T_camera_lidar = read_transform(Path(source), from_format, read_options)
-    return write_transform(T_camera_lidar, None if output is None else Path(output), to, write_options)
+    path = None if output is None else Path(output)
+    return convert_file(Path(source), to, path, from_format, read_options, write_options)

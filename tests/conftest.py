@@ -12,6 +12,7 @@ import yaml
 from click.testing import CliRunner, Result
 from hypothesis import settings
 from hypothesis import strategies as st
+from refined import spoiled, with_camera
 from scipy.spatial.transform import Rotation
 from selenium import webdriver
 
@@ -22,6 +23,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
 from semcal_cli.synthetic import spoiling
 from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive, write_raw_drive
 from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
@@ -166,6 +168,30 @@ def made(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     result = CliRunner().invoke(semcal, command)
     assert result.exit_code in (0, 3), result.output
     return folder
+
+
+@pytest.fixture
+def refined(made: Path) -> Calibration:
+    """What a calibration says that has found a camera on a drive with another one."""
+    known = read_calibration(made / "c.yaml")
+    right = known.input.camera
+    return with_camera(known, spoiled(right), right)
+
+
+@pytest.fixture
+def refined_file(refined: Calibration, tmp_path: Path) -> Path:
+    write_calibration(refined, tmp_path / "c.yaml")
+    return tmp_path / "c.yaml"
+
+
+@pytest.fixture
+def rejected_file(refined: Calibration, tmp_path: Path) -> Path:
+    """The same, whose camera was not kept."""
+    write_calibration(
+        with_camera(refined, refined.input.camera, refined.used_camera, is_kept=False),
+        tmp_path / "rejected.yaml",
+    )
+    return tmp_path / "rejected.yaml"
 
 
 SMALL = SynthConfig(

@@ -64,7 +64,9 @@ THERE_AND_BACK = 1e-8  # Roll, pitch and yaw lose half of their digits close to 
 RELATIVE = {"autoware": "sensor kit", "nuscenes": "vehicle"}
 
 
-@pytest.mark.parametrize("name", [format.name for format in FORMATS if format.name not in RELATIVE])
+@pytest.mark.parametrize(
+    "name", [format.name for format in FORMATS if format.name not in RELATIVE and format.has_transform]
+)
 @pytest.mark.parametrize("frame", ["optical", "body"])
 @given(T=poses)
 @settings(max_examples=8)

@@ -8,10 +8,12 @@ from typing import Literal
 
 import numpy as np
 
-from semcal_cli.formats import read_transform
+from semcal_cli.drive.document import Camera
+from semcal_cli.formats import read_extrinsic
 from semcal_cli.formats.semcal import read_half_widths
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.camera_words import camera_differences
 
 
 @dataclass(frozen=True)
@@ -23,6 +25,10 @@ class Known:
     half_widths: tuple[float, ...] | None
     """(6,) half widths of the 95 % intervals along the camera's axes: its position in centimetres, its rotation in
     degrees; None if the file has none."""
+    camera: Camera | None = None
+    """Camera that the transform belongs to; None if the file has none."""
+    is_camera_found: bool = False
+    """Whether that camera was estimated together with the transform."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +70,21 @@ def read_known(path: Path) -> Known:
     Raises:
         InputError: the file has no known format, or is wrong.
     """
-    T_camera_lidar = read_transform(path)
+    found = read_extrinsic(path)
+    record = found.record
     half_widths = read_half_widths(path)
     if half_widths is not None:
         half_widths = (*(100.0 * half for half in half_widths[:3]), *half_widths[3:])
-    return Known(T_camera_lidar, half_widths)
+    is_camera_found = record is not None and record.camera is not None and record.camera.is_kept
+    return Known(found.T_camera_lidar, half_widths, found.camera, is_camera_found)
+
+
+def describe_cameras(a: Known, b: Known) -> str | None:
+    """Say how the cameras of two transforms differ, of which one was estimated; None if nothing is to be said."""
+    if a.camera is None or b.camera is None or not (a.is_camera_found or b.is_camera_found):
+        return None
+    differences = camera_differences(a.camera, b.camera, "B")
+    return f"that of A has {', '.join(differences)}" if differences else None
 
 
 def compare(a: Known, b: Known) -> Comparison:

@@ -34,11 +34,15 @@ def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float,
     from rich.console import Console
 
     from semcal_cli.assessment.comparison import compare as difference
-    from semcal_cli.assessment.comparison import read_known
+    from semcal_cli.assessment.comparison import describe_cameras, read_known
+    from semcal_cli.cli.tables import labelled
 
-    found = difference(read_known(a), read_known(b))
+    known_a, known_b = read_known(a), read_known(b)
+    found = difference(known_a, known_b)
     error, allowed_cm = found.error, 100.0 * max_translation_m
     is_same = error.rotation_deg <= max_rotation_deg and error.camera_center_cm <= allowed_cm
+    if (cameras := describe_cameras(known_a, known_b)) is not None:
+        click.echo(labelled("camera", cameras), err=True)
     if as_json:
         click.echo(json.dumps(asdict(found) | {"same": is_same}, allow_nan=False))
     else:

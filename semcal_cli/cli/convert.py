@@ -95,6 +95,29 @@ def _change(path: Path, before: Pose | None, T_camera_lidar: Pose) -> str:
     return f"set the transform in {path}: moved {error.rotation_deg:.3f} degrees, {error.camera_center_cm:.2f} cm"
 
 
+def _put_into(
+    into: Path, source: Path, from_: str | None, read: FormatOptions, written: FormatOptions
+) -> None:
+    """Set the transform of a file in another one, with the intrinsics that were estimated together with it."""
+    from dataclasses import replace
+
+    from semcal_cli.formats import put_transform, read_extrinsic
+
+    found = read_extrinsic(source, from_, read)
+    refined = None if found.record is None else found.record.camera
+    lines: list[str] = []
+    options = replace(
+        written,
+        intrinsics=refined.found if refined is not None and refined.is_kept else None,
+        on_intrinsics=lines.append,
+    )
+    before = _transform_in(into, written)
+    if put_transform(found.T_camera_lidar, into, options).has_transform:
+        lines.insert(0, _change(into, before, found.T_camera_lidar))
+    for line in lines:
+        click.echo(line, err=True)
+
+
 @click.command()
 @click.argument("source", metavar="IN", type=INPUT_FILE)
 @click.option("--to", type=FormatName(), metavar="FORMAT", help="Format to write; see --formats.")
@@ -106,7 +129,8 @@ def _change(path: Path, before: Pose | None, T_camera_lidar: Pose) -> str:
     "--into",
     type=PATH,
     metavar="FILE",
-    help="Set the transform in this file instead, and leave every other byte of it as it is.",
+    help="Set the transform in this file instead, and leave every other byte of it as it is; intrinsics that were "
+    "estimated together with the transform, too.",
 )
 @open_options("", "IN")
 @open_options("to-", "what is written")
@@ -128,14 +152,16 @@ def convert(
     repair: bool,
     **options: Any,
 ) -> None:
-    """Convert the transform of IN, or of standard input if it is -, into another format."""
-    from dataclasses import replace
+    """Convert the transform of IN, or of standard input if it is -, into another format.
 
+    Where IN is a calibration of semcal's or a drive, camera-info, kalibr and opencv also get the intrinsics of its
+    camera. --into sets intrinsics that the file has already if IN is a calibration that estimated them and kept them.
+    """
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError
     from semcal_cli.files.reading import is_same_file
     from semcal_cli.files.streams import STANDARD_OUTPUT, check_descriptor, descriptor
-    from semcal_cli.formats import put_transform, read_transform, write_transform
+    from semcal_cli.formats import convert_file
     from semcal_cli.formats.format import FormatOptions
 
     if (to is None) == (into is None):
@@ -147,18 +173,15 @@ def convert(
     if into is None:
         check_descriptor(output or STANDARD_OUTPUT)
     written = FormatOptions(**take_format_options(options, "to_"))
-    read = FormatOptions(**take_format_options(options))
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
-    T_camera_lidar = read_transform(source, from_, replace(read, on_repair=on_repair))
+    read = FormatOptions(**take_format_options(options), on_repair=on_repair)
     if into is not None:
-        before = _transform_in(into, written)
-        put_transform(T_camera_lidar, into, written)
-        click.echo(_change(into, before, T_camera_lidar), err=True)
+        _put_into(into, source, from_, read, written)
         return
     assert to is not None
     read_files = [drive_file(source), source.with_name("sensor.json")]
     if output is not None and any(is_same_file(output, path) for path in read_files):
         raise InputError(f"{output}: found the file that is read, needed another name")
-    content = write_transform(T_camera_lidar, output, to, written)
+    content = convert_file(source, to, output, from_, read, written)
     if output is None:
         click.echo(content, nl=False)

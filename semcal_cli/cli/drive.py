@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from semcal_cli.cli.outputs import Outputs
+from semcal_cli.cli.tables import labelled
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.jobs.threads import set_num_threads
+from semcal_cli.result.applied import apply_result
 
 if TYPE_CHECKING:
     from semcal_cli.cli.options import RunOptions
@@ -27,6 +29,8 @@ def loaded_drive(
     asked: RunOptions,
     initial_pose: InitialPose | None = None,
     parts: Sequence[Outputs] = (),
+    *,
+    as_result_sees: bool = False,
 ) -> Iterator[tuple[LoadedDrive, Terminal]]:
     """Load a drive, and show the progress of all that is done with it.
 
@@ -37,6 +41,8 @@ def loaded_drive(
         asked: How the drive is read, and what is shown.
         initial_pose: Pose to start at, whose file no output may replace.
         parts: Output files of the parts of the drive, which are checked with the others.
+        as_result_sees: Whether the drive gets the camera and the clock that were estimated together with the initial
+            pose.
 
     Raises:
         InputError: the drive, one of its files or an output is wrong.
@@ -46,4 +52,8 @@ def loaded_drive(
     outputs.check(spec, initial_pose, parts)
     set_num_threads(asked.threads)
     with Terminal(quiet=asked.quiet, verbose=asked.verbose) as terminal:
+        if as_result_sees and initial_pose is not None:
+            applied = apply_result(initial_pose.record, spec, initial_pose.name)
+            terminal.print(*(labelled(*change) for change in applied.changes))
+            spec = applied.drive
         yield load(spec, config, terminal.on_event), terminal

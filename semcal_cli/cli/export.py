@@ -34,21 +34,29 @@ def rerun(
     import numpy as np
 
     from semcal_cli.cli.outputs import check_outputs
+    from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
 
     check_installed("semcal export rerun", "rerun", "view")
-    from semcal_cli.report.rerun_file import read_poses, write_rerun
+    from semcal_cli.formats import read_extrinsic
+    from semcal_cli.report.rerun_file import poses_of, write_rerun
+    from semcal_cli.result.applied import apply_result
 
     whole = read_drive(drive, max_points)
     given = [] if calibration is None else [drive_file(calibration)]
     check_outputs([whole.path, *map(whole.resolve, whole.files()), *given], [output])
     poses = {} if whole.T_camera_lidar is None else {"reference": np.array(whole.T_camera_lidar)}
-    if calibration is not None:
-        poses |= read_poses(calibration)
-    spec = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
     console = make_console(quiet)
+    if calibration is not None:
+        extrinsic = read_extrinsic(calibration)
+        poses |= poses_of(extrinsic)
+        applied = apply_result(extrinsic.record, whole, str(calibration))
+        for change in applied.changes:
+            console.print(labelled(*change), markup=False)
+        whole = applied.drive
+    spec = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
     with progress_line(console) as progress:
         progress("reading frames")
         write_rerun(spec, poses, output)

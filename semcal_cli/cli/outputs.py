@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -98,7 +98,8 @@ class Outputs:
         if self.to is not None:
             from semcal_cli.formats import write_transform
 
-            write_transform(np.eye(4), None, *self.to)
+            name, options = self.to
+            write_transform(np.eye(4), None, name, replace(options, intrinsics=drive.camera))
         elif self.output is not None:
             output_format(self.output)
 
@@ -141,7 +142,9 @@ class Outputs:
         if self.to is not None:
             from semcal_cli.formats import write_transform
 
-            content = write_transform(calibration.pose, self.output, *self.to)
+            name, options = self.to
+            options = replace(options, intrinsics=calibration.used_camera)
+            content = write_transform(calibration.pose, self.output, name, options)
             if self.output is None:
                 click.echo(content, nl=False)
         elif self.output is not None:
@@ -172,7 +175,7 @@ def _report(calibration: Calibration, written_to: str) -> CiReport:
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
     uncertainty, figures = calibration.uncertainty, "interval not known"
     if uncertainty is not None:
-        figures = stated_error(uncertainty, calibration.input.camera)
+        figures = stated_error(uncertainty, calibration.used_camera)
     command = click.get_current_context().command.name or "calibrate"
     case = Case(calibration.status, verdict, figures)
     return CiReport(command, written_to, verdict, [case], calibration.reasons)

@@ -64,13 +64,15 @@ def overlay(
 ) -> None:
     """Draw points on pictures."""
     from semcal_cli.cli.outputs import check_image_folder
+    from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console
     from semcal_cli.drive.cues import load_cues
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.drive.reading import load_points
-    from semcal_cli.formats import read_transform
+    from semcal_cli.formats import read_extrinsic
     from semcal_cli.report.overlay import Overlays
+    from semcal_cli.result.applied import apply_result
     from semcal_cli.rig.document import find_rig
 
     by = by or ("class" if against is None else "agreement")
@@ -80,14 +82,18 @@ def overlay(
         overlay_rig(rig, calibration, output, against, by, cues, max_frames, max_points, quiet)
         return
     given = [path for path in (against, calibration) if path is not None]
-    poses = {str(path): read_transform(path) for path in given}
+    extrinsics = {str(path): read_extrinsic(path) for path in given}
+    poses = {name: found.T_camera_lidar for name, found in extrinsics.items()}
     paths = map(drive_file, given)
     spec = read_drive(drive, max_points)
     frames = evenly_spaced(spec.frames, max_frames)
     check_image_folder(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
-    spec = spec.model_copy(update={"frames": tuple(frames)})
+    applied = apply_result(extrinsics[str(calibration)].record, spec, str(calibration))
+    console = make_console(quiet)
+    for change in applied.changes:
+        console.print(labelled(*change), markup=False)
+    spec = applied.drive.model_copy(update={"frames": tuple(frames)})
     # Pixels of one cue share no information with points of another: the first one is shown.
     observations = load_points(spec) if by in WITHOUT_LABELS else load_cues(spec, cues[:1], is_raw=True)
-    console = make_console(quiet)
     for path in Overlays(spec, observations, poses, by).write_all(output):
         console.print(str(path), markup=False)

@@ -47,6 +47,7 @@ def report(
 ) -> None:
     """Write a page about a transform."""
     from semcal_cli.cli.outputs import check_outputs, check_page
+    from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.jobs.threads import set_num_threads
@@ -66,5 +67,8 @@ def report(
     console = make_console(quiet)
     with progress_line(console) as progress:
         progress("reading frames")
-        write_report(read_report_input(spec, calibration, against), output, progress)
+        found = read_report_input(spec, calibration, against)
+        for change in found.changes:
+            console.print(labelled(*change), markup=False)
+        write_report(found, output, progress)
     console.print(str(output), markup=False)

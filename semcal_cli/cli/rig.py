@@ -167,10 +167,12 @@ def _write_page(
 ) -> None:
     """Write the page about a rig."""
     from semcal_cli.cli.terminal import progress_line
+    from semcal_cli.result.applied import apply_result
     from semcal_cli.rig.page import rig_page_html
 
+    seen = {name: apply_result(found.cameras.get(name), drive, name).drive for name, drive in drives.items()}
     with progress_line(terminal.console) as progress:
-        write_text(rig_page_html(found, drives, given, progress), page)
+        write_text(rig_page_html(found, seen, given, progress), page)
     terminal.print(labelled("report", str(page)))
 
 

@@ -163,8 +163,10 @@ def _read(
     """Read the result of a rig.
 
     Returns:
-        The result, the drive of each camera, and all files that no output may replace, the result's own last.
+        The result, the drive of each camera as its result sees it, and all files that no output may replace, the
+        result's own last.
     """
+    from semcal_cli.result.applied import apply_result
     from semcal_cli.rig.document import read_rig
     from semcal_cli.rig.result import read_rig_result, result_file
 
@@ -173,6 +175,8 @@ def _read(
     rig, file = read_rig(rig_file), result_file(result)
     drives = rig.read_drives(max_points)
     found = read_rig_result(rig, drives, file)
+    for name, record in found.cameras.items():
+        drives[name] = apply_result(record, drives[name], name).drive
     read = [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
     calibrations = [file.with_name(f"{name}.yaml") for name in found.cameras]
     return found, drives, [*read, rig.path, *calibrations, file]

@@ -162,12 +162,14 @@ def read_initial_pose(
     Raises:
         InputError: the file is not a transform, leaves something open, or is standard input.
     """
-    from semcal_cli.formats import read_transform
+    from semcal_cli.formats import read_extrinsic
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.initialization.initial_pose import InitialPose
 
     if path == Path("-") or descriptor(path) == 0:
         raise InputError(f"{path}: found standard input, needed a file: the result names and hashes it")
     options = None if direction_option is None else FormatOptions(direction=direction)
-    T_camera_lidar = read_transform(path, None, options, direction_option=direction_option)
-    return InitialPose(T_camera_lidar, name=str(path), source=path, direction=direction)
+    found = read_extrinsic(path, None, options, direction_option=direction_option)
+    return InitialPose(
+        found.T_camera_lidar, name=str(path), source=path, direction=direction, record=found.record
+    )

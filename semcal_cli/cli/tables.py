@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 
 from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.result.camera_words import clock_sentence, intrinsic_lines
 from semcal_cli.result.intervals import stated_error
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[st
         ("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
         *(_label_rows(calibration.quality) if verbose else ()),
         *_uncertainty_rows(calibration.uncertainty),
+        *_camera_rows(calibration),
         *_repeatability_rows(calibration.repeatability),
         *(("note", note) for note in calibration.notes),
         *(("doubt", reason) for reason in calibration.reasons),
@@ -66,7 +68,7 @@ def verdict_lines(calibration: Calibration) -> list[str]:
     if status == "not_trusted":
         how_good = f"{doubts} doubt{'s' if doubts > 1 else ''}, see above"
     elif calibration.uncertainty is not None:
-        how_good = stated_error(calibration.uncertainty, calibration.input.camera)
+        how_good = stated_error(calibration.uncertainty, calibration.used_camera)
     verdict = ": ".join(filter(None, [status.replace("_", " "), how_good]))
     return [labelled("verdict", verdict), *(labelled(*step) for step in NEXT_STEPS.get(case, ()))]
 
@@ -107,6 +109,13 @@ def _uncertainty_rows(uncertainty: Uncertainty | None) -> Rows:
         by = f"cx, cy 1 px, fx, fy 0.1 % off move it by {1000.0 * off_m:.1f} mm and {off_deg:.3f} deg"
         rows.append(("K a little off", by))
     return rows
+
+
+def _camera_rows(calibration: Calibration) -> Rows:
+    """Describe the intrinsics and the clock that were estimated together with the pose."""
+    lines = [] if calibration.camera is None else intrinsic_lines(calibration.camera)
+    rows = [("" if number else "intrinsics", line) for number, line in enumerate(lines)]
+    return rows if calibration.clock is None else [*rows, ("clock", clock_sentence(calibration.clock))]
 
 
 def _repeatability_rows(found: Repeatability | None) -> Rows:

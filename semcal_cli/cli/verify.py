@@ -109,7 +109,10 @@ def verify(
     with errors_reported("verify", subject, junit, [drive, options["calibration"]]):
         initial_pose, config, limits = settings_of(options)
         asked = RunOptions(threads, quiet, max_points)
-        with loaded_drive(drive, config, outputs, asked, initial_pose) as (data, terminal):
+        with loaded_drive(drive, config, outputs, asked, initial_pose, as_result_sees=True) as (
+            data,
+            terminal,
+        ):
             found = check(data, initial_pose, limits, config.seed, terminal.on_event)
             _illustrate(found, data, initial_pose, outputs, terminal)
     cases = [Case.of_check(check) for check in found.checks]

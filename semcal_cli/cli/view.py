@@ -82,12 +82,16 @@ def view(
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.streams import descriptor
     from semcal_cli.jobs.threads import set_num_threads
+    from semcal_cli.result.applied import apply_result
     from semcal_cli.view.server import ViewServer
 
     if "features" in cues:
         raise click.UsageError("--cue features: points of features have no classes to show")
-    start = None if calibration is None else read_initial_pose(calibration).T_camera_lidar
-    spec = read_drive(drive, max_points)
+    start = None if calibration is None else read_initial_pose(calibration)
+    applied = apply_result(
+        None if start is None else start.record, read_drive(drive, max_points), str(calibration)
+    )
+    spec = applied.drive
     if output is not None:
         if descriptor(output) is not None:
             raise click.UsageError("-o: the page saves to a file, and its address goes to standard output")
@@ -96,13 +100,16 @@ def view(
         check_outputs(read + ([] if calibration is None else [drive_file(calibration)]), [output])
     set_num_threads(threads)
     console = make_console(quiet)
+    for change in applied.changes:
+        console.print(labelled(*change), markup=False)
     is_given = (
         click.get_current_context().get_parameter_source("cues") is click.core.ParameterSource.COMMANDLINE
     )
     with progress_line(console) as progress:
         progress("reading frames")
         config = CalibrationConfig(seed, cues, max_frames)
-        session = _session(spec, config, start, output, is_given, console)
+        T_start = None if start is None else start.T_camera_lidar
+        session = _session(spec, config, T_start, output, is_given, console)
     server = ViewServer(session, port)
     console.print("open this address in a browser of this machine; Ctrl-C ends it", markup=False)
     # The address is the result of the command, and the only way to the page.

@@ -17,34 +17,10 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.messages import describe
 from semcal_cli.files.reading import read_text
+from semcal_cli.formats.lenses import KALIBR_LENSES, NAMES, OPENCV_MODELS, ROS_MODELS
 from semcal_cli.formats.storage import Storage, is_storage
 from semcal_cli.formats.values import camera_block, image_side, number
 
-ROS_MODELS = {
-    "plumb_bob": "plumb_bob",
-    "radtan": "plumb_bob",
-    "rational_polynomial": "rational_polynomial",
-    "equidistant": "fisheye",
-    "fisheye": "fisheye",
-    "kannala_brandt": "fisheye",
-}
-"""Camera model of each distortion_model (sensor_msgs/distortion_models.h, image_geometry, names that drivers use)."""
-KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"}
-OPENCV_MODELS = {
-    4: "plumb_bob",
-    5: "plumb_bob",
-    8: "rational_polynomial",
-    12: "thin_prism",
-    14: "thin_prism",
-}
-"""Camera model of each number of coefficients, if the lens is no fisheye."""
-NAMES = {
-    "K": ("camera_matrix", "cameraMatrix", "CameraMatrix", "K", "k"),
-    "distortion": ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d"),
-    "width": ("image_width", "width"),
-    "height": ("image_height", "height"),
-}
-"""Names of the keys of a camera block in files of ROS and OpenCV; the first that is found counts."""
 KALIBR_KEYS = {"K": "intrinsics", "distortion": "distortion_coeffs", "parameters": "intrinsics"}
 MEI_KEYS = {
     "K": "projection_parameters",

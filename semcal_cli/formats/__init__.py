@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
-from semcal_cli.drive.document import drive_file
+import numpy as np
+
+from semcal_cli.drive.document import Camera, drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, listed, one_of
 from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import (
     autoware,
     camera_entries,
+    camera_info,
     colmap,
     direct_visual_lidar,
     fast_livo2,
@@ -31,6 +35,7 @@ from semcal_cli.formats import (
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.geometry.poses import Pose, as_transform
+from semcal_cli.result.calibration import Calibration
 
 FORMATS: tuple[Format, ...] = (
     semcal.FORMAT,
@@ -48,6 +53,7 @@ FORMATS: tuple[Format, ...] = (
     camera_entries.KALIBR,
     camera_entries.LIDAR2CAM,
     opencv.FORMAT,
+    camera_info.FORMAT,
     direct_visual_lidar.FORMAT,
     opencalib.FORMAT,
     fast_livo2.FORMAT,
@@ -60,6 +66,66 @@ FORMATS: tuple[Format, ...] = (
 
 DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
+
+
+@dataclass(frozen=True)
+class Extrinsic:
+    """What a file says of where a camera is."""
+
+    T_camera_lidar: Pose
+    """(4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres."""
+    source: Source
+
+    @cached_property
+    def record(self) -> Calibration | None:
+        """The calibration that semcal wrote with the transform; None if the file is none."""
+        return semcal.record_in(self.source)
+
+    @cached_property
+    def camera(self) -> Camera | None:
+        """The camera that the transform belongs to: of the calibration, or of the drive; None if the file has none."""
+        return semcal.camera_in(self.source)
+
+
+def read_extrinsic(
+    path: Path | str,
+    name: str | None = None,
+    options: FormatOptions | None = None,
+    *,
+    direction_option: str | None = None,
+) -> Extrinsic:
+    """Read the transform of a file of any known format, or of a drive's folder, and what semcal wrote with it.
+
+    The file is read once, since it may be standard input.
+
+    Args:
+        path: The file.
+        name: Name of its format; None recognises it by its content.
+        options: What the file leaves open.
+        direction_option: Name of the option for the direction of a command that has no other option for what a file
+            leaves open; messages name it.
+
+    Raises:
+        InputError: the content is of no known format, of several, or wrong, or leaves something open.
+    """
+    path = Path(path)
+    source = Source.read(drive_file(path))
+    try:
+        format = _recognised(source) if name is None else find_format(name)
+        if not format.recognises(source):
+            _check_form(source)
+        _check_options(format, options or FormatOptions(), "--")
+        T_camera_lidar = format.read(source, options or FormatOptions())
+    except RecursionError:
+        raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
+    except InputError as error:
+        if options is not None and direction_option is None:
+            raise
+        # Commands that read a transform as one input of several have at most one of these options.
+        before, found, after = str(error).partition("--direction" if direction_option else "\0")
+        convert = "; `semcal convert` takes it" if OPTION.search(before + after) else ""
+        raise type(error)(f"{before}{found and direction_option}{after}{convert}") from None
+    return Extrinsic(T_camera_lidar, source)
 
 
 def read_transform(
@@ -84,23 +150,7 @@ def read_transform(
     Raises:
         InputError: the content is of no known format, of several, or wrong, or leaves something open.
     """
-    path = Path(path)
-    source = Source.read(drive_file(path))
-    try:
-        format = _recognised(source) if name is None else find_format(name)
-        if not format.recognises(source):
-            _check_form(source)
-        _check_options(format, options or FormatOptions(), "--")
-        return format.read(source, options or FormatOptions())
-    except RecursionError:
-        raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
-    except InputError as error:
-        if options is not None and direction_option is None:
-            raise
-        # Commands that read a transform as one input of several have at most one of these options.
-        before, found, after = str(error).partition("--direction" if direction_option else "\0")
-        convert = "; `semcal convert` takes it" if OPTION.search(before + after) else ""
-        raise type(error)(f"{before}{found and direction_option}{after}{convert}") from None
+    return read_extrinsic(path, name, options, direction_option=direction_option).T_camera_lidar
 
 
 def find_format(name: str) -> Format:
@@ -116,12 +166,13 @@ def find_format(name: str) -> Format:
 
 
 def _recognised(source: Source) -> Format:
-    found = [format for format in FORMATS if format.recognises(source)]
+    recognised = [format for format in FORMATS if format.recognises(source)]
+    found = [format for format in recognised if format.has_transform] or recognised
     if len(found) == 1:
         return found[0]
     if not found:
         _check_form(source)
-    known = ", ".join(format.name for format in found or FORMATS)
+    known = ", ".join(format.name for format in found or FORMATS if format.has_transform)
     if found:
         raise InputError(
             f"{source.path}: found what several formats have, needed --from with one of: {known}"
@@ -168,8 +219,43 @@ def write_transform(
     return content
 
 
-def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> None:
+def convert_file(
+    source: Path,
+    to: str,
+    output: Path | None,
+    from_format: str | None = None,
+    read_options: FormatOptions | None = None,
+    write_options: FormatOptions | None = None,
+) -> bytes:
+    """Write the transform of a file in another format, with the intrinsics of its camera where that holds them.
+
+    Returns:
+        The content of the file.
+
+    Raises:
+        InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
+    """
+    written = write_options or FormatOptions()
+    if find_format(to).has_transform:
+        found = read_extrinsic(source, from_format, read_options)
+        T_camera_lidar, camera = found.T_camera_lidar, found.camera
+    else:
+        _check_options(semcal.FORMAT, read_options or FormatOptions(), "--")
+        T_camera_lidar, camera = np.eye(4), semcal.camera_in(Source.read(drive_file(source)))
+        if camera is None or from_format not in (None, semcal.FORMAT.name):
+            raise InputError(
+                f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
+            )
+    return write_transform(T_camera_lidar, output, to, replace(written, intrinsics=camera))
+
+
+def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> Format:
     """Replace the transform in a user's file, and leave every byte outside its values as it is.
+
+    Intrinsics of the options are set, too, where the file has some. Of a file without a transform they alone are set.
+
+    Returns:
+        The format of the file.
 
     Raises:
         InputError: files of this format cannot be edited, or the format needs an option that is not given.
@@ -186,14 +272,16 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     try:
         content = edited(source, lambda document: put(document, T_camera_lidar, of_file))
     except (AttributeError, KeyError, TypeError, ValueError):
+        what = "a transform" if format.has_transform else "intrinsics"
         raise InputError(
-            f"{path}: found something else where {format.name} files have a transform, needed a file that "
+            f"{path}: found something else where {format.name} files have {what}, needed a file that "
             "`semcal convert` reads"
         ) from None
     except RecursionError:
         raise InputError(f"{path}: found what is nested too deep, needed a file with a transform") from None
     if content != source.content:
         write_bytes(content, path)
+    return format
 
 
 def _check_options(format: Format, options: FormatOptions, prefix: str) -> None:

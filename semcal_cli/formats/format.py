@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import parse_any
@@ -61,6 +62,11 @@ class FormatOptions:
     """Name in the file of the LiDAR's frame, entry or token."""
     file: Path | None = None
     """Path of the file to write or edit, if there is one."""
+    intrinsics: Camera | None = None
+    """Camera whose intrinsics are written beside the transform, where the format has a place for them. Into a file of
+    the user's they are set where the file has them already."""
+    on_intrinsics: Callable[[str], None] | None = None
+    """Called with what was set of the intrinsics in a file of the user's."""
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that the nearest rotation replaces; None refuses such files."""
 
@@ -140,7 +146,7 @@ Put: TypeAlias = Callable[[Any, Pose, FormatOptions], None]
 
 @dataclass(frozen=True)
 class Format:
-    """A format of transforms, with its reader and writer."""
+    """A format of transforms, or of a camera's intrinsics, with its reader and writer."""
 
     name: str
     equation: str
@@ -154,6 +160,8 @@ class Format:
     """Replaces the transform in a document and leaves the rest; None if files of the format cannot be edited."""
     asks: tuple[str, ...] = ()
     """Options among `direction`, `frame`, `camera` and `lidar` that its files leave open."""
+    has_transform: bool = True
+    """Whether its files hold a transform; one without holds only intrinsics."""
 
 
 def document_writer(put: Put, *, as_json: bool = False) -> Callable[[Pose, FormatOptions], bytes]:

@@ -1,4 +1,7 @@
-"""OpenCV FileStorage with `CameraExtrinsicMat` (4 x 4). Users store both directions, so --direction is needed."""
+"""OpenCV FileStorage with `CameraExtrinsicMat` (4 x 4). Users store both directions, so --direction is needed.
+
+The intrinsics beside it have the names of OpenCV's calibration sample (samples/cpp/.../camera_calibration.cpp).
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from contextlib import suppress
 
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import Format, FormatOptions, Source, from_rows, turned
+from semcal_cli.formats.lenses import LEAST_COUNTS, check_lens, coefficients_of, numbers_of
 from semcal_cli.formats.storage import Storage, is_storage
 from semcal_cli.geometry.poses import Pose
 
@@ -21,9 +25,26 @@ def _read(source: Source, options: FormatOptions) -> Pose:
 
 
 def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    values = ", ".join(map(repr, turned("--to opencv", T_camera_lidar, options).ravel().tolist()))
-    matrix = f"!!opencv-matrix\n   rows: 4\n   cols: 4\n   dt: d\n   data: [ {values} ]"
-    return f"%YAML:1.0\n---\n{KEY}: {matrix}\n".encode()
+    values: list[float] = turned("--to opencv", T_camera_lidar, options).ravel().tolist()
+    lines = ["%YAML:1.0", "---", _matrix(KEY, 4, values)]
+    if (camera := options.intrinsics) is not None:
+        check_lens("--to opencv", camera, LEAST_COUNTS)
+        coefficients = coefficients_of(camera)
+        lines += [
+            f"image_width: {camera.width}",
+            f"image_height: {camera.height}",
+            f"fisheye_model: {int(camera.model == 'fisheye')}",
+            _matrix("camera_matrix", 3, numbers_of(camera)),
+            _matrix("distortion_coefficients", len(coefficients), coefficients),
+        ]
+    return "".join(f"{line}\n" for line in lines).encode()
+
+
+def _matrix(key: str, rows: int, values: list[float]) -> str:
+    """Write a matrix of doubles as FileStorage does."""
+    numbers = ", ".join(repr(value + 0.0) for value in values)
+    cols = len(values) // rows
+    return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {numbers} ]"
 
 
 def _recognises(source: Source) -> bool:

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
-from semcal_cli.drive.document import Drive, drive_file
+from semcal_cli.drive.document import Camera, Drive, drive_file
 from semcal_cli.errors import InputError, MisplacedError
+from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import (
     StatedTransform,
     StrictModel,
@@ -25,6 +26,8 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
+from semcal_cli.formats.lenses import with_count
+from semcal_cli.formats.setting import check_size, tell
 from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -70,16 +73,35 @@ class _Fleet(StrictModel):
         return validate(cls, kept, source.path)
 
 
+def record_in(source: Source) -> Calibration | None:
+    """The calibration in a file; None if the file is not a calibration of semcal's.
+
+    Raises:
+        InputError: the file is a calibration, and wrong.
+    """
+    if CALIBRATION not in source.mapping:
+        return None
+    return validate(Calibration, source.document, source.path)
+
+
+def camera_in(source: Source) -> Camera | None:
+    """The camera that the transform in a file belongs to: a calibration's, or a drive's; None if there is none.
+
+    Raises:
+        InputError: the file is a calibration or a drive, and wrong.
+    """
+    if (record := record_in(source)) is not None:
+        return record.used_camera
+    return validate(Drive, source.document, source.path).camera if DRIVE in source.mapping else None
+
+
 def read_record(path: Path) -> Calibration | None:
     """Read the calibration in a file; None if the file is not a calibration of semcal's.
 
     Raises:
         InputError: the file is a calibration, and wrong.
     """
-    source = Source.read(drive_file(path))
-    if CALIBRATION not in source.mapping:
-        return None
-    return validate(Calibration, source.document, source.path)
+    return record_in(Source.read(drive_file(path)))
 
 
 def read_half_widths(path: Path) -> tuple[float, ...] | None:
@@ -124,7 +146,26 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         raise InputError(f"{options.file}: {error}") from None
     if DRIVE not in document:
         document.setdefault(TRANSFORM, 1)
+    elif options.intrinsics is not None:
+        _set_camera(document["camera"], options.intrinsics, options)
     document["T_camera_lidar"] = T_camera_lidar.tolist()
+
+
+def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
+    """Replace the intrinsics in the camera of a drive."""
+    check_size(options, camera, [block["width"], block["height"]])
+    if block["model"] != camera.model:
+        raise InputError(
+            f"{options.file}: camera.model: found {describe(block['model'])}, needed {camera.model!r}, as the camera "
+            "that was estimated with the transform has it"
+        )
+    camera = with_count(camera, len(block.get("distortion", ())))
+    block["K"] = [list(row) for row in camera.K]
+    if "distortion" in block or any(camera.distortion):
+        block["distortion"] = list(camera.distortion)
+    if camera.parameters:
+        block["parameters"] = dict(camera.parameters)
+    tell(options, camera)
 
 
 def _is_bare(source: Source) -> bool:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from semcal_cli.geometry.baseline import check_baseline
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.calibration import Calibration
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,8 @@ class InitialPose:
     """File of the transform; None if it was typed."""
     direction: str | None = None
     """Direction of the matrix in the file, where the user had to state it."""
+    record: Calibration | None = None
+    """The calibration that semcal wrote with the transform, if there is one."""
 
     def check_distance(self, max_baseline_m: float) -> None:
         """Check that the camera is at most `max_baseline_m` from the LiDAR.

@@ -14,10 +14,10 @@ from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.files.messages import listed
-from semcal_cli.formats import read_transform
-from semcal_cli.formats.semcal import read_record
+from semcal_cli.formats import read_extrinsic, read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.overlay import Overlays
+from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import Calibration, InputFrame
 from semcal_cli.result.provenance import describe_input
 
@@ -34,6 +34,9 @@ class ReportInput:
     before: tuple[str, Pose] | None
     """Caption and pose of another transform to compare with."""
     drive: Drive
+    """The drive of the frames, with the camera and the clock that were estimated together with the transform."""
+    changes: tuple[tuple[str, str], ...]
+    """What of the drive that has replaced: `camera` or `clock`, and what is used instead of what."""
     observations: Observations
     is_of_record: bool
     """Whether the calibration was computed from these frames and this camera."""
@@ -65,9 +68,8 @@ def read_report_input(drive: Drive, calibration: Path, against: Path | None = No
         CalibrationError: one side's labels carry a single class.
     """
     before = None if against is None else (str(against), read_transform(against))
-    return make_report_input(
-        drive, str(calibration), read_transform(calibration), read_record(calibration), before
-    )
+    found = read_extrinsic(calibration)
+    return make_report_input(drive, str(calibration), found.T_camera_lidar, found.record, before)
 
 
 def make_report_input(
@@ -92,8 +94,9 @@ def make_report_input(
     """
     if before is None and record is not None:
         before = _first_stage(record)
+    drive, changes = apply_result(record, drive, name)
     used, notices = (None, []) if record is None else _used(drive, record)
-    is_of_record = used is not None and record is not None and record.input.camera == drive.camera
+    is_of_record = used is not None and record is not None and record.used_camera == drive.camera
     if used is not None and not is_of_record:
         notices.append("The camera is not the one that the calibration was computed with.")
     cues = _cues(record)
@@ -104,6 +107,7 @@ def make_report_input(
         record=record,
         before=before,
         drive=used,
+        changes=changes,
         observations=load_cues(used, cues),
         is_of_record=is_of_record,
         notices=tuple(notices),

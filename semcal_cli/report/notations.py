@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
-from semcal_cli.formats.format import FormatOptions, wxyz
+from semcal_cli.formats.format import Format, FormatOptions, wxyz
 from semcal_cli.geometry.poses import (
     Pose,
     Vector,
@@ -65,21 +66,29 @@ def T_notation(T_camera_lidar: Pose) -> Notation:
     )
 
 
-def files(T_camera_lidar: Pose) -> list[Notation]:
+def files(T_camera_lidar: Pose, intrinsics: Camera | None = None) -> list[Notation]:
     """Write a transform in each text format that needs no other information.
 
-    Matrices in formats that state no direction are T_camera_lidar.
+    Matrices in formats that state no direction are T_camera_lidar. Intrinsics stand beside it where a format has a
+    place for them and a name for the lens.
     """
-    options = FormatOptions(direction="lidar-to-camera")
     found = []
     for format in FORMATS:
-        try:
-            text = format.write(T_camera_lidar, options).decode()
-        except (InputError, UnicodeDecodeError):
-            continue  # Poses beside others of a rig go into a file; NumPy's is no text.
+        text = _file(format, T_camera_lidar, intrinsics) or _file(format, T_camera_lidar, None)
+        if text is None:
+            continue
         direction = "; here lidar-to-camera" if "direction" in format.asks else ""
         found.append(Notation(format.name, format.equation + direction, text.rstrip("\n")))
     return found
+
+
+def _file(format: Format, T_camera_lidar: Pose, intrinsics: Camera | None) -> str | None:
+    """Write a file; None where that takes more. Poses beside others of a rig go into a file; NumPy's is no text."""
+    try:
+        options = FormatOptions(direction="lidar-to-camera", intrinsics=intrinsics)
+        return format.write(T_camera_lidar, options).decode()
+    except (InputError, UnicodeDecodeError):
+        return None
 
 
 def matrix_text(T: Pose) -> str:

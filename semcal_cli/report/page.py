@@ -25,6 +25,7 @@ from semcal_cli.report.plots import BOX, FRAMES_BOX, FramesPlot, frames_plots, p
 from semcal_cli.report.registration import RegistrationPictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import (
+    camera_sentences,
     frame_sentences,
     polish_sentence,
     runner_up_sentence,
@@ -32,6 +33,7 @@ from semcal_cli.report.words import (
     verdict,
 )
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.camera_words import intrinsic_texts
 from semcal_cli.result.provenance import describe_input, versions
 
 
@@ -115,7 +117,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
-        files=files(T),
+        files=files(T, record.used_camera if record and record.camera else None),
         pictures=pictures,
         registration=None if registration is None else data_uri(registration.draw(0), MAX_BYTES),
         classes=class_agreements(observations, agreement, before),
@@ -124,6 +126,8 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         frames_box=FRAMES_BOX,
         of_frames=of_frames,
         uncertainty=uncertainty_sentences(record, observations.camera) if record else [],
+        camera_sentences=camera_sentences(record) if record else [],
+        intrinsics=intrinsic_texts(record.camera) if record and record.camera else [],
         runner_up=runner_up_sentence(record) if record else None,
         polish=polish_sentence(record) if record else None,
         stages=_stage_rows(record) if record else [],

@@ -21,8 +21,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
 from semcal_cli.files.writing import write_bytes
-from semcal_cli.formats import read_transform
-from semcal_cli.formats.semcal import read_record
+from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import palettes
 
@@ -37,17 +36,14 @@ UNKNOWN_COLOR = (128, 128, 128)
 POINT_RADIUS_PX = 1.5
 
 
-def read_poses(path: Path) -> dict[str, Pose]:
-    """Read the poses of a calibration by the names of their cameras: hypotheses, stages in order, and the result.
+def poses_of(extrinsic: Extrinsic) -> dict[str, Pose]:
+    """List the poses of a calibration by the names of their cameras: hypotheses, stages in order, and the result.
 
     A transform of another format is the result alone.
-
-    Raises:
-        InputError: the file is missing or wrong.
     """
-    calibration = read_record(path)
+    calibration = extrinsic.record
     if calibration is None:
-        return {"result": read_transform(path)}
+        return {"result": extrinsic.T_camera_lidar}
     found = {f"hypothesis_{index}": each.pose for index, each in enumerate(calibration.hypotheses)}
     found |= {f"stage_{name}": np.array(stage.T_camera_lidar) for name, stage in calibration.stages.items()}
     return found | {"result": calibration.pose}

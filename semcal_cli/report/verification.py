@@ -81,7 +81,7 @@ def write_verification(
             "; ".join(offsets_in_all(found.checks)),
             linked(found.reasons, found.topics),
         ),
-        notices=found.notes,
+        notices=(*_camera_notices(data, initial_pose), *found.notes),
         name=initial_pose.name,
         drive=data.drive,
         rows=[_row(check, reach) for check in found.checks],
@@ -91,6 +91,16 @@ def write_verification(
         found=T_notation(found.T_camera_lidar),
     )
     write_text(page, path)
+
+
+def _camera_notices(data: LoadedDrive, initial_pose: InitialPose) -> list[str]:
+    """Say whether the camera is the one that was estimated together with the transform."""
+    record = initial_pose.record
+    if record is None or record.camera is None or not record.camera.is_kept:
+        return []
+    if data.drive.camera != record.used_camera:
+        return [f"The camera is that of {data.drive.path}: {initial_pose.name} has one of other pictures."]
+    return [f"The camera is that of {initial_pose.name}, estimated together with the transform."]
 
 
 def _reach(checks: Sequence[Check]) -> float:

@@ -17,6 +17,7 @@ from semcal_cli.files.messages import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
 from semcal_cli.report.input import ReportInput
 from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.camera_words import clock_sentence, kept_sentence
 from semcal_cli.result.intervals import figure, image_radius_px, stated_error
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -91,7 +92,7 @@ def verdict_of(record: Calibration) -> Verdict:
         )
     figures = ""
     if record.uncertainty is not None and record.status == "trusted":  # a doubted interval misleads
-        figures = stated_error(record.uncertainty, record.input.camera)
+        figures = stated_error(record.uncertainty, record.used_camera)
     reasons = linked(record.reasons, record.topics)
     return Verdict(record.status, TITLES[record.status], sentence, figures, reasons)
 
@@ -119,11 +120,7 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
         )
     if found.intrinsics_cost is not None:
         moved_m, turned_deg = found.intrinsics_cost.together
-        includes = (
-            "the intervals include the stated errors of K"
-            if record.input.camera.intrinsics_sigma
-            else ("the intervals take K as right, unless the drive states intrinsics_sigma")
-        )
+        includes = _what_intervals_include(record)
         sentences.append(
             f"If cx and cy were off by 1 pixel and fx and fy by 0.1 %, the camera would come out "
             f"{figure(100.0 * moved_m)} cm and {figure(turned_deg)} degrees elsewhere. All frames share K, so "
@@ -137,6 +134,27 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
             f"{repeated.num_seeds} seeds lead to poses up to {figure(far_cm)} cm and {figure(far_deg)} degrees apart "
             f"from it{failed}."
         )
+    return sentences
+
+
+def _what_intervals_include(record: Calibration) -> str:
+    """Say which errors of K are part of the intervals."""
+    if record.camera is not None and record.camera.is_kept:
+        return "K was estimated together with the pose, and the intervals include what is not known of it"
+    if record.input.camera.intrinsics_sigma:
+        return "the intervals include the stated errors of K"
+    return "the intervals take K as right, unless the drive states intrinsics_sigma"
+
+
+def camera_sentences(record: Calibration) -> list[str]:
+    """Say whether the intrinsics and the clock that were estimated are used; empty if none were."""
+    sentences = []
+    if record.camera is not None:
+        link, said = "and" if record.camera.is_kept else "but", kept_sentence(record.camera)
+        sentences.append(f"The intrinsics were estimated together with the pose, {link} {said}.")
+    if record.clock is not None:
+        said = clock_sentence(record.clock)
+        sentences.append(f"{said[:1].upper()}{said[1:]}.")
     return sentences
 
 

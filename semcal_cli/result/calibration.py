@@ -220,7 +220,7 @@ class Calibration(StrictModel):
         if self.camera is not None and self.camera.is_kept:
             changes["camera"] = self.camera.found
         if self.clock is not None and self.clock.is_kept:
-            changes["time_offset_s"] = drive.time_offset_s + self.clock.time_offset_s
+            changes["time_offset_s"] = self.clock.time_offset_s
         return drive.model_copy(update=changes)
 
     @classmethod

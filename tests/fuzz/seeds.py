@@ -254,6 +254,8 @@ def seed_others() -> None:
     save("ply", "window.ply", PLY)
     for name in ("ROS", "ROS_MESSAGE", "ROS_ECHO", "KALIBR", "OPENCV"):
         save("intrinsics", f"{name.lower()}.yaml", getattr(camera_infos, name))
+    for name in ("ROS", "ROS_MESSAGE", "ROS_ECHO"):
+        save("camera-info", f"{name.lower()}.yaml", getattr(camera_infos, name))
     save("intrinsics", "opencv.xml", camera_infos.OPENCV_XML)
     save("intrinsics", "mei.yaml", dataset_trees.KITTI_360_FISHEYE)
 

@@ -53,6 +53,8 @@ SAME_ROTATION, SAME_M = 1e-7, 1e-2
 of 90 degrees, and the arm may be as long as 100 km."""
 T_PUT = np.array([[0.0, -1.0, 0.0, 0.1], [0.0, 0.0, -1.0, -0.2], [1.0, 0.0, 0.0, 0.3], [0.0, 0.0, 0.0, 1.0]])
 """Transform that is put into files."""
+LENS_PUT = Camera(model="plumb_bob", width=64, height=32, K=((48.0, 0, 30.5), (0, 49.0, 14.5), (0, 0, 1.0)))
+"""Camera whose intrinsics are put into files."""
 OF_DRIVES = "needed each drive once"
 """End of the messages that name two drives of a fleet and no file."""
 VERSION = b"VERSION"
@@ -236,6 +238,20 @@ def check_intrinsics(path: Path) -> None:
             core_camera(Camera.model_validate(block))
 
 
+def check_camera_info(path: Path) -> None:
+    """Check a file that a camera is put into: it holds that one then, and a transform never."""
+    with refusing(path.parent):
+        read_transform(path)
+        raise AssertionError("a transform of a camera_info")
+    with refusing(path.parent):
+        put_transform(T_PUT, path, FormatOptions(intrinsics=LENS_PUT))
+        after = path.read_bytes()
+        put_transform(T_PUT, path, FormatOptions(intrinsics=LENS_PUT))
+        assert path.read_bytes() == after, (after, path.read_bytes())
+        with refusing(path.parent):
+            assert read_intrinsics(path)["K"] == [list(row) for row in LENS_PUT.K]
+
+
 def check_ontology(path: Path) -> None:
     """Check a table of classes."""
     ontology = read_ontology(str(path))
@@ -380,7 +396,8 @@ TARGETS: dict[str, Target] = {
     "card": Target(check_card, document_name("card")),
     "list": Target(check_list, lambda content: "drives.txt"),
     "ply": Target(read_vertices, lambda content: "points.ply"),
-    **{f"transform-{format.name}": transform_target(format) for format in FORMATS},
+    "camera-info": Target(check_camera_info, document_name("info")),
+    **{f"transform-{format.name}": transform_target(format) for format in FORMATS if format.has_transform},
     **{f"import-{name}": import_target(*asked) for name, asked in IMPORTS.items()},
 }
 """Every document that is read, by name."""

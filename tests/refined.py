@@ -1,0 +1,66 @@
+"""A calibration that holds a camera and a clock, as one that estimated them together with its pose does."""
+
+from typing import Any
+
+from semcal_cli.drive.document import Camera
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
+
+GAIN, GAIN_SIGMA = 0.0123, 0.001
+LATER_S = 0.0231
+
+
+def spoiled(camera: Camera, scale: float = 1.03) -> Camera:
+    """The same camera with focal lengths that are wrong."""
+    return camera.zoomed(scale)
+
+
+def intrinsic(given: float, found: float, half_width: float | None) -> Intrinsic:
+    """An estimate; without a half width, the data do not determine it."""
+    return Intrinsic(
+        given=given,
+        found=found,
+        sigma=None if half_width is None else half_width / 2.0,
+        half_width_95=half_width,
+        is_determined=half_width is not None,
+    )
+
+
+def refined_camera(given: Camera, found: Camera, *, is_kept: bool = True) -> RefinedCamera:
+    """A camera whose fx and fy were determined and whose cx was not."""
+    return RefinedCamera(
+        is_kept=is_kept,
+        held_out_gain_nats=GAIN,
+        held_out_sigma_nats=GAIN_SIGMA,
+        found=found,
+        intrinsics={
+            "fx": intrinsic(given.K[0][0], found.K[0][0], 0.42),
+            "fy": intrinsic(given.K[1][1], found.K[1][1], 0.5),
+            "cx": intrinsic(given.K[0][2], found.K[0][2], None),
+        },
+        joint_covariance=None,
+    )
+
+
+def clock(*, is_determined: bool = True) -> Clock:
+    """A clock that is off, or that nothing is known of."""
+    if not is_determined:
+        meaning = "not determined: drive at different speeds, and turn"
+        return Clock(
+            time_offset_s=0.0, sigma_s=None, half_width_95_s=None, is_determined=False, meaning=meaning
+        )
+    return Clock(
+        time_offset_s=LATER_S,
+        sigma_s=0.0006,
+        half_width_95_s=0.0012,
+        is_determined=True,
+        meaning="pictures are 23.1 ms later than their stamps say",
+    )
+
+
+def with_camera(record: Calibration, given: Camera, found: Camera, **changes: Any) -> Calibration:
+    """A calibration that found one camera on a drive that has another one."""
+    camera = refined_camera(given, found, **changes)
+    return record.model_copy(
+        update={"camera": camera, "input": record.input.model_copy(update={"camera": given})}
+    )

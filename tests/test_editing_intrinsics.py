@@ -1,0 +1,215 @@
+"""Intrinsics that were estimated together with a transform are set in files of a user's that have some."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+from format_files import T_ANY
+from refined import spoiled
+
+from semcal_cli.cli import semcal
+from semcal_cli.drive.document import Camera
+from semcal_cli.formats import read_transform, write_transform
+from semcal_cli.result.calibration import Calibration
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(semcal, [*map(str, arguments)])
+
+
+CHAIN = """# our rig
+cam0:
+  cam_overlaps: [1]
+  camera_model: pinhole   # of the left
+  distortion_coeffs: [0.0, 0.0, 0.0, 0.0]
+  distortion_model: radtan
+  intrinsics: [{fx}, {fy}, {cx}, {cy}]
+  resolution: [{width}, {height}]
+  rostopic: /cam0/image_raw
+  T_cam_lidar:
+  - [1.0, 0.0, 0.0, 0.0]
+  - [0.0, 1.0, 0.0, 0.0]
+  - [0.0, 0.0, 1.0, 0.0]
+  - [0.0, 0.0, 0.0, 1.0]
+"""
+INFO = """# by hand
+image_width: {width}
+image_height: {height}
+camera_name: front
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [{fx}, 0.0, {cx}, 0.0, {fy}, {cy}, 0.0, 0.0, 1.0]
+distortion_model: plumb_bob
+distortion_coefficients: {{rows: 1, cols: 5, data: [0.0, 0.0, 0.0, 0.0, 0.0]}}
+projection_matrix: {{rows: 3, cols: 4, data: [40, 0, 30, 0, 0, 40, 15, 0, 0, 0, 1, 0]}}  # ours
+"""
+MESSAGE = """header: {{frame_id: front}}
+height: {height}
+width: {width}
+distortion_model: plumb_bob
+d: [0.0, 0.0, 0.0, 0.0, 0.0]
+k: [{fx}, 0.0, {cx}, 0.0, {fy}, {cy}, 0.0, 0.0, 1.0]
+"""
+DRIVE_OF_THE_USER = """semcal_drive: 1
+camera:
+  model: plumb_bob
+  width: {width}   # full size
+  height: {height}
+  K: [[{fx}, 0.0, {cx}], [0.0, {fy}, {cy}], [0.0, 0.0, 1.0]]
+frames:
+- points: points/000000.bin
+"""
+TEXTS = {
+    "chain.yaml": CHAIN,
+    "ost.yaml": INFO,
+    "message.yaml": MESSAGE,
+    "drive.yaml": DRIVE_OF_THE_USER,
+}
+
+
+def filled(text: str, lens: Camera) -> str:
+    (fx, _, cx), (_, fy, cy), _ = lens.K
+    return text.format(fx=fx, fy=fy, cx=cx, cy=cy, width=lens.width, height=lens.height)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_intrinsics_that_were_kept_are_set_where_a_file_has_some(
+    name: str, refined: Calibration, refined_file: Path, tmp_path: Path
+) -> None:
+    """And no other byte changes but those of the transform."""
+    path, right = tmp_path / name, refined.used_camera
+    path.write_text(filled(TEXTS[name], refined.input.camera))
+    found = run("convert", refined_file, "--into", path)
+    assert found.exit_code == 0, found.output
+    wanted, after = filled(TEXTS[name], right).splitlines(), path.read_text().splitlines()
+    apart = [line for line in after if line not in wanted]
+    assert all(
+        "0.0, 0.0, 0.0, 1.0]" in line or line.startswith(("  - [", "- [", "T_camera_lidar")) for line in apart
+    )
+    assert set(wanted) - set(after) <= set(filled(CHAIN, right).splitlines()[-4:-1])
+    (fx, _, cx), (_, fy, cy), _ = right.K
+    *_, last = found.stderr.splitlines()
+    assert last == f"set the intrinsics in {path}: fx {fx:.6g}, fy {fy:.6g}, cx {cx:.6g}, cy {cy:.6g}"
+    assert ("set the transform in " in found.stderr) == (name in ("chain.yaml", "drive.yaml"))
+    if name in ("chain.yaml", "drive.yaml"):
+        np.testing.assert_allclose(read_transform(path), refined.pose, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["chain.yaml", "drive.yaml"])
+def test_intrinsics_stay_unless_they_were_estimated_and_kept(
+    name: str, refined: Calibration, rejected_file: Path, made: Path, street: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    for source in (rejected_file, made / "c.yaml", street):
+        path.write_text(filled(TEXTS[name], spoiled(refined.input.camera)))
+        found = run("convert", source, "--into", path)
+        assert found.exit_code == 0, found.output
+        assert "set the intrinsics" not in found.stderr
+        assert f"{spoiled(refined.input.camera).K[0][0]}" in path.read_text()
+
+
+def test_a_chain_without_intrinsics_gets_none(refined_file: Path, tmp_path: Path) -> None:
+    path = tmp_path / "chain.yaml"
+    write_transform(T_ANY, path, "kalibr")
+    found = run("convert", refined_file, "--into", path)
+    assert found.exit_code == 0, found.output
+    assert yaml.safe_load(path.read_text())["cam0"].keys() == {"T_cam_lidar"}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [
+        (
+            "chain.yaml",
+            "resolution: [640, 360]",
+            "resolution: [320, 180]",
+            "found pictures of 320 x 180 pixels, needed 640 x 360: the camera that was estimated with the transform is "
+            "of those; --to semcal writes the transform alone",
+        ),
+        (
+            "ost.yaml",
+            "image_width: 640",
+            "image_width: wide",
+            "found pictures of 'wide' x 360 pixels, needed 640 x 360: the camera that was estimated with the transform "
+            "is of those; --to semcal writes the transform alone",
+        ),
+        (
+            "chain.yaml",
+            "resolution: [640, 360]\n",
+            "other: 1\n",
+            "found no size of pictures, needed 640 x 360: the camera that was estimated with the transform is "
+            "of those; --to semcal writes the transform alone",
+        ),
+        (
+            "chain.yaml",
+            "distortion_model: radtan",
+            "distortion_model: equidistant",
+            "distortion_model: found 'equidistant', needed 'radtan', as the camera that was estimated with the "
+            "transform has it",
+        ),
+        (
+            "ost.yaml",
+            "distortion_model: plumb_bob",
+            "distortion_model: equidistant",
+            "distortion_model: found 'equidistant', needed 'plumb_bob'",
+        ),
+        (
+            "drive.yaml",
+            "model: plumb_bob",
+            "model: fisheye",
+            "camera.model: found 'fisheye', needed 'plumb_bob', as the camera that was estimated with the transform "
+            "has it",
+        ),
+        (
+            "ost.yaml",
+            "distortion_coefficients: ",
+            "coefficients: ",
+            "distortion_coefficients: found nothing, needed a value",
+        ),
+        (
+            "ost.yaml",
+            "camera_matrix:\n  rows: 3\n  cols: 3\n  data: ",
+            "camera_matrix: 5\nother: ",
+            "camera_matrix: found 5, needed numbers",
+        ),
+    ],
+)
+def test_a_file_of_another_camera_is_left_alone(
+    name: str, old: str, new: str, said: str, refined: Calibration, refined_file: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / name
+    text = filled(TEXTS[name], refined.input.camera)
+    assert old in text
+    path.write_text(text.replace(old, new))
+    before = path.read_bytes()
+    found = run("convert", refined_file, "--into", path)
+    assert str(found.exception) == f"{path}: {said}"
+    assert path.read_bytes() == before
+
+
+def test_a_camera_info_needs_a_camera_that_was_found(
+    made: Path, refined: Calibration, tmp_path: Path
+) -> None:
+    path = tmp_path / "ost.yaml"
+    path.write_text(filled(INFO, refined.input.camera))
+    found = run("convert", made / "c.yaml", "--into", path)
+    assert str(found.exception) == (
+        f"{path}: found a camera-info, which holds intrinsics alone, needed IN to be a calibration that estimated and "
+        "kept its camera's"
+    )
+
+
+def test_coefficients_of_a_camera_info_may_become_more(
+    refined: Calibration, refined_file: Path, tmp_path: Path
+) -> None:
+    """plumb_bob has five in ROS, and K of no other layout is touched."""
+    path = tmp_path / "ost.yaml"
+    four = filled(INFO, refined.input.camera).replace("cols: 5, data: [0.0, ", "cols: 4, data: [")
+    path.write_text(four)
+    assert run("convert", refined_file, "--into", path).exit_code == 0
+    document = yaml.safe_load(path.read_text())
+    assert document["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.0] * 5}
+    assert document["projection_matrix"]["data"][0] == 40

@@ -1,0 +1,275 @@
+"""A camera and a clock that were estimated with a pose: every command that takes the result uses them, and says so."""
+
+import json
+import re
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+from conftest import NAMES
+from refined import clock, refined_camera, spoiled, with_camera
+
+import semcal_cli
+from semcal_cli.cli import semcal
+from semcal_cli.cli.tables import summary_lines
+from semcal_cli.drive.document import Camera, Drive, Motion, read_drive
+from semcal_cli.drive.loading import load
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.report import read_report_input
+from semcal_cli.report.words import camera_sentences, uncertainty_sentences
+from semcal_cli.result.applied import apply_result
+from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
+
+PASS, FAIL, INCONCLUSIVE = 0, 3, 4
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(semcal, [*map(str, arguments)])
+
+
+def with_K(folder: Path, K: Any, **changes: Any) -> None:
+    """Write another K into the drive.yaml of a folder."""
+    document = yaml.safe_load((folder / "drive.yaml").read_text())
+    document["camera"] |= {"K": [list(row) for row in K], **changes}
+    (folder / "drive.yaml").write_text(yaml.safe_dump(document))
+
+
+@pytest.fixture
+def right(street: Path) -> Camera:
+    return read_drive(street).camera
+
+
+@pytest.fixture
+def wrong_drive(drive: Path, right: Camera) -> Path:
+    """A drive whose focal lengths are 3 % wrong."""
+    with_K(drive, spoiled(right).K)
+    return drive
+
+
+@pytest.fixture
+def record(made: Path, right: Camera) -> Calibration:
+    """What a calibration of that drive says that has found the right ones."""
+    return with_camera(read_calibration(made / "c.yaml"), spoiled(right), right)
+
+
+@pytest.fixture
+def file(record: Calibration, tmp_path: Path) -> Path:
+    write_calibration(record, tmp_path / "c.yaml")
+    return tmp_path / "c.yaml"
+
+
+def said(right: Camera, file: Path) -> str:
+    pairs = zip(("fx", "fy"), (right.K[0][0], right.K[1][1]), strict=True)
+    figures = ", ".join(f"{name} {value:.6g} (drive: {1.03 * value:.6g})" for name, value in pairs)
+    return f"camera           that of {file}: {figures}\n"
+
+
+def test_verify_uses_the_camera_of_the_result(
+    wrong_drive: Path, file: Path, made: Path, right: Camera, tmp_path: Path
+) -> None:
+    """The same transform does not pass where only the wrong camera is known."""
+    page = tmp_path / "v.html"
+    found = run("verify", wrong_drive, file, "--report", page)
+    assert found.exit_code == PASS, found.output
+    assert said(right, file) in found.stderr
+    assert f"The camera is that of {file}, estimated together with the transform." in page.read_text()
+    assert run("verify", wrong_drive, file, "-q").stderr == ""
+    assert run("verify", wrong_drive, made / "c.yaml", "-q").exit_code in (FAIL, INCONCLUSIVE)
+
+
+def test_verify_in_python_uses_it_also_on_a_drive_that_is_loaded(wrong_drive: Path, file: Path) -> None:
+    for drive in (wrong_drive, read_drive(wrong_drive), load(wrong_drive)):
+        assert semcal_cli.verify(drive, file).verdict == "pass"
+
+
+def test_a_batch_of_verifications_uses_it(wrong_drive: Path, file: Path, tmp_path: Path) -> None:
+    command = ["batch", wrong_drive, "--command", "verify", "--calibration", file, "-o", tmp_path / "out"]
+    assert run(*command).exit_code == PASS
+    (log,) = (tmp_path / "out").rglob("log.txt")
+    assert "camera           that of " in log.read_text()
+
+
+def test_overlays_are_those_of_the_right_camera(
+    wrong_drive: Path, file: Path, made: Path, right: Camera, tmp_path: Path
+) -> None:
+    found = run("overlay", wrong_drive, file, "-o", tmp_path / "with", "--max-frames", 1)
+    assert found.exit_code == 0, found.output
+    assert found.stderr.startswith(said(right, file))
+    shutil.copy(made / "c.yaml", file)  # its name stands on the pictures
+    run("overlay", wrong_drive, file, "-o", tmp_path / "wrong", "--max-frames", 1)
+    with_K(wrong_drive, right.K)
+    run("overlay", wrong_drive, file, "-o", tmp_path / "right", "--max-frames", 1)
+    pictures = {name: (tmp_path / name / "000000.png").read_bytes() for name in ("with", "right", "wrong")}
+    assert pictures["with"] == pictures["right"] != pictures["wrong"]
+
+
+def test_the_page_shows_the_found_camera(
+    wrong_drive: Path, file: Path, right: Camera, tmp_path: Path
+) -> None:
+    report = read_report_input(read_drive(wrong_drive), file)
+    assert report.drive.camera == right
+    assert report.is_of_record
+    assert not any("camera" in notice for notice in report.notices)
+    page = tmp_path / "r.html"
+    found = run("report", wrong_drive, file, "-o", page)
+    assert said(right, file) in found.stderr
+    text = page.read_text()
+    assert "kept: on data that was held out they gain 0.0123 \u00b1 0.0010 nats." in text
+    fx = right.K[0][0]
+    cells = ("fx", f"{1.03 * fx:.2f} px", f"{fx:.2f} px", "&plusmn; 0.42 px", "yes")
+    assert "".join(cells) in re.sub(r"</?td[^>]*>", "", text)
+    assert "<td>not determined: it stays as given</td>" in text
+
+
+def test_a_page_without_such_a_camera_has_no_section_of_it(made: Path) -> None:
+    assert 'id="camera"' not in (made / "r.html").read_text()
+
+
+def test_a_camera_that_was_not_kept_is_not_used(
+    record: Calibration, wrong_drive: Path, right: Camera, tmp_path: Path
+) -> None:
+    rejected = with_camera(record, spoiled(right), right, is_kept=False)
+    drive = read_drive(wrong_drive)
+    assert apply_result(rejected, drive, "c.yaml") == (drive, ())
+    (sentence,) = camera_sentences(rejected)
+    assert sentence == (
+        "The intrinsics were estimated together with the pose, but not kept: on data that was held out they gain "
+        "0.0123 +- 0.0010 nats; the transform belongs to the camera of the drive."
+    )
+
+
+def test_a_camera_of_other_pictures_is_not_used(record: Calibration, drive: Path, right: Camera) -> None:
+    half = [[value / 2.0 for value in row] for row in right.K[:2]] + [[0.0, 0.0, 1.0]]
+    with_K(drive, half, width=right.width // 2, height=right.height // 2)
+    small = read_drive(drive)
+    applied = apply_result(record, small, "c.yaml")
+    assert applied.drive.camera == small.camera
+    kind = f"plumb_bob of {right.width} x {right.height} pixels"
+    assert applied.changes == (("camera", f"that of {small.path}: the one of c.yaml is {kind}"),)
+
+
+def test_a_drive_that_has_the_camera_by_now_is_left_as_it_is(record: Calibration, street: Path) -> None:
+    drive = read_drive(street)
+    assert apply_result(record, drive, "c.yaml") == (drive, ())
+    assert apply_result(None, drive, "c.yaml") == (drive, ())
+
+
+def moving(drive: Drive) -> Drive:
+    return drive.model_copy(update={"motion": Motion(speed_m_s=8.0), "time_offset_s": 0.005})
+
+
+def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> None:
+    late = record.model_copy(update={"camera": None, "clock": clock()})
+    drive = moving(read_drive(street))
+    applied = apply_result(late, drive, "c.yaml")
+    assert applied.drive.time_offset_s == 0.0231
+    line = "that of c.yaml: pictures are 23.1 ms later than their stamps say (drive: 5.0 ms)"
+    assert applied.changes == (("clock", line),)
+    unknown = record.model_copy(update={"camera": None, "clock": clock(is_determined=False)})
+    assert apply_result(unknown, drive, "c.yaml") == (drive, ())
+
+
+def test_export_uses_it(wrong_drive: Path, file: Path, right: Camera, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    found = run("export", "rerun", wrong_drive, file, "-o", tmp_path / "a.rrd", "--max-frames", 1)
+    assert found.exit_code == 0, found.output
+    assert found.stderr.startswith(said(right, file))
+
+
+def test_compare_says_that_cameras_differ(file: Path, made: Path, right: Camera) -> None:
+    same = run("compare", file, made / "c.yaml")
+    assert "camera  " not in same.stderr
+    other = read_calibration(made / "c.yaml")
+    given = other.input.model_copy(update={"camera": spoiled(right)})
+    write_calibration(other.model_copy(update={"input": given}), file.with_name("b.yaml"))
+    found = run("compare", file, file.with_name("b.yaml"), "--json")
+    assert said(right, file).replace(f"of {file}:", "of A has").replace("drive", "B").replace(
+        "has  ", "has "
+    ) in (found.stderr)
+    json.loads(found.stdout)
+
+
+# What is printed.
+
+
+def test_the_summary_lists_intrinsics_and_clock(record: Calibration, right: Camera) -> None:
+    lines = summary_lines(record.model_copy(update={"clock": clock()}))
+    fx, fy, cx = right.K[0][0], right.K[1][1], right.K[0][2]
+    start = lines.index(f"intrinsics       fx {fx:.2f} +- 0.42 px (drive: {1.03 * fx:.2f})")
+    assert lines[start + 1 : start + 5] == [
+        f"                 fy {fy:.2f} +- 0.50 px (drive: {1.03 * fy:.2f})",
+        f"                 cx not determined: it stays at {cx:.6g} px",
+        "                 kept: on data that was held out they gain 0.0123 +- 0.0010 nats",
+        "clock            pictures are 23.1 ms later than their stamps say, +- 1.2 ms",
+    ]
+
+
+def test_nothing_that_was_determined_is_said_in_words(record: Calibration, right: Camera) -> None:
+    none = refined_camera(right, right, is_kept=False)
+    none = none.model_copy(update={"intrinsics": {"cx": none.intrinsics["cx"]}})
+    changes = {"camera": none, "clock": clock(is_determined=False)}
+    sentences = camera_sentences(record.model_copy(update=changes))
+    assert sentences == [
+        "The intrinsics were estimated together with the pose, but not kept: the data determine none of them; the "
+        "transform belongs to the camera of the drive.",
+        "Not determined: drive at different speeds, and turn.",
+    ]
+
+
+def test_intervals_include_what_is_not_known_of_an_estimated_K(record: Calibration, right: Camera) -> None:
+    assert any(
+        sentence.endswith(
+            "K was estimated together with the pose, and the intervals include what is not known of it."
+        )
+        for sentence in uncertainty_sentences(record, right)
+    )
+
+
+def test_the_reference_of_a_folder_is_no_result(street: Path, street_truth: Pose, tmp_path: Path) -> None:
+    """A drive's own camera never takes the place of another drive's."""
+    shutil.copytree(street, tmp_path / "other")
+    found = run("overlay", tmp_path / "other", street, "-o", tmp_path / "out", "--max-frames", 1)
+    assert "camera  " not in found.stderr
+    np.testing.assert_allclose(semcal_cli.read_transform(street), street_truth)
+
+
+def test_view_uses_it(wrong_drive: Path, file: Path, right: Camera, monkeypatch: pytest.MonkeyPatch) -> None:
+    def stop(spec: Drive, config: object, T_start: Pose | None, *rest: object) -> None:
+        seen.append((spec.camera, T_start))
+        raise KeyError
+
+    seen: list[tuple[Camera, Pose | None]] = []
+    run("view", "--help")  # imports it
+    monkeypatch.setattr(sys.modules["semcal_cli.cli.view"], "_session", stop)
+    found = run("view", wrong_drive, file)
+    assert isinstance(found.exception, KeyError)
+    assert found.stderr.startswith(said(right, file))
+    run("view", wrong_drive)
+    (camera, T_start), (own, nothing) = seen
+    np.testing.assert_array_equal(T_start, read_calibration(file).pose)
+    assert (camera, own, nothing) == (right, spoiled(right), None)
+
+
+def test_a_rig_is_shown_with_the_cameras_that_were_found(
+    rig: Path, rig_results: tuple[Result, Path], tmp_path: Path
+) -> None:
+    results = tmp_path / "results"
+    shutil.copytree(rig_results[1], results)
+    (name, other) = NAMES
+    known = read_calibration(results / f"{name}.yaml")
+    given = known.input.camera
+    command = ("overlay", rig, results, "--max-frames", 1, "-o")
+    assert run(*command, tmp_path / "before").exit_code == 0
+    write_calibration(with_camera(known, given, spoiled(given)), results / f"{name}.yaml")
+    assert run(*command, tmp_path / "after").exit_code == 0
+    before, after = (
+        {camera: (tmp_path / when / camera / "000000.png").read_bytes() for camera in NAMES}
+        for when in ("before", "after")
+    )
+    assert before[name] != after[name]
+    assert before[other] == after[other]
