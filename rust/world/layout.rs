@@ -36,6 +36,11 @@ pub struct Stage {
 }
 
 impl Stage {
+    /// A scene, and a rig that passes through it from a pose at the middle of the sweep.
+    pub fn new(scene: Scene, light: Light, t_world_lidar: Isometry3<f64>, passage: Passage) -> Self {
+        Self { scene, light, t_world_lidar, passage }
+    }
+
     /// The LiDAR's pose at a time, seconds from the middle of the sweep.
     pub fn t_world_lidar(&self, time_s: f64) -> Isometry3<f64> {
         self.passage.carry(&self.t_world_lidar, time_s)
@@ -60,7 +65,7 @@ pub fn build(mut rng: ChaCha8Rng, tilt_deg: f64, passage: Passage) -> Stage {
         lots::build(&mut site, side);
     }
     lots::backdrop(&mut site);
-    Stage { scene: Scene::new(site.builder), light, t_world_lidar, passage }
+    Stage::new(Scene::new(site.builder), light, t_world_lidar, passage)
 }
 
 fn rig_pose(

@@ -70,3 +70,66 @@ impl Passage {
             .collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::layout;
+    use super::super::scene::to_f32;
+    use super::super::sensors::Lidar;
+    use super::super::shutter::Shutter;
+    use super::*;
+    use crate::camera::Camera;
+
+    fn rig(shutter: Shutter) -> Rig {
+        let k = [[320.0, 0.0, 319.5], [0.0, 320.0, 179.5], [0.0, 0.0, 1.0]];
+        let axes = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let camera = Camera::new("plumb_bob", (640, 360), k, &[]).expect("a valid camera");
+        let t_camera_lidar = Isometry3::from_parts(Vector3::new(0.0, -0.5, 0.0).into(), rotation);
+        Rig { lidar: Lidar::default(), camera, t_camera_lidar, shutter }
+    }
+
+    /// The nearest thing above the ground that the LiDAR's rays meet from anywhere on its way.
+    fn clearance(stage: &layout::Stage) -> f32 {
+        let [from, to] = stage.passage.ends_s;
+        let mut nearest = f32::MAX;
+        for step in 0..=4 {
+            let t = stage.t_world_lidar(from + (to - from) * f64::from(step) / 4.0);
+            for i in 0..360 {
+                for elevation in [-25f64, 0.0, 25.0] {
+                    let (a, e) = (TAU * f64::from(i) / 360.0, elevation.to_radians());
+                    let ray = to_f32(&Vector3::new(e.cos() * a.cos(), e.cos() * a.sin(), e.sin()));
+                    let hit = stage.scene.cast(to_f32(&t.translation.vector), ray, 50.0, None);
+                    nearest = hit.map_or(nearest, |hit| nearest.min(hit.range));
+                }
+            }
+        }
+        nearest
+    }
+
+    #[test]
+    fn nothing_stands_in_the_way() {
+        for seed in 0..24 {
+            let delay_s = [0.0, 0.2, -0.2][seed as usize % 3];
+            let shutter = Shutter { delay_s, readout_s: 0.1, ..Shutter::default() };
+            let twist = Vector6::new(20.0, 0.0, 0.0, 0.0, 0.0, if seed % 2 == 0 { 0.4 } else { -0.4 });
+            let passage = Passage::new(twist, &rig(shutter)).expect("a possible twist");
+            let clear_m = clearance(&layout::build(ChaCha8Rng::seed_from_u64(seed), 0.0, passage));
+            // The camera may be 1.5 m from the LiDAR.
+            assert!(clear_m > 2.0, "seed {seed}: {clear_m} m");
+        }
+    }
+
+    #[test]
+    fn a_motion_that_no_rig_has_is_refused() {
+        for rate in [f64::NAN, f64::INFINITY, 1e3] {
+            assert!(Passage::new(Vector6::from_element(rate), &rig(Shutter::default())).is_err());
+        }
+    }
+}

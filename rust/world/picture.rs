@@ -94,3 +94,77 @@ impl Neighbour {
         blocker.is_some()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::{Rotation3, UnitQuaternion, Vector6};
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+
+    use super::super::mesh::{Builder, Place};
+    use super::super::passage::Passage;
+    use super::super::scene::Scene;
+    use super::super::sensors::Lidar;
+    use super::super::shading::Light;
+    use super::super::shutter::{Direction, Shutter};
+    use super::*;
+    use crate::camera::Camera;
+
+    const FOCAL: f64 = 100.0;
+    const SIZE: [usize; 2] = [160, 120];
+    /// Metres to the rear of a post, which is its left edge, and speed to the left.
+    const RANGE_M: f32 = 10.0;
+    const SPEED_M_S: f64 = 15.0;
+
+    /// The picture of a post that ends at the optical axis, from a rig that slides to its left.
+    fn slide_past_a_post(shutter: Shutter) -> Vec<Pixel> {
+        let axes = Matrix3::new(0.0, -1.0, 0.0, 0.0, 0.0, -1.0, 1.0, 0.0, 0.0);
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        let k = [[FOCAL, 0.0, 79.5], [0.0, FOCAL, 59.5], [0.0, 0.0, 1.0]];
+        let camera = Camera::new("plumb_bob", (SIZE[0], SIZE[1]), k, &[]).expect("a valid camera");
+        let t_camera_lidar = Isometry3::from_parts(Vector3::zeros().into(), rotation);
+        let rig = Rig { lidar: Lidar::default(), camera, t_camera_lidar, shutter };
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let light = Light::random(&mut rng);
+        let mut builder = Builder::new(rng, vec![]);
+        let paint = builder.paint(Class::Pole);
+        let place = Place::new(Vec3::ZERO, 0.0);
+        builder.cuboid(paint, &place, [RANGE_M - 1.0, -50.0, -50.0], [RANGE_M, 0.0, 50.0]);
+        let twist = Vector6::new(0.0, SPEED_M_S, 0.0, 0.0, 0.0, 0.0);
+        let passage = Passage::new(twist, &rig).expect("a possible twist");
+        let stage = Stage::new(Scene::new(builder), light, Isometry3::identity(), passage);
+        let pixels: Vec<_> = (0..SIZE[0] * SIZE[1])
+            .map(|i| nalgebra::Point2::new((i % SIZE[0]) as f64, (i / SIZE[0]) as f64))
+            .map(|pixel| rig.camera.unproject(&pixel).map(|ray| ray.cast()))
+            .collect();
+        take(&stage, &rig, &pixels)
+    }
+
+    #[test]
+    fn a_post_leans_in_a_rolling_picture() {
+        let shutter = |direction| Shutter { delay_s: 0.02, readout_s: 0.1, direction };
+        for (direction, first, step) in [(Direction::Down, 0.5, 1.0), (Direction::Up, 119.5, -1.0)] {
+            let picture = slide_past_a_post(shutter(direction));
+            for v in 0..SIZE[1] {
+                let row = &picture[v * SIZE[0]..(v + 1) * SIZE[0]];
+                let sky = row.iter().filter(|pixel| pixel.label == Class::Sky.id()).count();
+                // The edge moves to the right by f v t / z until its line is exposed.
+                let time_s = 0.02 + 0.1 * (first + step * v as f64) / SIZE[1] as f64;
+                let edge = 80.0 + FOCAL * SPEED_M_S * time_s / f64::from(RANGE_M);
+                assert!((sky as f64 - edge).abs() <= 0.501, "row {v}: {sky} pixels, edge at {edge}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_edge_of_a_post_is_met_where_its_column_is_exposed() {
+        // To the right, column u is exposed at 0.1 (u + 0.5) / 160 s, when the edge is at 80 + 150 t of 160 columns.
+        let shutter = Shutter { delay_s: 0.0, readout_s: 0.1, direction: Direction::Right };
+        let picture = slide_past_a_post(shutter);
+        let edge = 80.0 / (1.0 - FOCAL * SPEED_M_S * 0.1 / f64::from(RANGE_M) / SIZE[0] as f64);
+        for row in picture.chunks(SIZE[0]) {
+            let sky = row.iter().filter(|pixel| pixel.label == Class::Sky.id()).count();
+            assert!((sky as f64 - edge).abs() <= 0.501, "{sky} pixels, edge at {edge}");
+        }
+    }
+}

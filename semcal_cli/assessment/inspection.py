@@ -119,7 +119,7 @@ def inspect(drive: Drive) -> DriveReport:
     of_pixels = _names(content.image_classes for content in contents)
     return DriveReport(
         drive=str(drive.path),
-        frames=tuple(map(_report, drive.frames, contents)),
+        frames=tuple(_report(drive, *each) for each in zip(drive.frames, contents, strict=True)),
         pattern=_pattern(points),
         elevations_deg=elevations,
         azimuths_deg=azimuths,
@@ -196,9 +196,12 @@ def _read(drive: Drive, index: int) -> _Content:
         return replace(content, errors=(*content.errors, str(error)))
 
 
-def _report(frame: Frame, content: _Content) -> FrameReport:
+def _report(drive: Drive, frame: Frame, content: _Content) -> FrameReport:
+    # A motion with a direction moves the points to the picture's moment.
+    is_compensated = drive.motion is not None and drive.motion.speed_m_s is None
     stamps = frame.points_stamp, frame.image_stamp
     gap_s = None if None in stamps else abs(stamps[0] - stamps[1])  # type: ignore[operator]
+    is_apart = gap_s is not None and gap_s > MAX_GAP_S and not is_compensated
     return FrameReport(
         points=frame.points,
         num_points=content.num_points,
@@ -213,7 +216,7 @@ def _report(frame: Frame, content: _Content) -> FrameReport:
             *_check_side("points", content.point_classes, content.num_points_ignored),
             *_check_segments(content),
             *_check_side("pixels", content.image_classes, content.num_pixels_ignored),
-            *([] if gap_s is None or gap_s <= MAX_GAP_S else [f"sweep and picture are {gap_s:.3f} s apart"]),
+            *([f"sweep and picture are {gap_s:.3f} s apart"] if is_apart else []),
         ),
     )
 
