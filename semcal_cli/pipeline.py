@@ -286,7 +286,9 @@ def estimate_jointly(
     on_event(Progress("estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"))
     start = perf_counter()
     with about(data.drive.path):
-        found = estimate(data.observations, T_polished, config.jointly, _polish_config(config))
+        found = estimate(
+            data.observations, T_polished, config.jointly, _polish_config(config), data.drive.time_offset_s
+        )
     on_event(stage_words.estimated_jointly(found, perf_counter() - start, T_polished))
     return found
 

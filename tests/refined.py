@@ -47,13 +47,19 @@ def clock(*, is_determined: bool = True) -> Clock:
     if not is_determined:
         meaning = "not determined: drive at different speeds, and turn"
         return Clock(
-            time_offset_s=0.0, sigma_s=None, half_width_95_s=None, is_determined=False, meaning=meaning
+            time_offset_s=0.0,
+            sigma_s=None,
+            half_width_95_s=None,
+            is_determined=False,
+            is_kept=False,
+            meaning=meaning,
         )
     return Clock(
         time_offset_s=LATER_S,
         sigma_s=0.0006,
         half_width_95_s=0.0012,
         is_determined=True,
+        is_kept=True,
         meaning="pictures are 23.1 ms later than their stamps say",
     )
 

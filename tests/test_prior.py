@@ -6,7 +6,8 @@ from conftest import make_pose, poses, triples
 from hypothesis import given
 from scipy.linalg import expm
 
-from semcal_cli.assessment.fusion import _Known, _Labels, _solve, fuse
+from semcal_cli.assessment.fusion import _Known, _solve, fuse
+from semcal_cli.assessment.measurement import Measurement
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
@@ -174,7 +175,9 @@ def test_a_rough_pose_is_allowed_as_far_as_both_may_be_off(off_m: float, is_allo
 def test_what_is_known_decides_where_labels_do_not_bend() -> None:
     rng = np.random.default_rng(0)
     reads = np.eye(6)[:5]  # nothing about the last axis
-    labels = _Labels(reads, rng.standard_normal((50, 5)), np.ones(50), np.full(5, 0.1), np.diag([0.01] * 5))
+    labels = Measurement(
+        reads, rng.standard_normal((50, 5)), np.ones(50), np.full(5, 0.1), np.diag([0.01] * 5)
+    )
     nothing = _Known(np.zeros((0, 6)), np.zeros(0), np.zeros(0))
     step, _, is_determined = _solve(labels, nothing, np.eye(6))
     assert not is_determined

@@ -32,6 +32,7 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
+from semcal_cli.result.camera_words import offset_words
 from semcal_cli.result.stage import StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -161,7 +162,11 @@ def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
 
 
 def estimate_jointly(
-    observations: Observations, T_camera_lidar: Pose, config: JointlyConfig, polish: PolishConfig
+    observations: Observations,
+    T_camera_lidar: Pose,
+    config: JointlyConfig,
+    polish: PolishConfig,
+    time_offset_s: float = 0.0,
 ) -> Joint:
     """Estimate intrinsics and the offset of the clock together with the pose.
 
@@ -170,6 +175,7 @@ def estimate_jointly(
         T_camera_lidar: (4, 4) pose with that camera, metres.
         config: What is estimated, and what is known of it.
         polish: Settings of the polish, by which data are held out.
+        time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
 
     Raises:
         CalibrationError: the labels tell nothing of the pose.
@@ -192,7 +198,7 @@ def estimate_jointly(
     if is_kept and fit.covariance is not None:
         uncertainty = Uncertainty.from_covariance(T, fit.covariance[:6, :6], fit.degrees_of_freedom[:6])
     refined = _camera_of(fit, asked, camera, gain, is_kept) if asked.intrinsics else None
-    clock = _clock_of(fit, is_kept) if asked.with_delay else None
+    clock = _clock_of(fit, time_offset_s, is_kept) if asked.with_delay else None
     return Joint(
         T_camera_lidar=T,
         agreement=_core.agreement(after.core, T),
@@ -433,32 +439,25 @@ def _camera_of(
     )
 
 
-def _clock_of(fit: _Fit, is_kept: bool) -> Clock:
+def _clock_of(fit: _Fit, before_s: float, is_kept: bool) -> Clock:
     if not fit.variables.with_delay:
         return Clock(
-            time_offset_s=0.0,
+            time_offset_s=before_s,
             sigma_s=None,
             half_width_95_s=None,
             is_determined=False,
             is_kept=False,
             meaning="not determined: drive at different speeds, and turn",
         )
-    offset_s, half_s = float(fit.changes[-1]), float(fit.half_widths[-1])
+    offset_s = before_s + float(fit.changes[-1])
     return Clock(
         time_offset_s=offset_s,
         sigma_s=float(fit.sigmas[-1]),
-        half_width_95_s=half_s,
+        half_width_95_s=float(fit.half_widths[-1]),
         is_determined=True,
         is_kept=is_kept,
-        meaning=offset_in_words(offset_s, half_s),
+        meaning=offset_words(offset_s),
     )
-
-
-def offset_in_words(offset_s: float, half_width_s: float) -> str:
-    """Say what an offset of the clock means, with its 95 % interval."""
-    way = "later" if offset_s >= 0.0 else "earlier"
-    interval = f"+- {1e3 * half_width_s:.1f} ms"
-    return f"pictures are {1e3 * abs(offset_s):.1f} ms {way} than their stamps say, {interval} (95 %)"
 
 
 def _segments_gain(

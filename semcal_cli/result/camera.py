@@ -49,7 +49,8 @@ class Clock(StrictModel):
     """Offset of the camera's clock that was estimated together with the pose."""
 
     time_offset_s: TimeOffset
-    """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier."""
+    """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It takes the
+    place of the drive's own offset, which it contains."""
     sigma_s: Width | None
     """Standard error of the estimate; null if it is not determined."""
     half_width_95_s: Width | None
@@ -57,6 +58,7 @@ class Clock(StrictModel):
     is_determined: bool
     """Whether the drive's motion tells the offset."""
     is_kept: bool
-    """Whether the transform belongs to pictures that are later by the offset. If not, it belongs to their stamps."""
+    """Whether the transform belongs to pictures that are later by the offset. If not, it belongs to those of the
+    drive."""
     meaning: str
-    """The offset in words."""
+    """The offset in words, without its interval."""

@@ -68,7 +68,8 @@ def clock_sentence(clock: Clock) -> str:
     """Say how far the clock of the pictures is off, with the 95 % interval."""
     if not clock.is_determined or clock.half_width_95_s is None:
         return clock.meaning
-    return f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms"
+    interval = f"{clock.meaning}, +- {figure(1000.0 * clock.half_width_95_s)} ms"
+    return interval if clock.is_kept else f"{interval}; not kept: the transform belongs to the drive's stamps"
 
 
 def offset_words(time_offset_s: float) -> str:
