@@ -27,7 +27,7 @@ from semcal_cli.rig.document import read_rig
 from semcal_cli.rig.result import read_rig_result
 
 DOCUMENTS = Path(__file__).parent / "documents"
-ROUNDING = 1e-15
+ROUNDING = 1e-12
 """Largest change of a number: the last bits of a drive's rotation are made orthonormal where it is read."""
 
 
