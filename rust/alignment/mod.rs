@@ -14,6 +14,7 @@
 
 mod adjusted;
 mod anchored;
+mod around;
 mod ascent;
 mod choice;
 mod information;
@@ -29,6 +30,7 @@ mod sloped;
 mod view;
 
 pub use anchored::{Anchored, MiniBatch};
+pub use around::information_around;
 pub use ascent::{Aligned, AlignmentConfig, Ascended, align, ascend};
 pub use information::{SquareInformation, information, information_gains};
 pub use polish::{PolishConfig, Polished, polish};
