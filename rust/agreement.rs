@@ -178,11 +178,16 @@ fn add_bilinear(joint: &mut JointHistogram, class: u8, image: &LabelImage<u8>, p
         (pixel.x.clamp(0.0, image.width as f64 - 1.0), pixel.y.clamp(0.0, image.height as f64 - 1.0));
     let (u0, v0) = (u as usize, v as usize);
     let (u1, v1) = ((u0 + 1).min(image.width - 1), (v0 + 1).min(image.height - 1));
+    let [a, b, c, d] = [image.at(u0, v0), image.at(u1, v0), image.at(u0, v1), image.at(u1, v1)];
+    if a == b && a == c && a == d {
+        joint.add(class, a, 1.0);
+        return;
+    }
     let (du, dv) = (u - u0 as f64, v - v0 as f64);
-    joint.add(class, image.at(u0, v0), (1.0 - du) * (1.0 - dv));
-    joint.add(class, image.at(u1, v0), du * (1.0 - dv));
-    joint.add(class, image.at(u0, v1), (1.0 - du) * dv);
-    joint.add(class, image.at(u1, v1), du * dv);
+    joint.add(class, a, (1.0 - du) * (1.0 - dv));
+    joint.add(class, b, du * (1.0 - dv));
+    joint.add(class, c, (1.0 - du) * dv);
+    joint.add(class, d, du * dv);
 }
 
 /// Square blocks of the image, with a given number along its longer side.

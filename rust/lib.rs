@@ -7,6 +7,7 @@ pub mod alignment;
 pub mod archive;
 pub mod camera;
 pub mod class_shares;
+pub mod class_table;
 pub mod classes;
 pub mod correspondences;
 pub mod error;

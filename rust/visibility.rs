@@ -128,12 +128,12 @@ pub fn hidden(camera: &Camera, points: &[[f32; 3]], projected: &[Projected]) -> 
     let directions =
         |point: &Projected| (to_f64(&points[point.index]).normalize(), point.p_camera.normalize());
     let is_hidden = |far: &Projected| {
-        let mut nearer = buffer.nearer_around(&far.pixel, NEARER * NEARER * far.range2()).peekable();
-        if nearer.peek().is_none() {
+        let range2 = NEARER * NEARER * far.range2();
+        if !buffer.has_nearer_around(&far.pixel, range2) {
             return false;
         }
         let (far_lidar, far_camera) = directions(far);
-        nearer.any(|near| {
+        buffer.nearer_around(&far.pixel, range2).any(|near| {
             // Chords instead of angles: for what is close together they are the same, and exact.
             let (near_lidar, near_camera) = directions(near);
             (near_lidar - far_lidar).norm() > (near_camera - far_camera).norm() + ROUND_OFF
@@ -149,13 +149,16 @@ struct NearestReturns<'a> {
     rows: usize,
     /// Squares of ranges, infinite in blocks without a point, and the points: most are only compared by their range.
     nearest: Vec<(f64, Option<&'a Projected>)>,
+    /// The least square of a range in the 3 x 3 blocks around each: most points are no farther, and need no other look.
+    least_around: Vec<f64>,
 }
 
 impl<'a> NearestReturns<'a> {
     fn new(camera: &Camera, projected: &'a [Projected], block: f64) -> Self {
         let blocks = |size: usize| (size as f64 / block).ceil() as usize;
         let (columns, rows) = (blocks(camera.width), blocks(camera.height));
-        let mut buffer = Self { block, columns, rows, nearest: vec![(f64::INFINITY, None); columns * rows] };
+        let nearest = vec![(f64::INFINITY, None); columns * rows];
+        let mut buffer = Self { block, columns, rows, nearest, least_around: Vec::new() };
         for point in projected {
             let (column, row) = buffer.at(&point.pixel);
             let nearest = &mut buffer.nearest[row * columns + column];
@@ -164,7 +167,32 @@ impl<'a> NearestReturns<'a> {
                 *nearest = (range2, Some(point));
             }
         }
+        buffer.least_around = buffer.least_around();
         buffer
+    }
+
+    fn least_around(&self) -> Vec<f64> {
+        let (columns, rows) = (self.columns, self.rows);
+        let around = |index: usize, count: usize| index.saturating_sub(1)..(index + 2).min(count);
+        let beside = |row: &[(f64, Option<&Projected>)]| {
+            let least = |column| {
+                row[around(column, columns)].iter().map(|(range2, _)| *range2).fold(f64::INFINITY, f64::min)
+            };
+            (0..columns).map(least).collect::<Vec<_>>()
+        };
+        let lines: Vec<Vec<f64>> = self.nearest.chunks_exact(columns).map(beside).collect();
+        let least = |row, column| {
+            lines[around(row, rows)].iter().map(|line| line[column]).fold(f64::INFINITY, f64::min)
+        };
+        (0..rows)
+            .flat_map(|row| (0..columns).map(move |column| (row, column)))
+            .map(|(row, column)| least(row, column))
+            .collect()
+    }
+
+    fn has_nearer_around(&self, pixel: &Point2<f64>, range2: f64) -> bool {
+        let (column, row) = self.at(pixel);
+        self.least_around[row * self.columns + column] < range2
     }
 
     fn at(&self, pixel: &Point2<f64>) -> (usize, usize) {

@@ -69,7 +69,9 @@ __all__ = [
     "estimate_up",
     "fisher_limit",
     "held_out_gain",
+    "information_around",
     "information_gains",
+    "look_up_classes",
     "maximise",
     "parse_point_cloud",
     "polish",
@@ -82,6 +84,7 @@ __all__ = [
     "register",
     "sample_correspondences",
     "scan_grid",
+    "seen_ids",
     "segment_information",
     "segment_sweep",
     "segment_sweeps",
@@ -654,6 +657,12 @@ def read_class_shares(paths: Sequence[PathLike[str]], shape: tuple[int, ...]) ->
         InputError: a file cannot be read or holds something else.
     """
 
+def seen_ids(ids: Sequence[NDArray[np.uint16]]) -> NDArray[np.bool_]:
+    """Tell of each of all 65536 ids whether one of the contiguous arrays has it."""
+
+def look_up_classes(ids: NDArray[np.uint16], table: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Look up the classes of a contiguous array of ids in a table (65536,), in the shape of the ids."""
+
 def despeckle(image_classes: Sequence[NDArray[np.uint8]]) -> list[tuple[NDArray[np.uint8], int]]:
     """Give isolated pixels of label images (H, W) the class around them, and count them."""
 
@@ -745,6 +754,11 @@ def held_out_gain(
 
 def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:
     """Compare points and label images at a pose."""
+
+def information_around(
+    observations: Observations, anchor: _Float64, poses: Sequence[_Float64]
+) -> list[float]:
+    """Mutual information at each pose, nats, of the points that are visible at the anchor."""
 
 def project_points(camera: Camera, points: _Float32, t_camera_lidar: _Float64) -> Projected:
     """Project points (N, 3), metres, LiDAR frame, and tell which of them nearer ones hide."""

@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from semcal_cli.batch.records import has_record
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import read_drive
 from semcal_cli.errors import InputError
-from semcal_cli.files.dialect import Format, document_text, parse
+from semcal_cli.files.dialect import LONGEST_LINE, Format, document_text, make_dumper, parse
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.validation import NEWEST_VERSION
 from semcal_cli.fleet.members import read_members
@@ -175,3 +176,52 @@ def test_the_record_and_the_summary_of_a_batch() -> None:
     record = json.loads((folder / "record.json").read_text())
     assert members[0].T_camera_lidar is not None
     assert members[0].T_camera_lidar.tolist() == record["outcome"]["T_camera_lidar"]
+
+
+TEXTS = (
+    *(
+        "",
+        " begins",
+        "ends ",
+        "a: b",
+        "a #b",
+        "- a",
+        "? a",
+        "[a",
+        "{b",
+        "*c",
+        "&d",
+        "!e",
+        "|",
+        ">",
+        "%f",
+        "@g",
+        "`h",
+    ),
+    *(
+        "null",
+        "~",
+        "yes",
+        "1e3",
+        "0x1f",
+        "12:30",
+        "<<",
+        "...",
+        "---",
+        "it's",
+        '"q"',
+        "a\\b",
+        "a\tb",
+        "a\n b\n",
+    ),
+    *("\a", "\x7f", "\x85", "\xa0", "\u2028", "\ufeff", "straße", "日本", "\U0001f600", "x " * 200),
+)
+"""Texts that YAML needs quotes or escapes for, or might break into lines."""
+
+
+@pytest.mark.parametrize("text", TEXTS, ids=ascii)
+def test_yaml_is_the_same_bytes_with_and_without_the_library_in_c(text: str) -> None:
+    for document in ({"key": text}, {"key": [text, 1.5]}, {text or "key": [[0.1, 1e-30], [2.0, -3.0]]}):
+        dumper = make_dumper(yaml.SafeDumper)
+        expected = yaml.dump(document, Dumper=dumper, sort_keys=False, width=LONGEST_LINE)
+        assert document_text(document, "yaml") == expected

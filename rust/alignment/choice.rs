@@ -72,12 +72,11 @@ impl Level {
             }
             (moving, constant)
         };
-        let frames: Vec<(Vec<Sample>, JointHistogram)> =
-            self.observations.frames.par_iter().enumerate().map(of_frame).collect();
+        let (moving, of_frames): (Vec<Vec<Sample>>, Vec<JointHistogram>) =
+            self.observations.frames.par_iter().enumerate().map(of_frame).unzip();
         let mut constant = self.empty_joint();
-        frames.iter().for_each(|(_, of_frame)| constant.merge(of_frame));
-        let moving = frames.into_iter().flat_map(|(moving, _)| moving).collect();
-        Chosen { moving, constant }
+        of_frames.iter().for_each(|of_frame| constant.merge(of_frame));
+        Chosen { moving: moving.concat(), constant }
     }
 
     /// The labelled points of a frame inside the image that count, thinned.

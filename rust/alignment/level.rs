@@ -21,6 +21,8 @@ use crate::thinning::stride;
 const LEAST_WEIGHT: f64 = 0.1;
 /// Number of points that one task sums up, so that the order of the sums does not depend on the number of threads.
 const CHUNK: usize = 8192;
+/// The same without partitions, whose histograms are small: two tasks or more for a mini-batch of the refinement.
+const SMALL_CHUNK: usize = 2048;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
@@ -131,7 +133,7 @@ impl Level {
             }
             sloped
         };
-        let chunks: Vec<SlopedHistogram<WIDTH>> = samples.par_chunks(CHUNK).map(of_chunk).collect();
+        let chunks: Vec<SlopedHistogram<WIDTH>> = samples.par_chunks(SMALL_CHUNK).map(of_chunk).collect();
         let merged = chunks.into_iter().reduce(|mut sum, chunk| {
             sum.merge(&chunk);
             sum

@@ -14,6 +14,7 @@
 
 mod adjusted;
 mod anchored;
+mod around;
 mod ascent;
 mod choice;
 mod information;
@@ -31,6 +32,7 @@ mod variables;
 mod view;
 
 pub use anchored::{Anchored, MiniBatch};
+pub use around::information_around;
 pub use ascent::{Aligned, AlignmentConfig, Ascended, align, ascend};
 pub use information::{SquareInformation, information, information_gains};
 pub use joint::{JointConfig, JointMaximum, maximise};

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::averaging::{Averaged, FAINT, WHOLE, amounts, averaged};
+use super::averaging::{Averaged, FAINT, FAINT_AMOUNT, WHOLE, amounts, averaged};
 use super::sampled::{Sampled, Shares};
 use crate::class_shares::{ClassShares, Share};
 use crate::classes::NO_CLASS;
@@ -25,8 +25,8 @@ pub struct ShareMap {
 enum Blocks {
     /// Blocks of one pixel.
     Pixels(Arc<LabelImage<u8>>),
-    /// Blocks of one pixel, and how much each counts, in 1/255.
-    Banded(Arc<LabelImage<u8>>, Vec<u8>),
+    /// Blocks of one pixel, and the class of those that count in full, else [`NO_CLASS`].
+    Banded { image: Arc<LabelImage<u8>>, only: Vec<u8> },
     /// Blocks of several pixels, or pixels of several classes: see [`Averaged`].
     Shares { shares: ClassShares, only: Vec<u8> },
 }
@@ -39,8 +39,8 @@ impl Blocks {
                 let class = usize::from(image.ids[index]);
                 &WHOLE[class..class + usize::from(class < WHOLE.len())]
             }
-            Self::Banded(image, amounts) => {
-                let shares = if amounts[index] == u8::MAX { &WHOLE } else { &FAINT };
+            Self::Banded { image, only } => {
+                let shares = if only[index] == NO_CLASS { &FAINT } else { &WHOLE };
                 let class = usize::from(image.ids[index]);
                 &shares[class..class + usize::from(class < shares.len())]
             }
@@ -55,44 +55,30 @@ impl Blocks {
     #[inline]
     fn amount(&self, index: usize) -> u16 {
         match self {
-            Self::Pixels(image) | Self::Banded(image, _) if image.ids[index] == NO_CLASS => 0,
-            Self::Pixels(_) => u8::MAX.into(),
-            Self::Banded(_, amounts) => amounts[index].into(),
+            Self::Pixels(image) | Self::Banded { image, .. } if image.ids[index] == NO_CLASS => 0,
+            Self::Banded { only, .. } if only[index] == NO_CLASS => FAINT_AMOUNT.into(),
             Self::Shares { shares, only } if only[index] == NO_CLASS => {
                 shares.at(index).iter().map(|share| u16::from(share.amount)).sum()
             }
-            Self::Shares { .. } => u8::MAX.into(),
+            _ => u8::MAX.into(),
         }
     }
 
-    /// The class of each block that is all of it, but for the band along borders; [`NO_CLASS`] where that is not so.
+    /// The class of each block that is all of it and counts in full; [`NO_CLASS`] where that is not so.
     #[inline]
-    fn classes(&self) -> &[u8] {
+    fn only(&self) -> &[u8] {
         match self {
-            Self::Pixels(image) | Self::Banded(image, _) => &image.ids,
-            Self::Shares { only, .. } => only,
+            Self::Pixels(image) => &image.ids,
+            Self::Banded { only, .. } | Self::Shares { only, .. } => only,
         }
     }
 
     /// The class of four blocks that are all of it; [`NO_CLASS`] where that is not so.
     #[inline]
     fn only_class(&self, around: [usize; 4]) -> u8 {
-        let [a, b, c, d] = around.map(|index| self.classes()[index]);
-        let is_whole = match self {
-            Self::Banded(_, amounts) => around.map(|index| amounts[index]) == [u8::MAX; 4],
-            _ => true,
-        };
-        if a == b && a == c && a == d && is_whole { a } else { NO_CLASS }
-    }
-
-    /// Whether neighbouring blocks are all of one class.
-    #[inline]
-    fn are_all_of(&self, class: u8, line: Range<usize>) -> bool {
-        let is_whole = match self {
-            Self::Banded(_, amounts) => are_all(amounts, line.clone(), u8::MAX),
-            _ => true,
-        };
-        is_whole && are_all(self.classes(), line, class)
+        let only = self.only();
+        let [a, b, c, d] = around.map(|index| only[index]);
+        if a == b && a == c && a == d { a } else { NO_CLASS }
     }
 }
 
@@ -112,7 +98,13 @@ impl ShareMap {
     ) -> Self {
         let blocks = match (shares, factor, edge_band_px) {
             (None, 1, 0) => Blocks::Pixels(Arc::clone(image)),
-            (None, 1, _) => Blocks::Banded(Arc::clone(image), amounts(image, edge_band_px)),
+            (None, 1, _) => {
+                let mut only = amounts(image, edge_band_px);
+                for (amount, &class) in only.iter_mut().zip(&image.ids) {
+                    *amount = if *amount == u8::MAX { class } else { NO_CLASS };
+                }
+                Blocks::Banded { image: Arc::clone(image), only }
+            }
             _ => {
                 let Averaged { shares, only } = averaged(image, shares, factor, edge_band_px);
                 Blocks::Shares { shares, only }
@@ -163,9 +155,10 @@ impl ShareMap {
         };
         let (columns, rows) = (span(pixel.x, self.columns), span(pixel.y, self.rows));
         let first = rows.start * self.columns + columns.start;
-        let class = self.blocks.classes()[first];
+        let only = self.blocks.only();
+        let class = only[first];
         let mut lines = rows.map(|row| row * self.columns + columns.start..row * self.columns + columns.end);
-        class != NO_CLASS && lines.all(|line| self.blocks.are_all_of(class, line))
+        class != NO_CLASS && lines.all(|line| are_all(only, line, class))
     }
 
     /// The block before a pixel along one axis, and the share of the way to the next; `None` beyond the outermost.
@@ -198,7 +191,6 @@ fn are_all(bytes: &[u8], line: Range<usize>, value: u8) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::averaging::FAINT_AMOUNT;
     use super::*;
 
     #[test]

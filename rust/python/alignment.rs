@@ -265,6 +265,18 @@ pub(super) fn counted(visible_only: bool) -> Counted {
 }
 
 #[pyfunction]
+pub(super) fn information_around(
+    py: Python<'_>,
+    observations: &PyObservations,
+    anchor: PyReadonlyArray2<f64>,
+    poses: Vec<PyReadonlyArray2<f64>>,
+) -> PyResult<Vec<f64>> {
+    let anchor = isometry(&anchor)?;
+    let poses = poses.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
+    Ok(detached(py, || alignment::information_around(&observations.0, &anchor, &poses)))
+}
+
+#[pyfunction]
 pub(super) fn segment_information(
     py: Python<'_>,
     observations: &PyObservations,

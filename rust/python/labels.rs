@@ -3,7 +3,10 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{
+    IntoPyArray, PyArray1, PyArray2, PyArray3, PyArrayDyn, PyArrayMethods, PyReadonlyArray1,
+    PyReadonlyArray2, PyReadonlyArrayDyn, PyUntypedArrayMethods,
+};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
@@ -11,6 +14,7 @@ use super::arrays::dense_image;
 use super::errors::value_error;
 use super::threads::detached;
 use crate::class_shares::ClassShares;
+use crate::class_table::{self, NUM_IDS};
 use crate::label_image::{Encoding, LabelImage};
 use crate::probabilities;
 use crate::speckle::despeckled;
@@ -89,6 +93,27 @@ pub(super) fn read_class_shares(
 ) -> PyResult<Vec<PyClassShares>> {
     let shares = detached(py, || probabilities::read_all(&paths, &shape))?;
     Ok(shares.into_iter().map(|shares| PyClassShares(shares.into())).collect())
+}
+
+#[pyfunction]
+pub(super) fn seen_ids<'py>(
+    py: Python<'py>,
+    ids: Vec<PyReadonlyArrayDyn<u16>>,
+) -> PyResult<Bound<'py, PyArray1<bool>>> {
+    let frames = ids.iter().map(PyReadonlyArrayDyn::as_slice).collect::<Result<Vec<_>, _>>()?;
+    Ok(detached(py, || class_table::seen(&frames)).into_pyarray(py))
+}
+
+#[pyfunction]
+pub(super) fn look_up_classes<'py>(
+    py: Python<'py>,
+    ids: PyReadonlyArrayDyn<u16>,
+    table: PyReadonlyArray1<u8>,
+) -> PyResult<Bound<'py, PyArrayDyn<u8>>> {
+    let table: &[u8; NUM_IDS] =
+        table.as_slice()?.try_into().map_err(|_| value_error(format!("table needs {NUM_IDS} classes")))?;
+    let values = ids.as_slice()?;
+    detached(py, || class_table::look_up(values, table)).into_pyarray(py).reshape(ids.shape())
 }
 
 #[pyfunction]

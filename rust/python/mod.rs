@@ -29,8 +29,8 @@ mod _core {
     use super::agreement::{PyAgreement, PyHeldOutGain, agreement, held_out_gain};
     #[pymodule_export]
     use super::alignment::{
-        PyAligned, PyAscended, PyJointMaximum, PyPolished, PySensitivity, align, ascend, information_gains,
-        maximise, polish, segment_information, sensitivity,
+        PyAligned, PyAscended, PyJointMaximum, PyPolished, PySensitivity, align, ascend, information_around,
+        information_gains, maximise, polish, segment_information, sensitivity,
     };
     #[pymodule_export]
     use super::anchored::{PyAnchoredPoints, PyMiniBatch};
@@ -48,7 +48,8 @@ mod _core {
     const NO_ID: u16 = crate::label_image::NO_ID;
     #[pymodule_export]
     use super::labels::{
-        PyClassShares, despeckle, read_class_shares, read_label_images, read_label_thumbnails,
+        PyClassShares, despeckle, look_up_classes, read_class_shares, read_label_images,
+        read_label_thumbnails, seen_ids,
     };
     #[pymodule_export]
     use super::motion::PyTrajectory;

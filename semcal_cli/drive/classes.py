@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli import _core
+
 NO_CLASS = 255
 """The class of points and pixels that carry no information."""
 
@@ -26,7 +28,7 @@ class ClassTable:
 
     def __call__(self, ids: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint8]:
         """Look up the classes of raw ids."""
-        return self.lookup.take(ids)
+        return _core.look_up_classes(np.ascontiguousarray(ids), self.lookup)
 
 
 def class_table(
@@ -42,11 +44,7 @@ def class_table(
     Raises:
         ValueError: there are more than 255 classes.
     """
-    seen = np.zeros(NUM_IDS, dtype=bool)
-    for ids in map(np.ravel, raw):
-        # Neighbours are mostly alike, so few ids differ from the next one.
-        seen[ids[:-1][ids[:-1] != ids[1:]]] = True
-        seen[ids[-1:]] = True
+    seen = _core.seen_ids([np.ascontiguousarray(ids) for ids in raw])
     seen[list(ignored)] = False
     groups = named or {str(value): (int(value),) for value in np.flatnonzero(seen)}
     listed = {name: [i for i in ids if seen[i]] for name, ids in groups.items()}

@@ -27,7 +27,7 @@ MAX_ENTRIES = 500_000
 class StrictModel(BaseModel):
     """Immutable model without conversions, except from a whole number to a float; unknown keys are errors."""
 
-    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(strict=True, frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @model_validator(mode="before")
     @classmethod

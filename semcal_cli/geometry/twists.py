@@ -3,6 +3,8 @@
 Source: Solà, Deray and Atchuthan, *A micro Lie theory for state estimation in robotics* (arXiv 1812.01537).
 """
 
+from __future__ import annotations
+
 import math
 from collections.abc import Sequence
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.priors import EXACT
-from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
@@ -24,8 +23,6 @@ NUM_SAMPLES = 13
 """Number of samples over the whole curve."""
 NUM_NEAR, NEAR_SIGMAS = 5, 2.0
 """Number of samples near the pose, and the standard errors that they span to either side of it."""
-NUM_ALONG, SLACK_DEG = 41, 0.5
-"""Number of pixels along each side of a picture whose rays bound the view, and what may lie between them."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +52,7 @@ class Curve:
 def information_curves(
     observations: Observations, T_camera_lidar: Pose, uncertainty: Uncertainty | None
 ) -> list[Curve]:
-    """Compute the mutual information along the six axes of the camera.
+    """Compute the mutual information of the points visible at a pose along the six axes of the camera.
 
     Args:
         observations: Labelled points and label images.
@@ -67,9 +64,7 @@ def information_curves(
         sigmas = [*uncertainty.sigma_camera_center_m, *uncertainty.sigma_rotation_deg]
     offsets = [_offsets(axis, sigma) for axis, sigma in enumerate(sigmas)]
     poses = [_moved(T_camera_lidar, axis, offset) for axis in range(6) for offset in offsets[axis].tolist()]
-    reach_m, reach_deg = max(of[-1] for of in offsets[:3]), max(of[-1] for of in offsets[3:])
-    core = _in_reach(observations, T_camera_lidar, float(reach_m), float(reach_deg)).core
-    nats = iter([_core.agreement(core, T).mutual_information for T in poses])
+    nats = iter(_core.information_around(observations.of_classes.core, T_camera_lidar, poses))
     curves = []
     for axis, (name, sigma) in enumerate(zip(AXIS_NAMES, sigmas, strict=True)):
         scale, unit = (100.0, "cm") if axis < 3 else (1.0, "deg")
@@ -86,31 +81,6 @@ def _offsets(axis: int, sigma: float | None) -> npt.NDArray[np.float64]:
     near = NEAR_SIGMAS * (sigma if sigma is not None and sigma > EXACT else 0.02 * span)
     wide = np.linspace(-span, span, NUM_SAMPLES)
     return np.sort(np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)]))
-
-
-def _in_reach(
-    observations: Observations, T_camera_lidar: Pose, reach_m: float, reach_deg: float
-) -> Observations:
-    """Keep the points that a camera may see which is moved by no more than this: the others only take time."""
-    camera = observations.camera
-    u, v = np.meshgrid(
-        np.linspace(-0.5, camera.width - 0.5, NUM_ALONG), np.linspace(-0.5, camera.height - 0.5, NUM_ALONG)
-    )
-    rays = core_camera(camera).unproject(np.stack([u.ravel(), v.ravel()], axis=1))
-    if not np.isfinite(rays).all():
-        return observations
-    half_view = np.arccos(rays[:, 2].min()) + np.radians(reach_deg + SLACK_DEG)
-    R, t = T_camera_lidar[:3, :3], T_camera_lidar[:3, 3]
-    clouds = []
-    for cloud in observations.clouds:
-        if cloud.shares is not None or cloud.partitions is not None:
-            return observations
-        points = cloud.points @ R.T + t
-        distances = np.maximum(np.linalg.norm(points, axis=1), 1e-9)
-        angles = np.arccos(np.clip(points[:, 2] / distances, -1.0, 1.0))
-        kept = angles <= half_view + np.arcsin(np.minimum(reach_m / distances, 1.0))
-        clouds.append(replace(cloud, points=cloud.points[kept], classes=cloud.classes[kept]))
-    return observations.with_clouds(clouds)
 
 
 def _moved(T_camera_lidar: Pose, axis: int, offset: float) -> Pose:
