@@ -278,17 +278,11 @@ def check_jointly(data: LoadedDrive, config: RefinementConfig, priors: Sequence[
 def estimate_jointly(
     data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Joint:
-    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`.
-
-    Raises:
-        CalibrationError: the labels do not determine the pose.
-    """
+    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`."""
     on_event(Progress("estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"))
     start = perf_counter()
-    with about(data.drive.path):
-        found = estimate(
-            data.observations, T_polished, config.jointly, _polish_config(config), data.drive.time_offset_s
-        )
+    polish_config, before_s = _polish_config(config), data.drive.time_offset_s
+    found = estimate(data.observations, T_polished, config.jointly, polish_config, before_s)
     on_event(stage_words.estimated_jointly(found, perf_counter() - start, T_polished))
     return found
 

@@ -28,7 +28,6 @@ from semcal_cli.config import JointConfig, JointlyConfig, PolishConfig, Sensitiv
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_all_coefficients, with_intrinsics
 from semcal_cli.drive.observations import LabelledCloud, Observations
-from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
@@ -54,7 +53,7 @@ MAX_DELAY_SIGMA_S = 0.01
 CHANCE = 1e-3
 """Probability, by chance, of an estimate that differs as much from what the drive says, below which it is kept."""
 MIN_GAIN = 2.0
-"""Smallest gain of held-out data, in its standard errors, with which an estimate is kept."""
+"""Gain of held-out data, in its standard errors, above which an estimate is kept."""
 LEAST_WEIGHT = 1e-12
 """Smallest information along a direction, as a share of that of a variable alone. Less is rounding."""
 DELAY = "delay"
@@ -147,7 +146,7 @@ class _Fit(NamedTuple):
     @property
     def is_beyond_chance(self) -> bool:
         """Whether the variables differ from what the drive says by more than chance (Wald's test)."""
-        if self.covariance is None:
+        if self.covariance is None or not self.places:
             return False
         of_variables, count = self.covariance[np.ix_(self.places, self.places)], len(self.changes)
         distance = float(self.changes @ np.linalg.solve(of_variables, self.changes))
@@ -176,9 +175,6 @@ def estimate_jointly(
         config: What is estimated, and what is known of it.
         polish: Settings of the polish, by which data are held out.
         time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
-
-    Raises:
-        CalibrationError: the labels tell nothing of the pose.
     """
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     seen = replace(observations, camera=camera)
@@ -189,7 +185,7 @@ def estimate_jointly(
         fit.variables.names
         and fit.is_beyond_chance
         and math.isfinite(gain.sigma)
-        and gain.gain >= MIN_GAIN * gain.sigma
+        and gain.gain > MIN_GAIN * gain.sigma
         and fit.moved_px <= polish.settled_px
     )
     T = fit.T_camera_lidar if is_kept else T_camera_lidar
@@ -219,6 +215,8 @@ def _determined(
     variables = asked
     while True:
         fit = _fit(observations, T, variables, asked, config, polish)
+        if fit.variables != variables:
+            return fit
         known = variables.sigmas(observations.camera, config)
         most = [
             MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * sigma
@@ -271,6 +269,9 @@ def _finish(
     uncertain = _Variables(asked.intrinsics, variables.with_delay)
     known = uncertain.sigmas(observations.camera, config)
     evidence = _evidence(_seen(observations, variables, changes), T, polish)
+    if evidence is None:
+        nothing = _Variables((), with_delay=False)
+        return _Fit(nothing, T, np.zeros(0), observations, nothing, None, np.ones(6), math.inf)
     levels = range(FINE_LEVELS, -1, -1)
     found = _climb(observations, T, variables, changes, levels, evidence, config, polish)
     changes = _changes(found, variables)
@@ -316,19 +317,16 @@ def _changes(found: _core.JointMaximum, variables: _Variables) -> Values:
     return np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
 
 
-def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> float:
+def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> float | None:
     """Compute how many nats of a likelihood a nat of mutual information is worth, by the scatter of the scores.
 
-    Raises:
-        CalibrationError: the labels tell nothing of the pose.
+    Returns:
+        The number; None if the labels do not determine the pose.
     """
     settings = SensitivityConfig(edge_band_px=polish.edge_band_px)
     around = determined_sensitivity(observations, T, settings)
     if around is None:
-        raise CalibrationError(
-            "labels do not determine the pose, and so no intrinsics and no clock: record frames with objects near and "
-            "far, at the left and at the right"
-        )
+        return None
     covariance, _ = around.sandwich()
     return 6.0 / float(np.trace(covariance @ around.curvature))
 
@@ -403,6 +401,8 @@ def _held_out_gain(
         return _core.held_out_gain(kept.core, held_out.core, before, before)
     # The top of the kept data is near that of all.
     part = _finish(kept, fit.T_camera_lidar, fit.variables, fit.uncertain, fit.changes, config, polish)
+    if part.variables != fit.variables:
+        return _core.held_out_gain(kept.core, held_out.core, before, before)
     seen = _seen(held_out, part.variables, part.changes)
     if observations.has_segments:
         return _segments_gain(held_out, before, seen, part.T_camera_lidar)
@@ -475,8 +475,9 @@ def _notes(
     """Say what is not determined, and why an estimate is not kept."""
     notes = []
     if missing := [name for name in asked.intrinsics if name not in fit.variables.intrinsics]:
-        subject = f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'}"
-        stay = "stays" if len(missing) == 1 else "stay"
+        *others, last = missing
+        subject = f"{', '.join(others)} and {last} are" if others else f"{last} is"
+        stay = "stay" if others else "stays"
         notes.append(
             f"{subject} not determined by these frames and {stay} as the drive says: record objects near and far in "
             "all parts of the pictures"
@@ -491,7 +492,7 @@ def _notes(
             by = gain.gain / max(gain.sigma, 1e-12)
             notes.append(
                 f"{which} of the drive stay, since held-out data agree with what was found by {by:.1f} standard errors "
-                f"better, needed {MIN_GAIN:g}"
+                f"better, needed more than {MIN_GAIN:g}"
             )
     return tuple(notes)
 

@@ -14,6 +14,8 @@ from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
 
 LEAST_BEND = 1e-6
 """Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
+LEAST_SPREAD = 1e-12
+"""Smallest variance along a direction, as a share of that of a measurement alone. Less is rounding."""
 MANY = 1e6
 """Degrees of freedom of what is known exactly."""
 
@@ -37,14 +39,24 @@ class Measurement(NamedTuple):
     @property
     def information(self) -> Matrix:
         """Information (n, n) about a change, 0 in directions that are not measured."""
-        return np.asarray(self.reads.T @ np.linalg.solve(self.covariance, self.reads))
+        return np.asarray(self.reads.T @ self._weight @ self.reads)
+
+    @property
+    def _weight(self) -> Matrix:
+        """Inverse (k, k) of the covariance; nothing along directions in which too few parts scatter to tell it."""
+        scale = np.sqrt(np.diag(self.covariance))
+        scale = np.where(scale > 0.0, scale, np.inf)
+        spreads, directions = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        told = spreads > LEAST_SPREAD
+        basis = directions[:, told] / scale[:, None]
+        return np.asarray(basis / spreads[told] @ basis.T)
 
     def degrees_of_freedom(self, covariance: Matrix) -> npt.NDArray[np.float64]:
         """Compute Satterthwaite's degrees of freedom (n,) of a covariance (n, n) to which labels contribute.
 
         Only the scatter of the labels is estimated.
         """
-        gain = np.linalg.solve(self.covariance, self.reads) @ covariance
+        gain = self._weight @ self.reads @ covariance
         influences = self.influences @ gain
         of_labels = covariance @ self.information @ covariance
         if self.of_intrinsics is not None:

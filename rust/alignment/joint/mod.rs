@@ -7,15 +7,18 @@
 //! variables where the labels tell nothing: it is a penalty, `sum ((x - x_0) / sigma)^2 / (2 N)`, in which N says how many
 //! nats of a likelihood a nat of mutual information is worth.
 
+#[cfg(test)]
+mod tests;
+
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Isometry3, Point2, Vector3};
 
-use super::choice::Chosen;
-use super::level::{Level, at_anchor};
-use super::sample::{Counted, Sample};
-use super::variables::{Estimate, Neighbourhood, Projection, Variables, mean_motions, with_width};
-use super::view::in_view;
+use crate::alignment::choice::Chosen;
+use crate::alignment::level::{Level, at_anchor};
+use crate::alignment::sample::{Counted, Sample};
+use crate::alignment::variables::{Estimate, Neighbourhood, Projection, Variables, mean_motions, with_width};
+use crate::alignment::view::in_view;
 use crate::error::Result;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;

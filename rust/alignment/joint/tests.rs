@@ -1,0 +1,135 @@
+use nalgebra::Vector6;
+
+use super::*;
+use crate::alignment::scene::{scene, segmented};
+use crate::camera::Intrinsic;
+use crate::se3;
+
+fn variables(observations: &Observations) -> Variables {
+    let names = ["fx", "fy", "cx", "cy", "0", "1"];
+    let twist = Vector6::new(3.0, -1.0, 0.5, 0.2, -0.1, 0.3);
+    let twists = (0..observations.frames.len()).map(|frame| twist * (1.0 + frame as f64)).collect();
+    Variables {
+        intrinsics: names.iter().filter_map(|name| Intrinsic::of(name)).collect(),
+        twists: Some(twists),
+    }
+}
+
+fn config(count: usize) -> JointConfig {
+    JointConfig {
+        factors: vec![2, 1],
+        edge_band_px: 0,
+        max_coarse_points: usize::MAX,
+        max_rounds: 10,
+        max_steps: 8,
+        tolerance: 1e-3,
+        max_baseline_m: 1.0,
+        changes: vec![0.0; count - 6],
+        sigmas: vec![1.0; count - 6],
+        evidence: 1e4,
+    }
+}
+
+#[test]
+fn the_gradient_is_that_of_finite_differences() {
+    const STEP: f64 = 1e-6;
+    // Pairs of segments that weigh less than a tenth of a point have the slope of one that weighs as much.
+    for (observations, tolerance) in [(scene(0.3), 1e-4), (segmented(2), 1e-2)] {
+        let variables = variables(&observations);
+        let n = variables.count();
+        let pose = se3::exp(&Vector6::new(0.01, -0.02, 0.01, 0.004, 0.003, -0.006));
+        let anchor = Estimate { pose, camera: observations.camera.clone(), offset_s: 0.0 };
+        let level = Level::new(Arc::clone(&observations), 4, 0, usize::MAX);
+        let mut samples = level.samples(&pose, Counted::All);
+        let near = Neighbourhood::new(&variables, &anchor).expect("numbers of the lens");
+        let at = DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 1e-3 * (i as f64).sin() });
+        // Points that cross the middle of a block within the step are left out: there the slope jumps.
+        let there = near.projection(&at).expect("a possible camera");
+        samples.retain(|sample| {
+            let (_, pixel) = there.place(sample).expect("in front");
+            let place = |x: f64| ((x + 0.5) / level.factor as f64 - 0.5).rem_euclid(1.0);
+            [pixel.x, pixel.y].iter().all(|&x| (1e-3..0.999).contains(&place(x)))
+        });
+        let gone = DVector::from_element(n, 0.1);
+        let problem = Problem {
+            level: &level,
+            samples: &samples,
+            constant: &level.empty_joint(),
+            near: &near,
+            precision: DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 0.01 }),
+            gone: &gone,
+            steps: DMatrix::identity(n, n),
+            blocks: DMatrix::identity(n, n),
+        };
+        let (_, gradient) = problem.value_and_gradient(&at).expect("a possible camera");
+        for axis in 0..n {
+            let value = |by: f64| {
+                let mut moved = at.clone();
+                moved[axis] += by;
+                problem.value_and_gradient(&moved).expect("a possible camera").0
+            };
+            let slope = (value(STEP) - value(-STEP)) / (2.0 * STEP);
+            let allowed = tolerance * (1.0 + gradient.norm());
+            assert!((slope - gradient[axis]).abs() < allowed, "{axis}: {slope} {}", gradient[axis]);
+        }
+    }
+}
+
+/// The scene as a camera with another principal point and other focal lengths is said to see it.
+fn wrong() -> Arc<Observations> {
+    let mut wrong = (*scene(0.0)).clone();
+    let changes = [(Intrinsic::Fx, 4.0), (Intrinsic::Fy, -3.0), (Intrinsic::Cx, 0.8)];
+    wrong.camera = wrong.camera.changed(changes).expect("a possible camera");
+    Arc::new(wrong)
+}
+
+fn intrinsics() -> Variables {
+    let names = ["fx", "fy", "cx", "cy"];
+    Variables { intrinsics: names.iter().filter_map(|name| Intrinsic::of(name)).collect(), twists: None }
+}
+
+#[test]
+fn wrong_focal_lengths_are_found_with_the_pose() {
+    let (observations, variables) = (wrong(), intrinsics());
+    let config = JointConfig { factors: vec![4, 2, 1], sigmas: vec![10.0; 4], ..config(variables.count()) };
+    let found = maximise(&observations, &Isometry3::identity(), &variables, &config).expect("a top");
+    let value = |camera: &crate::camera::Camera, each: Intrinsic| camera.intrinsic(each).expect("of K");
+    let truth = &scene(0.0).camera;
+    for focal in [Intrinsic::Fx, Intrinsic::Fy] {
+        let off = value(&found.estimate.camera, focal) - value(truth, focal);
+        let before = value(&observations.camera, focal) - value(truth, focal);
+        assert!(off.abs() < 0.25 * before.abs(), "{focal:?}: {off} {before}");
+    }
+}
+
+#[test]
+fn what_is_known_exactly_stays() {
+    let (observations, variables) = (wrong(), intrinsics());
+    let config = JointConfig { sigmas: vec![1e-6; 4], ..config(variables.count()) };
+    let found = maximise(&observations, &Isometry3::identity(), &variables, &config).expect("a top");
+    for each in &variables.intrinsics {
+        let by = found.estimate.camera.intrinsic(*each).zip(observations.camera.intrinsic(*each));
+        assert!(by.is_some_and(|(after, before)| (after - before).abs() < 1e-5), "{each:?} {by:?}");
+    }
+}
+
+#[test]
+fn pictures_that_are_late_are_found_so() {
+    let observations = scene(0.0);
+    // Turns to the left and nods, a frame each way: no pose explains both.
+    let twists = [Vector6::new(0.0, 0.0, 0.0, 0.0, 0.5, 0.0), Vector6::new(0.0, 0.0, 0.0, -0.4, 0.0, 0.0)];
+    let frames = twists.iter().map(|twist| {
+        // What the LiDAR saw before: later, the points are where the pictures have them.
+        let before = se3::exp(&(twist * 0.05));
+        let mut frame = observations.frames[0].clone();
+        let moved =
+            |point: &[f32; 3]| (before * nalgebra::Point3::from(*point).cast::<f64>()).cast::<f32>().into();
+        let points: Vec<[f32; 3]> = frame.points.iter().map(moved).collect();
+        frame.points = Arc::new(points.into());
+        frame
+    });
+    let late = Arc::new(observations.with_frames(frames.collect()));
+    let variables = Variables { intrinsics: Vec::new(), twists: Some(twists.to_vec()) };
+    let found = maximise(&late, &Isometry3::identity(), &variables, &config(7)).expect("a top");
+    assert!((found.estimate.offset_s - 0.05).abs() < 0.01, "{}", found.estimate.offset_s);
+}
