@@ -1,0 +1,191 @@
+"""Intrinsics and the offset of the clock, estimated together with the pose."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from semcal_cli.assessment.joint import Joint, delayed, estimate_jointly
+from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import InputError
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import refine_and_polish, start_at
+from semcal_cli.synthetic.synthesis import LENSES, make_camera, synthesize
+
+K_NAMES = ("fx", "fy", "cx", "cy")
+MOVING = SynthConfig(
+    num_frames=8, seed=93101, width=640, height=360, channels=32, columns=600, motion="mixed"
+)
+# Three times what eight frames of 640 x 360 were measured to end at.
+MAX_FOCAL_SHARE = 0.006
+MAX_CENTER_PX = 3.0
+MAX_CLOCK_S = 0.003
+
+
+@pytest.fixture(scope="module")
+def observed(synthetic_eight: LoadedDrive) -> Observations:
+    return synthetic_eight.observations
+
+
+@pytest.fixture(scope="module")
+def synthetic_eight(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
+    folder = tmp_path_factory.mktemp("still") / "drive"
+    synthesize(replace(MOVING, motion="none"), folder)
+    return load(folder)
+
+
+@pytest.fixture(scope="module")
+def truth(synthetic_eight: LoadedDrive) -> Pose:
+    return np.array(synthetic_eight.drive.T_camera_lidar)
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
+    folder = tmp_path_factory.mktemp("moving") / "drive"
+    synthesize(MOVING, folder)
+    return load(folder)
+
+
+def spoiled(camera: Camera, share: float, pixels: float) -> Camera:
+    values = {name: intrinsic_value(camera, name) for name in K_NAMES}
+    changed = {name: x * (1.0 + share) if name[0] == "f" else x + pixels for name, x in values.items()}
+    return with_intrinsics(camera, changed)
+
+
+def estimate(observations: Observations, T: Pose, names: tuple[str, ...] = K_NAMES) -> Joint:
+    return estimate_jointly(observations, T, JointlyConfig(names), PolishConfig())
+
+
+@pytest.mark.parametrize(("share", "pixels"), [(0.03, -8.0), (-0.03, 8.0)])
+def test_wrong_intrinsics_are_found_from_both_sides(
+    observed: Observations, truth: Pose, share: float, pixels: float
+) -> None:
+    wrong = replace(observed, camera=spoiled(observed.camera, share, pixels))
+    found = estimate(wrong, truth)
+    assert found.is_kept
+    assert found.camera is not None
+    for name, each in found.camera.intrinsics.items():
+        true = intrinsic_value(observed.camera, name)
+        assert each.given == intrinsic_value(wrong.camera, name)
+        most = MAX_FOCAL_SHARE * true if name[0] == "f" else MAX_CENTER_PX
+        assert abs(each.found - true) < most, name
+    assert found.observations.camera == found.camera.found
+
+
+def test_right_intrinsics_and_their_pose_stay(observed: Observations, truth: Pose) -> None:
+    found = estimate(observed, truth)
+    assert not found.is_kept
+    assert np.array_equal(found.T_camera_lidar, truth)
+    assert found.observations is observed
+    assert found.uncertainty is None
+    assert found.notes[-1] == (
+        "the intrinsics of the drive stay, since what was found differs from them only by chance"
+    )
+
+
+def test_what_one_frame_does_not_tell_stays(observed: Observations, truth: Pose) -> None:
+    wrong = replace(observed.of_frames([0]), camera=spoiled(observed.camera, 0.03, 8.0))
+    found = estimate(wrong, truth, ("cx", "cy"))
+    assert found.camera is not None
+    for name, each in found.camera.intrinsics.items():
+        if not each.is_determined:
+            assert (each.found, each.sigma, each.half_width_95) == (each.given, None, None)
+            assert any(name in note and "not determined by these frames" in note for note in found.notes)
+
+
+def test_a_camera_that_is_known_exactly_stays(observed: Observations, truth: Pose) -> None:
+    wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 8.0))
+    exact = JointlyConfig(K_NAMES, focal_sigma=1e-9, center_sigma_px=1e-9)
+    found = estimate_jointly(wrong, truth, exact, PolishConfig())
+    assert not found.is_kept
+    assert np.array_equal(found.T_camera_lidar, truth)
+
+
+@pytest.mark.parametrize("late_s", [0.02, -0.05])
+def test_late_pictures_are_found(moving: LoadedDrive, late_s: float) -> None:
+    truth = np.array(moving.drive.T_camera_lidar)
+    late = delayed(moving.observations, -late_s)
+    found = estimate_jointly(late, truth, JointlyConfig(with_delay=True), PolishConfig())
+    assert found.is_kept
+    assert found.clock is not None
+    assert abs(found.clock.time_offset_s - late_s) < MAX_CLOCK_S
+    assert ("later" if late_s > 0.0 else "earlier") in found.clock.meaning
+
+
+def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive) -> None:
+    truth = np.array(moving.drive.T_camera_lidar)
+    late = delayed(moving.observations, -0.02)
+    config = JointlyConfig(with_delay=True)
+    alone, added = (
+        estimate_jointly(late, truth, config, PolishConfig(), before_s).clock for before_s in (0.0, 0.3)
+    )
+    assert alone is not None
+    assert added is not None
+    assert added.time_offset_s == pytest.approx(alone.time_offset_s + 0.3)
+
+
+def test_one_speed_straight_on_tells_no_offset(moving: LoadedDrive) -> None:
+    steady = (12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frames)
+    observations = replace(moving.observations, frames=frames)
+    truth = np.array(moving.drive.T_camera_lidar)
+    found = estimate_jointly(observations, truth, JointlyConfig(with_delay=True), PolishConfig())
+    assert found.clock is not None
+    assert not found.is_kept
+    assert not found.clock.is_determined
+    assert found.clock.meaning == "not determined: drive at different speeds, and turn"
+
+
+def test_the_whole_pipeline_ends_at_the_camera_that_was_found(
+    synthetic_eight: LoadedDrive, truth: Pose
+) -> None:
+    camera = spoiled(synthetic_eight.observations.camera, 0.03, 8.0)
+    data = replace(
+        synthetic_eight,
+        drive=synthetic_eight.drive.model_copy(update={"camera": camera}),
+        observations=replace(synthetic_eight.observations, camera=camera),
+    )
+    refinement = RefinementConfig(jointly=JointlyConfig(K_NAMES))
+    stages = refine_and_polish(data, start_at(data, InitialPose(truth, "truth")), refinement)
+    assert stages.is_joint
+    assert stages.polished is not None
+    before, after = (compare_poses(T, truth) for T in (stages.polished.T_camera_lidar, stages.T_camera_lidar))
+    assert after.rotation_deg < 0.3 * before.rotation_deg
+    assert after.camera_center_cm < 0.3 * before.camera_center_cm
+
+
+def test_a_lens_without_such_a_number_is_told(synthetic_eight: LoadedDrive, truth: Pose) -> None:
+    refinement = RefinementConfig(jointly=JointlyConfig(("fx", "k9")))
+    with pytest.raises(InputError, match=r"--refine-intrinsics: found 'k9', needed one of"):
+        refine_and_polish(synthetic_eight, start_at(synthetic_eight, InitialPose(truth, "truth")), refinement)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_every_number_of_a_lens_has_a_name(lens: str) -> None:
+    camera = make_camera(replace(MOVING, lens=lens))  # type: ignore[arg-type]
+    for name in intrinsic_names(camera.model):
+        value = intrinsic_value(camera, name)
+        by = 0.01 * value if name[0] == "f" else 1e-3
+        changed = with_intrinsics(camera, {name: value + by})
+        others = [other for other in intrinsic_names(camera.model) if other != name]
+        assert intrinsic_value(changed, name) == value + by
+        assert all(intrinsic_value(changed, other) == intrinsic_value(camera, other) for other in others)
+
+
+def test_the_drive_says_what_is_estimated_from(street: Path) -> None:
+    """The offset of the clock needs a motion with a direction."""
+    data = load(read_drive(street))
+    refinement = RefinementConfig(jointly=JointlyConfig(with_delay=True))
+    start = start_at(data, InitialPose(np.array(data.drive.T_camera_lidar), "truth"))
+    with pytest.raises(
+        InputError,
+        match=r"motion: found no direction of motion, needed poses or a twist for --estimate-delay",
+    ):
+        refine_and_polish(data, start, refinement)
