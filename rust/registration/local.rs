@@ -20,7 +20,7 @@ use crate::zoom::{Placement, Zoom, Zoomed};
 /// Half-width of Powell's first bracket for the scale of the zoomed image.
 const SCALE_STEP: f64 = 0.1;
 /// Line searches end within this share of their bracket; a finer end has no meaning on cells of this size.
-const TOLERANCE: f64 = 0.1;
+const TOLERANCE: f64 = 0.02;
 const MAX_ROUNDS: usize = 8;
 /// Returns are thinned to at most this number, over all frames and directions: more make the histogram no better.
 const MAX_RETURNS: usize = 20_000;
