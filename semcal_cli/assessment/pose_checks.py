@@ -54,7 +54,7 @@ def check_shutter(
         return (), () if is_compensated else (note,)
     found = "the rolling shutter is not compensated, since the drive gives no direction of its motion"
     advice = "give motion.poses or motion.twist in the drive, or record at lower speed"
-    error_px = shutter_error_px(drive, observations)
+    error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:
         return (), (f"{found}: {advice}",)
     cost = f"half of the points are {error_px:.1f} pixels off or more"

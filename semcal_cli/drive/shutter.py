@@ -6,6 +6,7 @@ microseconds, so points need not be moved again while a pose is optimised.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,8 +63,12 @@ def exposed_as(observations: Observations, others: Observations) -> Observations
     return observations.with_clouds(_exposed_at(frame, other.exposed_s) for frame, other in pairs)
 
 
-def shutter_error_px(drive: Drive, observations: Observations) -> float | None:
+def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) -> float | None:
     """Estimate the median displacement of the points, in pixels, by a shutter that is not compensated.
+
+    Args:
+        drive: The drive.
+        sweeps: Points (N, 3) of each of some frames, metres, LiDAR frame.
 
     Returns:
         Pixels; None unless the shutter rolls and the drive gives a speed without a direction.
@@ -71,7 +76,7 @@ def shutter_error_px(drive: Drive, observations: Observations) -> float | None:
     motion, readout_s = drive.motion, drive.camera.readout_s
     if readout_s == 0.0 or motion is None or motion.speed_m_s is None:
         return None
-    ranges_m = [np.linalg.norm(cloud.points, axis=1) for cloud in observations.clouds]
+    ranges_m = [np.linalg.norm(points, axis=1) for points in sweeps]
     way_m = MEAN_SHARE * readout_s * motion.speed_m_s * MEAN_SINE
     shifts = way_m / np.maximum(np.concatenate(ranges_m), MIN_RANGE_M)
     return float(np.median(shifts)) * core_camera(drive.camera).pixels_per_radian
