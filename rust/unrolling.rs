@@ -33,7 +33,8 @@ impl Rolling<'_> {
     /// Moves points (LiDAR frame, metres), each from the moment at which it is seen to that at which its line is
     /// exposed. Times are seconds from the exposure of the middle line.
     ///
-    /// Beyond the picture, lines are those at its border. A point that the lens does not show stays at its moment.
+    /// Beyond the picture, lines are those at its border. A point that the lens does not show is seen with the middle
+    /// line.
     pub fn unroll(&self, points: &[[f32; 3]], seen_s: &[f64]) -> Vec<([f32; 3], f64)> {
         let shutter = self.shutter.from_middle();
         let pairs = points.par_iter().zip(seen_s).with_min_len(CHUNK);
@@ -45,7 +46,8 @@ impl Rolling<'_> {
         let settled_s = SETTLED_LINES * shutter.readout_s / shutter.num_lines(size) as f64;
         let start = Point3::from(*point).cast::<f64>();
         let moved = |time_s: f64| exp(&(self.twist_per_s * (seen_s - time_s))) * start;
-        let mut time_s = seen_s;
+        // From the middle line, so that nothing depends on where a point has been moved before.
+        let mut time_s = 0.0;
         for _ in 0..MAX_STEPS {
             let Some(pixel) = self.camera.project(&(self.pose * moved(time_s)).coords) else { break };
             let exposed_s = shutter.time_at_s(pixel.into(), size);
