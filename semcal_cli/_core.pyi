@@ -96,6 +96,7 @@ __all__ = [
     "student_quantile",
     "synthetic_classes",
     "turned_partitions",
+    "unroll",
 ]
 
 NO_SEGMENT: int
@@ -762,6 +763,20 @@ def information_around(
 
 def project_points(camera: Camera, points: _Float32, t_camera_lidar: _Float64) -> Projected:
     """Project points (N, 3), metres, LiDAR frame, and tell which of them nearer ones hide."""
+
+def unroll(
+    camera: Camera,
+    readout: tuple[float, str],
+    points: _Float32,
+    seen_s: _Float64,
+    twist_per_s: Sequence[float],
+    t_camera_lidar: _Float64,
+) -> tuple[_Float32, _Float64]:
+    """Move points (N, 3), metres, LiDAR frame, each from its moment (N,) to that at which its line is exposed.
+
+    `readout` is the time from the first line to the last, in seconds, and the direction; the twist (6,) is the LiDAR's,
+    metres and radians a second in its own frame. Moments are seconds after the exposure of the middle line.
+    """
 
 def quaternion(t: _Float64) -> list[float]:
     """The rotation of a rigid transform (4, 4) as a unit quaternion x, y, z, w with w >= 0."""

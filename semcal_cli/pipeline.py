@@ -21,7 +21,7 @@ from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
 from semcal_cli.assessment.joint import Joint, twists_per_s
 from semcal_cli.assessment.joint import estimate_jointly as estimate
-from semcal_cli.assessment.pose_checks import check_motion, check_pose
+from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.config import (
@@ -39,6 +39,7 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.intrinsics import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.errors import CalibrationError, InputError, about
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.pose_error import compare_poses
@@ -176,6 +177,9 @@ def refine_and_polish(
 ) -> Stages:
     """Refine and polish the initial pose, and fuse it with priors.
 
+    If the shutter rolls, the refined pose tells the line of each point; with points moved to the moments of their lines
+    it is refined again, and all later stages see those points.
+
     Poses from features are not polished, because the polish needs the exact mutual information, which vectors lack.
 
     Raises:
@@ -189,16 +193,26 @@ def refine_and_polish(
         )
     if config.jointly.is_asked:
         check_jointly(data, config, priors)
-    motion = check_motion(data.observations.motion_error_px)
+    of_shutter, notes = check_shutter(data.drive, data.observations)
+    of_data = (*check_motion(data.observations.motion_error_px), *of_shutter)
     refined = refine(data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar)
+    seen = None
+    if can_be_unrolled(data.observations):
+        refined = refine(
+            data.unrolled(refined.T_camera_lidar), refined.T_camera_lidar, config, seed, priors, on_event
+        )
+        data = data.unrolled(refined.T_camera_lidar)
+        seen = data.observations
+    found = Stages(initial, refined, unrolled=seen, of_data=of_data, notes_on_data=notes)
     if not is_polished:
-        return Stages(initial, refined, of_data=motion)
+        return found
     polished = polish(data, refined.T_camera_lidar, config, on_event)
+    found = replace(found, polished=polished)
     if config.jointly.is_asked:
-        joint = estimate_jointly(data, polished.T_camera_lidar, config, on_event)
-        return Stages(initial, refined, polished, joint, of_data=motion)
-    fused = fuse(data, polished.T_camera_lidar, config, priors, on_event) if priors else None
-    return Stages(initial, refined, polished, fused=fused, of_data=motion)
+        return replace(found, joint=estimate_jointly(data, polished.T_camera_lidar, config, on_event))
+    if priors:
+        return replace(found, fused=fuse(data, polished.T_camera_lidar, config, priors, on_event))
+    return found
 
 
 def refine(
@@ -278,11 +292,21 @@ def check_jointly(data: LoadedDrive, config: RefinementConfig, priors: Sequence[
 def estimate_jointly(
     data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Joint:
-    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`."""
+    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`.
+
+    If the shutter rolls, an estimate that is kept tells other lines, with which all is estimated once more.
+    """
     on_event(Progress("estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"))
     start = perf_counter()
-    polish_config, before_s = _polish_config(config), data.drive.time_offset_s
-    found = estimate(data.observations, T_polished, config.jointly, polish_config, before_s)
+
+    def estimated(observations: Observations) -> Joint:
+        settings = config.jointly, _polish_config(config)
+        return estimate(observations, T_polished, *settings, data.drive.time_offset_s)
+
+    found = estimated(data.observations)
+    if found.is_kept and can_be_unrolled(data.observations):
+        lines = unrolled(found.observations, found.T_camera_lidar)
+        found = estimated(exposed_as(data.observations, lines))
     on_event(stage_words.estimated_jointly(found, perf_counter() - start, T_polished))
     return found
 
@@ -323,6 +347,8 @@ def assess(
     joint = stages.joint if stages.is_joint else None
     if joint is not None:
         data = replace(data, observations=joint.observations)
+    elif stages.unrolled is not None:
+        data = replace(data, observations=stages.unrolled)
     is_rejected = stages.polished is not None and not stages.polished.is_accepted
     if stages.fused is None and joint is None and is_rejected:
         found = compare_frames(data, T_camera_lidar, agreement)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from semcal_cli.assessment.assess import Assessment
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.joint import Joint
+from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.result.calibration import Repeatability
@@ -27,8 +28,13 @@ class Stages:
     fused: Fused | None = None
     assessment: Assessment | None = None
     repeatability: Repeatability | None = None
+    unrolled: Observations | None = None
+    """Observations that all stages after the refinement saw, line by line, if the shutter rolls; None if they saw those
+    of the drive."""
     of_data: tuple[Finding, ...] = ()
     """Findings against the data."""
+    notes_on_data: tuple[str, ...] = ()
+    """Sentences on the data that do not speak against the pose."""
     of_comparison: tuple[Finding, ...] = ()
     """Findings of a comparison of the last pose with something else, such as the poses of other seeds."""
 
@@ -62,7 +68,8 @@ class Stages:
     def notes(self) -> tuple[str, ...]:
         """Sentences that a person should know and that do not speak against the pose."""
         of_joint = () if self.joint is None else self.joint.notes
-        return of_joint + (() if self.assessment is None else self.assessment.notes)
+        of_assessment = () if self.assessment is None else self.assessment.notes
+        return self.notes_on_data + of_joint + of_assessment
 
     @property
     def parts(self) -> tuple[DrivePart, ...]:

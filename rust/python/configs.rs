@@ -8,7 +8,8 @@ use crate::labelling::Neighbors;
 use crate::registration::RegistrationConfig;
 use crate::segmentation::SegmentationConfig;
 use crate::semantic_distance::DescentConfig;
-use crate::world::{Direction, Lidar, ScanPattern, Shutter};
+use crate::shutter::{Direction, Shutter};
+use crate::world::{Lidar, ScanPattern};
 use crate::zoom::Zoom;
 
 /// An attribute of a Python object, or a conversion of a number with another name.
@@ -124,15 +125,20 @@ impl<'py> FromPyObject<'_, 'py> for Shutter {
 
     fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         let name: String = attribute!(object, readout_direction);
-        let direction = match name.as_str() {
-            "down" => Direction::Down,
-            "up" => Direction::Up,
-            "right" => Direction::Right,
-            "left" => Direction::Left,
-            other => return Err(value_error(format!("readout direction '{other}' is not known"))),
-        };
+        let direction = direction(&name)?;
         let (delay_ms, readout_ms): (f64, f64) =
             (attribute!(object, delay_ms), attribute!(object, readout_ms));
         Ok(Self { delay_s: 1e-3 * delay_ms, readout_s: 1e-3 * readout_ms, direction })
+    }
+}
+
+/// The way in which a shutter rolls, by its name.
+pub(super) fn direction(name: &str) -> PyResult<Direction> {
+    match name {
+        "down" => Ok(Direction::Down),
+        "up" => Ok(Direction::Up),
+        "right" => Ok(Direction::Right),
+        "left" => Ok(Direction::Left),
+        other => Err(value_error(format!("readout direction '{other}' is not known"))),
     }
 }

@@ -20,6 +20,7 @@ mod semantic_distance;
 mod spherical;
 mod statistics;
 mod threads;
+mod unrolling;
 mod world;
 
 /// The core's functions and classes; `semcal_cli/_core.pyi` documents them.
@@ -79,6 +80,8 @@ mod _core {
     use super::statistics::{fisher_limit, student_quantile};
     #[pymodule_export]
     use super::threads::set_num_threads;
+    #[pymodule_export]
+    use super::unrolling::unroll;
     #[pymodule_export]
     use super::world::{PyRenderedFrame, PyRenderer, synthetic_classes};
 }

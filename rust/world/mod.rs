@@ -40,7 +40,6 @@ mod render;
 mod scene;
 mod sensors;
 mod shading;
-mod shutter;
 mod sight;
 mod site;
 mod street;
@@ -49,10 +48,10 @@ mod traffic;
 mod vegetation;
 mod vehicles;
 
+pub use crate::shutter::{Direction, Shutter};
 pub use classes::{Class, UNLABELED};
 pub use render::{Frame, Renderer};
 pub use sensors::{Lidar, Rig, ScanPattern};
-pub use shutter::{Direction, Shutter};
 pub use sight::Visibility;
 
 /// No object comes nearer to the LiDAR's way than this, seen from above.

@@ -82,9 +82,9 @@ mod tests {
     use super::super::layout;
     use super::super::scene::to_f32;
     use super::super::sensors::Lidar;
-    use super::super::shutter::Shutter;
     use super::*;
     use crate::camera::Camera;
+    use crate::shutter::Shutter;
 
     fn rig(shutter: Shutter) -> Rig {
         let k = [[320.0, 0.0, 319.5], [0.0, 320.0, 179.5], [0.0, 0.0, 1.0]];

@@ -106,9 +106,9 @@ mod tests {
     use super::super::scene::Scene;
     use super::super::sensors::Lidar;
     use super::super::shading::Light;
-    use super::super::shutter::{Direction, Shutter};
     use super::*;
     use crate::camera::Camera;
+    use crate::shutter::{Direction, Shutter};
 
     const FOCAL: f64 = 100.0;
     const SIZE: [usize; 2] = [160, 120];

@@ -175,9 +175,9 @@ mod tests {
 
     use super::super::classes::Class;
     use super::super::sensors::{Lidar, ScanPattern};
-    use super::super::shutter::Shutter;
     use super::*;
     use crate::camera::Camera;
+    use crate::shutter::Shutter;
 
     /// Half the default picture's size, so that the tests stay quick.
     const SIZE: (usize, usize) = (640, 360);

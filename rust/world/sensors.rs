@@ -4,9 +4,9 @@ use std::f64::consts::TAU;
 
 use nalgebra::{Isometry3, Vector3};
 
-use super::shutter::Shutter;
 use crate::camera::Camera;
 use crate::error::{Error, Result};
+use crate::shutter::Shutter;
 
 /// Turns of a rosette about z, and swings between its lowest and highest angle, per [`ROSETTE_PERIOD`] points. Neither
 /// ratio is rational, so that the pattern never repeats.

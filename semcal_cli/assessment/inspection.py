@@ -23,6 +23,7 @@ from semcal_cli.drive.motion import motion_error_px
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import count_labels, load_observations, read_clouds, read_label_images
 from semcal_cli.drive.segments import KINDS, kinds_of_segments
+from semcal_cli.drive.shutter import shutter_error_px
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.files.picture_sizes import read_size
@@ -131,6 +132,7 @@ def inspect(drive: Drive) -> DriveReport:
             *_check_scale(points, few),
             *_check_classes(of_points, of_pixels),
             *_check_motion(motion_error_px(probed, clouds)),
+            *_check_shutter(drive, points),
             *([] if few is None else _check_mirroring(few)),
             *_check_labels(_with_frames(drive, evenly_spaced(labelled, MAX_FRAMES))),
             *find_identical_files(drive),
@@ -198,7 +200,7 @@ def _read(drive: Drive, index: int) -> _Content:
 
 def _report(drive: Drive, frame: Frame, content: _Content) -> FrameReport:
     # A motion with a direction moves the points to the picture's moment.
-    is_compensated = drive.motion is not None and drive.motion.speed_m_s is None
+    is_compensated = _has_direction(drive)
     stamps = frame.points_stamp, frame.image_stamp
     gap_s = None if None in stamps else abs(stamps[0] - stamps[1])  # type: ignore[operator]
     is_apart = gap_s is not None and gap_s > MAX_GAP_S and not is_compensated
@@ -331,6 +333,19 @@ def _check_motion(error_px: float | None) -> list[str]:
     if error_px is None or error_px <= MAX_MOTION_PX:
         return []
     return [f"motion during a sweep displaces half of the points by {error_px:.1f} pixels or more"]
+
+
+def _check_shutter(drive: Drive, points: Sequence[np.ndarray]) -> list[str]:
+    """Check that a rolling shutter can be compensated."""
+    if drive.camera.readout_s == 0.0 or _has_direction(drive):
+        return []
+    error_px = shutter_error_px(drive, points)
+    cost = "" if error_px is None else f": it displaces half of the points by {error_px:.1f} pixels or more"
+    return [f"the rolling shutter cannot be compensated without poses or a twist in motion{cost}"]
+
+
+def _has_direction(drive: Drive) -> bool:
+    return drive.motion is not None and drive.motion.speed_m_s is None
 
 
 def _check_labels(labelled: Drive) -> Sequence[str]:

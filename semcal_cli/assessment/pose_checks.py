@@ -6,6 +6,9 @@ import math
 
 from semcal_cli import _core
 from semcal_cli.config import MIN_OVERLAP
+from semcal_cli.drive.document import Drive
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import can_be_unrolled, shutter_error_px
 from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
@@ -29,6 +32,35 @@ def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
     return (
         Finding("motion", found, "give motion.poses or motion.twist in the drive, or record at lower speed"),
     )
+
+
+def check_shutter(
+    drive: Drive, observations: Observations, *, is_compensated: bool = True
+) -> tuple[tuple[Finding, ...], tuple[str, ...]]:
+    """Check that a rolling shutter is compensated, or say that it is not.
+
+    Args:
+        drive: The drive.
+        observations: Observations of it.
+        is_compensated: Whether the method compensates it where the motion is known.
+
+    Returns:
+        A finding if the shutter costs too many pixels, else a note; nothing if it is compensated or does not roll.
+    """
+    if drive.camera.readout_s == 0.0:
+        return (), ()
+    if can_be_unrolled(observations):
+        note = "the rolling shutter is not compensated by this method: all lines count as the middle one"
+        return (), () if is_compensated else (note,)
+    found = "the rolling shutter is not compensated, since the drive gives no direction of its motion"
+    advice = "give motion.poses or motion.twist in the drive, or record at lower speed"
+    error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
+    if error_px is None:
+        return (), (f"{found}: {advice}",)
+    cost = f"half of the points are {error_px:.1f} pixels off or more"
+    if error_px <= MAX_MOTION_PX:
+        return (), (f"{found}, {cost}: {advice}",)
+    return (Finding("shutter", f"{found}, {cost}, needed at most {MAX_MOTION_PX:.0f}", advice),), ()
 
 
 def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:

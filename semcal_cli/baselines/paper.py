@@ -15,7 +15,7 @@ from pathlib import Path
 from time import perf_counter
 
 from semcal_cli import _core, stage_words
-from semcal_cli.assessment.pose_checks import check_motion
+from semcal_cli.assessment.pose_checks import check_motion, check_shutter
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.config import CalibrationConfig, Device
 from semcal_cli.drive.loading import LoadedDrive
@@ -57,6 +57,7 @@ def calibrate_as_published(
         initial = start_at(data, initial_pose, on_event)
     refined = _refine(data, initial.T_camera_lidar, paper, config, on_event)
     of_comparison: tuple[Finding, ...] = ()
+    of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=False)
     if isinstance(initial, Initialization):
         initial, of_comparison = _compared(initial, refined, paper)
     return make_calibration(
@@ -64,7 +65,8 @@ def calibrate_as_published(
         Stages(
             initial,
             refined,
-            of_data=check_motion(data.observations.motion_error_px),
+            of_data=(*check_motion(data.observations.motion_error_px), *of_shutter),
+            notes_on_data=notes,
             of_comparison=of_comparison,
         ),
         config,

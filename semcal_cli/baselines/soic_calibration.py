@@ -7,7 +7,7 @@ from pathlib import Path
 from time import perf_counter
 
 from semcal_cli import _core
-from semcal_cli.assessment.pose_checks import check_distance, check_motion
+from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_shutter
 from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
 from semcal_cli.config import CalibrationConfig
@@ -41,12 +41,14 @@ def calibrate_by_soic(
     soic = Soic(data.observations, SoicConfig())
     initial = _initialize(data, soic, initial_pose, config.refinement.max_baseline_m, start, on_event)
     refined = _minimize(data, soic, initial.T_camera_lidar, on_event)
+    of_shutter, notes = check_shutter(data.drive, data.observations, is_compensated=False)
     return make_calibration(
         data,
         Stages(
             initial,
             refined,
-            of_data=check_motion(data.observations.motion_error_px),
+            of_data=(*check_motion(data.observations.motion_error_px), *of_shutter),
+            notes_on_data=notes,
             of_comparison=check_distance(refined.T_camera_lidar, config.refinement.max_baseline_m),
         ),
         config,

@@ -13,9 +13,11 @@ from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.cues import choose_frames, load_cues
 from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, StageDone, ignore
 from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.geometry.poses import Pose
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,11 @@ class LoadedDrive:
         all_cues = [cue * num_frames + index for cue in range(len(self.cues)) for index in indices]
         drive = self.drive.model_copy(update={"frames": frames})
         return replace(self, drive=drive, observations=self.observations.of_frames(all_cues), num_copies=0)
+
+    def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
+        """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.shutter`."""
+        observations = unrolled(self.observations, T_camera_lidar)
+        return self if observations is self.observations else replace(self, observations=observations)
 
     def check_cues(self, cues: tuple[Cue, ...]) -> None:
         """Check that the drive was loaded by the cues that are asked for.

@@ -24,7 +24,8 @@ class LabelledCloud:
     """The points of one frame, with their classes."""
 
     points: npt.NDArray[np.float32]
-    """(N, 3) metres, LiDAR frame, at the moment of the image if the motion is known."""
+    """(N, 3) metres, LiDAR frame, at the moment of the image if the motion is known: of its middle line, or see
+    `exposed_s`."""
     classes: npt.NDArray[np.uint8]
     """(N,) an index into `Observations.point_class_names`, or `NO_CLASS`."""
     shares: _core.ClassShares | None = None
@@ -33,6 +34,9 @@ class LabelledCloud:
     """Segments of the points, by which poses are refined instead of by the classes; those are then coarser."""
     vectors: npt.NDArray[np.float16] | None = None
     """(N, C) features, whose codes are the classes; None without features."""
+    exposed_s: npt.NDArray[np.float64] | None = None
+    """(N,) moment at which each point is seen, in seconds after the exposure of the picture's middle line; None if all
+    are seen at that moment. See `semcal_cli.drive.shutter`."""
 
     @property
     def num_points(self) -> int:
@@ -40,7 +44,7 @@ class LabelledCloud:
         return len(self.points)
 
     def with_points(self, points: npt.NDArray[np.float32]) -> LabelledCloud:
-        """Copy with other points (N, 3), and the same labels."""
+        """Copy with other points (N, 3), and the same labels and moments."""
         return replace(self, points=points)
 
     def with_classes(self, classes: npt.NDArray[np.uint8]) -> LabelledCloud:

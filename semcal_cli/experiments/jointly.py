@@ -82,6 +82,11 @@ def _clock(delay_ms: float, motion: str = "mixed") -> Row:
     return Row(rig, changes, is_wrong=False, intrinsics=(), with_delay=True)
 
 
+def _rolling(delay_ms: float) -> Row:
+    row = _clock(delay_ms)
+    return replace(row, rig=f"rolling_{row.rig}", changes={**row.changes, "readout_ms": 30.0})
+
+
 ROWS: dict[str, Row] = {
     "intrinsics right": Row("default", is_wrong=False),
     "intrinsics wrong": Row("default"),
@@ -98,6 +103,8 @@ ROWS: dict[str, Row] = {
     "clock 80 ms late": _clock(80.0),
     "clock 80 ms early": _clock(-80.0),
     "clock 20 ms late, steady speed, straight on": _clock(20.0, "steady"),
+    "rolling shutter 30 ms": replace(_rolling(0.0), with_delay=False),
+    "rolling shutter 30 ms, clock 20 ms late": _rolling(20.0),
 }
 
 

@@ -13,6 +13,7 @@ from semcal_cli.drive.cues import CUES, choose_frames, load_cues
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import unrolled
 from semcal_cli.files.messages import listed
 from semcal_cli.formats import read_extrinsic, read_transform
 from semcal_cli.geometry.poses import Pose
@@ -38,6 +39,7 @@ class ReportInput:
     changes: tuple[tuple[str, str], ...]
     """What of the drive that has replaced: `camera` or `clock`, and what is used instead of what."""
     observations: Observations
+    """Points and pictures; with a rolling shutter, each point at the moment of its line at the transform."""
     is_of_record: bool
     """Whether the calibration was computed from these frames and this camera."""
     notices: tuple[str, ...]
@@ -108,7 +110,7 @@ def make_report_input(
         before=before,
         drive=used,
         changes=changes,
-        observations=load_cues(used, cues),
+        observations=unrolled(load_cues(used, cues), T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),
     )

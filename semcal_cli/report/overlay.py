@@ -20,6 +20,7 @@ from semcal_cli.drive.cue_config import SegmentationConfig
 from semcal_cli.drive.document import Camera, Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
+from semcal_cli.drive.shutter import points_at, unrolled
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
@@ -84,6 +85,13 @@ def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camer
     seen = np.flatnonzero(np.isfinite(ranges))
     seen = seen[np.argsort(-ranges[seen], kind="stable")]
     return Seen(seen, projected.pixels[seen], ranges[seen], projected.is_hidden[seen])
+
+
+def seen_in_frame(observations: Observations, frame: int, T_camera_lidar: Pose) -> Seen:
+    """Find the points of a frame that its picture shows at a pose (4, 4), each on the line that is exposed then."""
+    return points_in_image(
+        points_at(observations, frame, T_camera_lidar), T_camera_lidar, observations.camera
+    )
 
 
 def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Image:
@@ -171,9 +179,7 @@ class Overlays:
         """Name a frame, how many of its points agree at the pose of a caption, and the pose."""
         observations, words = self.observations, [self.frame_names[frame]]
         if observations.point_class_names and observations.image_class_names:
-            seen = points_in_image(
-                observations.clouds[frame].points, self.poses[caption], observations.camera
-            )
+            seen = seen_in_frame(observations, frame, self.poses[caption])
             kinds = kinds_of(observations, frame, seen, self.together)
             agreeing, judged = (kinds == AGREES).sum(), (kinds <= DISAGREES).sum()
             words += [f"{100.0 * agreeing / judged:.1f} % agree"] if judged else []
@@ -194,7 +200,7 @@ class Overlays:
         images: dict[str, Image] = {}
         legend: Legend = {}
         for caption, T in self.poses.items():
-            seen = points_in_image(observations.clouds[frame].points, T, observations.camera)
+            seen = seen_in_frame(observations, frame, T)
             pixels, colors, named = self._colored(frame, seen)
             images[caption] = _draw_dots(background, pixels, colors)
             legend |= named
@@ -266,7 +272,8 @@ def kinds_of(
 
 def goes_together(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.bool_]:
     """Mask of the classes of points (rows) and of pixels found together more often than by chance over all frames."""
-    return over_chance(_core.agreement(observations.core, T_camera_lidar).joint) > 1.0
+    agreement = _core.agreement(unrolled(observations, T_camera_lidar).core, T_camera_lidar)
+    return over_chance(agreement.joint) > 1.0
 
 
 def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:

@@ -11,10 +11,12 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import unrolled
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.geometry.poses import camera_center
+from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.report.classes import class_agreements
 from semcal_cli.report.cloud import frame_cloud
 from semcal_cli.report.curves import information_curves
@@ -93,7 +95,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     observations, T, record = report.observations, report.T_camera_lidar, report.record
     agreement = _core.agreement(observations.core, T)
     made_by = record.settings.versions if record else versions()
-    before = None if report.before is None else _core.agreement(observations.core, report.before[1])
+    before = None if report.before is None else _agreement(observations, report.before[1])
     progress("drawing points on pictures")
     pictures = make_pictures(report.overlays(MAX_FRAMES))
     progress("following the mutual information along six axes")
@@ -138,6 +140,11 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         versions=made_by,
         hashes=(record.input if record else describe_input(report.drive, None, Path())).sha256,
     )
+
+
+def _agreement(observations: Observations, T_camera_lidar: Pose) -> _core.Agreement:
+    """Compare labels at another pose than that of the report, where a rolling shutter sees points on other lines."""
+    return _core.agreement(unrolled(observations, T_camera_lidar).core, T_camera_lidar)
 
 
 def _of_frames(report: ReportInput) -> OfFrames | None:

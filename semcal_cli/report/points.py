@@ -18,7 +18,7 @@ from semcal_cli.report.overlay import (
     HIDDEN,
     depth_levels,
     kinds_of,
-    points_in_image,
+    seen_in_frame,
 )
 
 NOT_SEEN = 255
@@ -110,7 +110,7 @@ def frame_points(
         together: Classes of points (rows) and of pixels that go together, as `goes_together` tells.
     """
     cloud = observations.clouds[frame]
-    seen = [points_in_image(cloud.points, T, observations.camera) for T in poses]
+    seen = [seen_in_frame(observations, frame, T) for T in poses]
     # Farthest first at the last pose, after what only another pose shows.
     order = seen[-1].indices
     for each in seen[:-1]:

@@ -17,6 +17,7 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_points, read_frame_image, read_observations
+from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
 from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_bytes
@@ -53,6 +54,7 @@ def write_rerun(drive: Drive, poses: Mapping[str, Pose], path: Path) -> None:
     """Write a `.rrd`, as a whole or not at all.
 
     Points have the colour of their class if all frames have labels of points and of pictures, else of their height.
+    With a rolling shutter, they stand where the line was exposed on which they lie at the last pose.
 
     Args:
         drive: The drive, whose frames are all written.
@@ -68,6 +70,8 @@ def write_rerun(drive: Drive, poses: Mapping[str, Pose], path: Path) -> None:
         raise InputError(f"{path}: found suffix {path.suffix!r}, needed .rrd")
     has_labels = all(frame.point_labels and frame.image_labels for frame in drive.frames)
     observations = read_observations(drive) if has_labels else load_points(drive)
+    if poses:
+        observations = unrolled(observations, list(poses.values())[-1])
     stream = rr.RecordingStream("semcal", recording_id=str(drive.path.absolute()))
     memory = stream.memory_recording()
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import load_points, read_frame_image
+from semcal_cli.drive.shutter import unrolled
 from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.report.cloud import (
     GREY,
@@ -87,7 +88,8 @@ def camera_views(drives: Mapping[str, Drive], poses: Mapping[str, Pose]) -> list
         index = sweeps[name].index(common) if common in sweeps[name] else 0
         drive = drives[name].model_copy(update={"frames": (drives[name].frames[index],)})
         color = QUALITATIVE_COLORS[number % len(QUALITATIVE_COLORS)]
-        views.append(CameraView(name, color, T, drive, load_points(drive), common in sweeps[name]))
+        observations = unrolled(load_points(drive), T)
+        views.append(CameraView(name, color, T, drive, observations, common in sweeps[name]))
     return views
 
 
@@ -108,7 +110,9 @@ def rig_cloud(views: list[CameraView]) -> RigCloud:
     kept = np.zeros(len(points), np.bool_)
     # Where views overlap, the first camera has the points.
     for view in reversed(views):
-        seen = points_in_image(points, view.T_camera_lidar, view.observations.camera)
+        # Each camera sees the sweep at the moment of its own picture.
+        own = view.observations.clouds[0].points if view.is_of_sweep else points
+        seen = points_in_image(own, view.T_camera_lidar, view.observations.camera)
         chosen = thinned(~seen.is_hidden, MAX_SEEN // len(views))
         indices = seen.indices[chosen]
         kept[indices] = True

@@ -19,6 +19,7 @@ from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import output_format
@@ -183,7 +184,7 @@ class Session:
         scores: dict[str, Any] = {"mutual_information": None, "agreement": None}
         together = np.zeros((0, 0), bool)
         if self.has_labels:
-            agreement = _core.agreement(observations.core, T)
+            agreement = _core.agreement(unrolled(observations, T).core, T)
             together = over_chance(agreement.joint) > 1.0
             scores = {
                 "mutual_information": agreement.mutual_information,

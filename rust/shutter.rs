@@ -16,10 +16,11 @@ pub enum Direction {
     Left,
 }
 
-/// A camera's clock and shutter. Times are seconds from the middle of the sweep, which is what the picture's stamp says.
+/// A camera's clock and shutter. Times are seconds from a moment that the user of a shutter chooses: in a synthetic
+/// world from the middle of the sweep, which is what the picture's stamp says.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Shutter {
-    /// How much later than its stamp the first line is read.
+    /// When the reading of the first line begins.
     pub delay_s: f64,
     /// From the first line to the last; 0 is a global shutter.
     pub readout_s: f64,
@@ -68,8 +69,13 @@ impl Shutter {
         self.delay_s + self.readout_s * share.clamp(0.0, 1.0)
     }
 
+    /// The same shutter with times from the exposure of its middle line.
+    pub fn from_middle(self) -> Self {
+        Self { delay_s: -0.5 * self.readout_s, ..self }
+    }
+
     /// Refuses a shutter that cannot be.
-    pub(super) fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         if self.delay_s.is_finite() && self.readout_s.is_finite() && self.readout_s >= 0.0 {
             return Ok(());
         }
