@@ -315,8 +315,11 @@ def assess(
     on_event: Listener = ignore,
     *,
     with_label_bleed: bool = True,
+    with_remedies: bool = True,
 ) -> Stages:
     """Estimate the uncertainty of a polished or fused pose and look for findings.
+
+    Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false.
 
     A pose whose polish was rejected has no uncertainty; its frames are compared. One that was not polished stays as it
     is.
@@ -342,7 +345,9 @@ def assess(
             polish_config,
             stages.fused,
             uncertainty=None if joint is None else joint.uncertainty,
+            jointly=config.jointly,
             with_label_bleed=with_label_bleed,
+            with_remedies=with_remedies,
         )
     stages = replace(stages, assessment=found)
     on_event(stage_words.assessed(_findings(stages, config), perf_counter() - start))

@@ -107,7 +107,7 @@ def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: L
     """Estimate the pose from the transform; None if the estimate is far from it or has findings."""
     try:
         initial = start_at(data, initial_pose, on_event)
-        stages = _estimate(data, initial, seed, on_event, from_afar=True)
+        stages = _estimate(data, initial, seed, on_event, is_nearby=True)
     except CalibrationError:
         return None
     is_near = _is_near(stages.T_camera_lidar, initial_pose.T_camera_lidar, NEAR_DEG, NEAR_M)
@@ -116,11 +116,12 @@ def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: L
 
 
 def _estimate(
-    data: LoadedDrive, initial: StageResult, seed: int, on_event: Listener, *, from_afar: bool = False
+    data: LoadedDrive, initial: StageResult, seed: int, on_event: Listener, *, is_nearby: bool = False
 ) -> Stages:
     config = RefinementConfig()
-    stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=from_afar)
-    return assess(data, stages, config, on_event, with_label_bleed=False)
+    stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
+    # An estimate with findings that starts at the transform is made again from nothing.
+    return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
 
 
 def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:
