@@ -88,6 +88,8 @@ def calibrate(
     """
     config = config or CalibrationConfig()
     data = load(drive, config, on_event)
+    if config.refinement.jointly.is_asked:
+        check_jointly(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)

@@ -477,7 +477,8 @@ def _notes(
     """Say what is not determined, and why an estimate is not kept."""
     notes = []
     if missing := [name for name in asked.intrinsics if name not in fit.variables.intrinsics]:
-        subject = f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'}"
+        several = f"{', '.join(missing[:-1])} and {missing[-1]} are"
+        subject = several if len(missing) > 1 else f"{missing[0]} is"
         stay = "stays" if len(missing) == 1 else "stay"
         notes.append(
             f"{subject} not determined by these frames and {stay} as the drive says: record objects near and far in "
