@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from semcal_cli.config import CalibrationConfig as CalibrationConfig
     from semcal_cli.config import InitializationConfig as InitializationConfig
+    from semcal_cli.config import JointlyConfig as JointlyConfig
     from semcal_cli.config import Limits as Limits
     from semcal_cli.config import RefinementConfig as RefinementConfig
     from semcal_cli.drive.document import read_drive as read_drive
@@ -40,6 +41,7 @@ _MODULES = {
     "CalibrationError": "errors",
     "InitializationConfig": "config",
     "InputError": "errors",
+    "JointlyConfig": "config",
     "Limits": "config",
     "RefinementConfig": "config",
     "SemcalError": "errors",

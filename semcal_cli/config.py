@@ -358,6 +358,8 @@ class Limits:
     """About each axis of the camera, and in all."""
     translation_m: float = 0.05
     """Along each axis of the camera, and in all."""
+    delay_s: float | None = None
+    """Of the camera's clock, seconds, which is then estimated together with the pose; None leaves it unchecked."""
 
 
 SYNTH_MIN_BASELINE_M = 0.1

@@ -42,6 +42,8 @@ def check_limits(limits: Limits) -> None:
     """
     _check_range("rotation_deg", limits.rotation_deg, 0.0)
     _check_range("translation_m", limits.translation_m, 0.0)
+    if limits.delay_s is not None:
+        _check_range("delay_s", limits.delay_s, 0.0)
 
 
 def _check_choice(name: str, value: object, known: Collection[str]) -> None:

@@ -89,6 +89,8 @@ def calibrate(
     """
     config = config or CalibrationConfig()
     data = load(drive, config, on_event)
+    if config.refinement.jointly.is_asked:
+        check_jointly(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)
@@ -333,8 +335,11 @@ def assess(
     on_event: Listener = ignore,
     *,
     with_label_bleed: bool = True,
+    with_remedies: bool = True,
 ) -> Stages:
     """Estimate the uncertainty of a polished or fused pose and look for findings.
+
+    Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false.
 
     A pose whose polish was rejected has no uncertainty; its frames are compared. One that was not polished stays as it
     is.
@@ -362,7 +367,9 @@ def assess(
             polish_config,
             stages.fused,
             uncertainty=None if joint is None else joint.uncertainty,
+            jointly=config.jointly,
             with_label_bleed=with_label_bleed,
+            with_remedies=with_remedies,
         )
     stages = replace(stages, assessment=found)
     on_event(stage_words.assessed(_findings(stages, config), perf_counter() - start))

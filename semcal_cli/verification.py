@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from semcal_cli.assessment.limits import Check, Verdict, judge, together
-from semcal_cli.config import InitializationConfig, Limits, RefinementConfig
+from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED, twists_per_s
+from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
+from semcal_cli.config import InitializationConfig, JointlyConfig, Limits, RefinementConfig
 from semcal_cli.drive.loading import LoadedDrive
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
@@ -34,6 +35,14 @@ SENTENCES: dict[Verdict, str] = {
     "fail": "The camera is not where the transform says. Calibrate anew, or find out what moved it.",
     "inconclusive": "The drive cannot decide whether the transform holds. More frames, or other ones, may.",
 }
+OF_CLOCK: dict[Verdict, str] = {
+    "fail": "The transform still holds on this drive, and the camera's clock does not. Calibrate anew with "
+    "--estimate-delay, or find out what changed the clock.",
+    "inconclusive": "The transform still holds on this drive, which cannot decide whether the camera's clock does.",
+}
+"""The same where all checks of the transform pass."""
+CLOCK_TOPIC = "clocks"
+"""Topic of the reasons why the check of the clock cannot decide."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +52,8 @@ class Verification:
     verdict: Verdict
     """Verdict on all checks together."""
     checks: tuple[Check, ...]
-    """Checks of the transform minus the estimate: the camera's position and its rotation, by axis and in all."""
+    """Checks of the transform minus the estimate: the camera's position and its rotation, by axis and in all. If the
+    offset of the camera's clock is limited, one of it follows: the estimate minus what was taken for right."""
     reasons: tuple[str, ...]
     """Findings that make the verdict inconclusive, or mistakes that the transform looks like."""
     topics: tuple[str, ...]
@@ -56,7 +66,14 @@ class Verification:
     @property
     def sentence(self) -> str:
         """What the verdict means, and what to do."""
+        of_transform = [check.verdict for check in self.checks if check.name != CLOCK]
+        if together(of_transform) == "pass" and self.verdict in OF_CLOCK and not self._has_other_reasons:
+            return OF_CLOCK[self.verdict]
         return SENTENCES[self.verdict]
+
+    @property
+    def _has_other_reasons(self) -> bool:
+        return any(topic != CLOCK_TOPIC for topic in self.topics)
 
 
 def verify(
@@ -70,7 +87,8 @@ def verify(
 
     The pose is refined from the transform. If this gives no pose near the transform or leaves findings, all mounting
     directions are searched. An offset fails if its 95 % interval lies beyond the limit, and passes if it lies within.
-    Everything between is inconclusive, and so are offsets that the data do not determine.
+    Everything between is inconclusive, and so are offsets that the data do not determine. If the offset of the clock is
+    limited, it is estimated together with the pose, and if it is kept, the pose is that of both.
 
     Args:
         data: The drive, as `load` returns it.
@@ -80,34 +98,64 @@ def verify(
         on_event: Called with each event.
 
     Raises:
+        InputError: the offset of the clock is limited, and the drive gives no direction of its motion.
         CalibrationError: the drive cannot be calibrated.
     """
+    limits = limits or Limits()
+    if limits.delay_s is not None and twists_per_s(data.observations) is None:
+        raise InputError(
+            f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
+        )
+    jointly = JointlyConfig(with_delay=limits.delay_s is not None)
     T_stated = initial_pose.T_camera_lidar
-    stages = _nearby(data, initial_pose, seed, on_event)
+    stages = _nearby(data, initial_pose, jointly, seed, on_event)
     if stages is None:
         initial = initialize(data, InitializationConfig(), seed, on_event=on_event)
-        stages = _estimate(data, initial, seed, on_event)
+        stages = _estimate(data, initial, jointly, seed, on_event)
     uncertainty = stages.uncertainty
     estimate = stages.T_camera_lidar
     error = compare_poses(T_stated, estimate)
     center_m = [0.01 * x for x in error.camera_center_xyz_cm]
     half_widths = None if uncertainty is None else uncertainty.half_widths
-    checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits or Limits())
+    checks = judge(center_m, error.rotation_xyz_deg, half_widths, limits)
+    notes, of_clock = stages.notes, list[str]()
+    if limits.delay_s is not None:
+        check, of_clock = _check_clock(data, stages, limits.delay_s)
+        checks, notes = (*checks, check), tuple(note for note in notes if note not in of_clock)
     if stages.findings or uncertainty is None:
-        reasons = tuple(finding.sentence for finding in stages.findings)
-        topics = tuple(finding.topic for finding in stages.findings)
-        return Verification("inconclusive", checks, reasons, topics, stages.notes, estimate)
-    verdict = together(check.verdict for check in checks)
-    looks = recognise(T_stated, estimate) if verdict == "fail" else []
-    topics = (LOOKS_LIKE,) * len(looks)
-    return Verification(verdict, checks, tuple(looks), topics, stages.notes, estimate)
+        verdict: Verdict = "inconclusive"
+        told = [(finding.topic, finding.sentence) for finding in stages.findings]
+    else:
+        verdict = together(check.verdict for check in checks)
+        looks = recognise(T_stated, estimate) if verdict == "fail" else []
+        told = [(LOOKS_LIKE, each) for each in looks]
+    told += [(CLOCK_TOPIC, each) for each in of_clock]
+    topics, reasons = ((*column,) for column in zip(*told, strict=True)) if told else ((), ())
+    return Verification(verdict, checks, reasons, topics, notes, estimate)
 
 
-def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: Listener) -> Stages | None:
+def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Check, list[str]]:
+    """Judge the offset of the clock, and say why where it cannot be.
+
+    An offset beyond the limit fails only if it is kept, so that data which it was not estimated from bear it out.
+    """
+    joint = stages.joint
+    if joint is None or joint.clock is None or not joint.clock.is_determined:
+        return judge_clock(0.0, None, limit_s), [DELAY_NOT_DETERMINED]
+    clock = joint.clock
+    check = judge_clock(clock.time_offset_s - data.drive.time_offset_s, clock.half_width_95_s, limit_s)
+    if check.verdict == "fail" and not joint.is_kept:
+        return replace(check, verdict="inconclusive"), [*joint.notes]
+    return check, []
+
+
+def _nearby(
+    data: LoadedDrive, initial_pose: InitialPose, jointly: JointlyConfig, seed: int, on_event: Listener
+) -> Stages | None:
     """Estimate the pose from the transform; None if the estimate is far from it or has findings."""
     try:
         initial = start_at(data, initial_pose, on_event)
-        stages = _estimate(data, initial, seed, on_event, from_afar=True)
+        stages = _estimate(data, initial, jointly, seed, on_event, is_nearby=True)
     except CalibrationError:
         return None
     is_near = _is_near(stages.T_camera_lidar, initial_pose.T_camera_lidar, NEAR_DEG, NEAR_M)
@@ -116,11 +164,18 @@ def _nearby(data: LoadedDrive, initial_pose: InitialPose, seed: int, on_event: L
 
 
 def _estimate(
-    data: LoadedDrive, initial: StageResult, seed: int, on_event: Listener, *, from_afar: bool = False
+    data: LoadedDrive,
+    initial: StageResult,
+    jointly: JointlyConfig,
+    seed: int,
+    on_event: Listener,
+    *,
+    is_nearby: bool = False,
 ) -> Stages:
-    config = RefinementConfig()
-    stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=from_afar)
-    return assess(data, stages, config, on_event, with_label_bleed=False)
+    config = RefinementConfig(jointly=jointly)
+    stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
+    # An estimate with findings that starts at the transform is made again from nothing.
+    return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
 
 
 def _is_near(T_a: Pose, T_b: Pose, angle_deg: float, distance_m: float) -> bool:

@@ -196,7 +196,12 @@ def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
     code, _, _ = run(capfd, "calibrate", drive, "-o", tmp_path / "out.yaml", "-q")
     calibration = read_calibration(tmp_path / "out.yaml")
     assert (code, calibration.status) == (EXIT_NOT_TRUSTED, "not_trusted")
-    assert any("the focal length looks wrong" in reason for reason in calibration.reasons)
+    (reason,) = (reason for reason in calibration.reasons if "the focal length looks wrong" in reason)
+    advised = re.search(r": calibrate with (--refine-intrinsics) ([a-z0-9,]+), which finds fx ", reason)
+    assert advised is not None, reason
+    code, _, _ = run(capfd, "calibrate", drive, *advised.groups(), "-o", tmp_path / "out.yaml", "-q")
+    calibration = read_calibration(tmp_path / "out.yaml")
+    assert (code, calibration.status) == (0, "trusted"), calibration.reasons
 
 
 def test_what_is_known_is_weighed_and_said(

@@ -19,6 +19,7 @@ from test_findings import PLACES
 
 import semcal_cli
 from semcal_cli import pipeline
+from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS
 from semcal_cli.batch import records
 from semcal_cli.cli import semcal
 from semcal_cli.config import MAX_POINTS
@@ -268,11 +269,20 @@ def test_every_drive_is_valid(name: str, block: str, tmp_path: Path) -> None:
     read_drive(tmp_path)
 
 
-def sentence_pattern(what: ast.expr, advice: ast.expr) -> re.Pattern[str]:
-    """What a finding looks like as it is printed: its words, with anything in place of its figures."""
+def sentence_pattern(topic: str, what: ast.expr, advice: ast.expr) -> re.Pattern[str]:
+    """What a finding looks like as it is printed: its words, with anything in place of its figures.
+
+    Where an option estimates what looks wrong, the advice names it.
+    """
     parts = what.values if isinstance(what, ast.JoinedStr) else [what]
     words = (re.escape(str(part.value)) if isinstance(part, ast.Constant) else ".*" for part in parts)
-    return re.compile(f"{''.join(words)}: {re.escape(ast.literal_eval(advice))}")
+    advised = re.escape(ast.literal_eval(advice))
+    if topic in (*OF_INTRINSICS, *OF_CLOCKS):
+        advised = (
+            rf"(calibrate with --.+, which finds .+ -> .+|calibrate with --.+, which finds that .+|{advised}, or "
+            r"calibrate more frames with --.+)"
+        )
+    return re.compile(f"{''.join(words)}: {advised}")
 
 
 ENTRY = re.compile(r'^### <a id="([a-z-]+)"></a>.+\n((?:(?!##).*\n)*)', re.MULTILINE)
@@ -281,7 +291,10 @@ ENTRIES = dict(ENTRY.findall((DOCS / "troubleshooting.md").read_text()))
 QUOTED = [
     (topic, quoted) for topic, entry in ENTRIES.items() for quoted in re.findall(r"^> (.+)$", entry, re.M)
 ]
-PATTERNS = [(ast.literal_eval(topic), sentence_pattern(*sentence)) for _, topic, *sentence in PLACES]
+PATTERNS = [
+    (topic, sentence_pattern(topic, what, advice))
+    for topic, what, advice in ((ast.literal_eval(topic), *sentence) for _, topic, *sentence in PLACES)
+]
 
 
 def test_every_heading_of_a_reason_is_an_entry() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from hostile_batches import BATCHES
 from hostile_commands import Hostile, check
+from hostile_joint import JOINT
 from hostile_outputs import OUTPUTS
 from hostile_sizes import SIZES
 from hostile_transforms import TRANSFORMS
@@ -15,7 +16,7 @@ from semcal_cli.config import SynthConfig
 from semcal_cli.synthetic.synthesis import synthesize
 
 SMALL = SynthConfig(num_frames=1, channels=32, columns=400, width=320, height=180)
-CASES: dict[str, Hostile] = TRANSFORMS | BATCHES | SIZES | OUTPUTS
+CASES: dict[str, Hostile] = TRANSFORMS | BATCHES | SIZES | OUTPUTS | JOINT
 
 
 @pytest.fixture(scope="module")

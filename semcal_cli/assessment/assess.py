@@ -19,10 +19,11 @@ from semcal_cli.assessment.intrinsics import (
 )
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.pairing import check_pairs
+from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
-from semcal_cli.config import PolishConfig
+from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
@@ -65,7 +66,9 @@ def assess(
     fused: Fused | None = None,
     *,
     uncertainty: Uncertainty | None = None,
+    jointly: JointlyConfig | None = None,
     with_label_bleed: bool = True,
+    with_remedies: bool = True,
 ) -> Assessment:
     """Estimate the uncertainty of a polished pose, and look for findings against it.
 
@@ -78,7 +81,9 @@ def assess(
         config: Settings of the polish.
         fused: Result of the fusion with priors, if there are any.
         uncertainty: Uncertainty of the pose together with intrinsics or the clock, if these were estimated, too.
+        jointly: What was estimated together with the pose, whether or not it was kept.
         with_label_bleed: Whether to compute the effect of bleeding labels.
+        with_remedies: Whether to estimate the intrinsics or the clock that look wrong.
     """
     observations, checked, camera = data.observations, data.for_checks, data.observations.camera
     around = around_intrinsics(observations, T_camera_lidar)
@@ -119,6 +124,16 @@ def assess(
             *wrong_intrinsics(around, camera),
         )
         notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
+    if with_remedies:
+        findings = advise(
+            findings,
+            observations,
+            T_camera_lidar,
+            config,
+            done=jointly,
+            with_priors=fused is not None,
+            time_offset_s=data.drive.time_offset_s,
+        )
     if uncertainty is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
     return Assessment(uncertainty, (*findings, *undetermined(uncertainty)), notes, frames.parts)

@@ -252,7 +252,7 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[
         Finding(
             "focal-length",
             sentence,
-            "check fx and fy of K, and that K is of pictures of this size, or add frames",
+            "check fx and fy of K, and that K is of pictures of this size",
         )
     ]
 

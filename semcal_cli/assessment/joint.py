@@ -57,6 +57,8 @@ MIN_GAIN = 2.0
 LEAST_WEIGHT = 1e-12
 """Smallest information along a direction, as a share of that of a variable alone. Less is rounding."""
 DELAY = "delay"
+DELAY_NOT_DETERMINED = "the offset of the clocks is not determined: drive at different speeds, and turn"
+"""What is said of an offset of the clock that the data do not determine."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -483,7 +485,7 @@ def _notes(
             "all parts of the pictures"
         )
     if asked.with_delay and not fit.variables.with_delay:
-        notes.append("the offset of the clocks is not determined: drive at different speeds, and turn")
+        notes.append(DELAY_NOT_DETERMINED)
     if not is_kept and fit.variables.names:
         which = _which(fit.variables)
         if not fit.is_beyond_chance:

@@ -12,12 +12,16 @@ from semcal_cli import _core
 from semcal_cli.config import Limits
 
 Verdict: TypeAlias = Literal["pass", "fail", "inconclusive"]
-Unit: TypeAlias = Literal["cm", "deg"]
+Unit: TypeAlias = Literal["cm", "deg", "ms"]
 
+VERDICTS: tuple[Verdict, ...] = ("fail", "inconclusive", "pass")
+"""Verdicts, first the one that decides that of several."""
 AXES = ("x", "y", "z")
 IN_ALL = " in all"
 """Ends the names of the checks of all three axes together."""
-UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm"}
+CLOCK = "clock"
+"""Name of the check of the camera's clock."""
+UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
 """Units in words."""
 
 
@@ -37,6 +41,11 @@ class Check:
     """Largest offset that is allowed."""
     verdict: Verdict
     """`fail` if the whole interval lies beyond the limit, `pass` if it lies within, else `inconclusive`."""
+
+    @property
+    def has_estimate(self) -> bool:
+        """Whether the offset is an estimate; that of a clock that is not determined is where it was."""
+        return self.name != CLOCK or self.half_width is not None
 
 
 def judge(
@@ -76,18 +85,35 @@ def judge(
     return tuple(checks)
 
 
+def judge_clock(offset_s: float, half_width_s: float | None, limit_s: float) -> Check:
+    """Judge the offset of the camera's clock, in milliseconds, as `judge` does those of a transform.
+
+    Args:
+        offset_s: Time by which pictures are later than was taken for right, seconds.
+        half_width_s: Half width of its 95 % interval, seconds; None if it is not determined.
+        limit_s: Largest offset that is allowed, seconds.
+    """
+    half_width = None if half_width_s is None else 1e3 * half_width_s
+    return _check(CLOCK, "ms", 1e3 * offset_s, half_width, 1e3 * limit_s)
+
+
 def figures(check: Check) -> str:
     """Tell a check's offset, its interval and its limit in words."""
+    if not check.has_estimate:
+        return f"not determined, allowed {check.allowed:g} {UNITS[check.unit]}"
     unit = UNITS[check.unit]
     half = f"{unit}, interval not known" if check.half_width is None else f"+- {check.half_width:.3f} {unit}"
     return f"{round(check.offset, 3) + 0.0:.3f} {half}, allowed {check.allowed:g}"
 
 
 def offsets_in_all(checks: Sequence[Check]) -> list[str]:
-    """Tell in words how far the camera and its rotation are off in all, first what is farther beyond its limit."""
-    in_all = [check for check in checks if check.name.endswith(IN_ALL)]
-    in_all.sort(key=lambda check: -check.offset / check.allowed)
-    return [f"{check.name.removesuffix(IN_ALL)} off by {figures(check)}" for check in in_all]
+    """Tell in words how far the camera, its rotation and its clock are off, first what decides the verdict most."""
+    in_all = [check for check in checks if check.name.endswith(IN_ALL) or check.name == CLOCK]
+    in_all.sort(key=lambda check: (VERDICTS.index(check.verdict), -abs(check.offset) / check.allowed))
+    return [
+        f"{check.name.removesuffix(IN_ALL)} {'off by ' * check.has_estimate}{figures(check)}"
+        for check in in_all
+    ]
 
 
 def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:

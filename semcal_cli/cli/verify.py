@@ -20,8 +20,10 @@ from semcal_cli.cli.ci import (
 from semcal_cli.cli.convert import DIRECTIONS
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
+    MAX_LIMIT,
     OUTPUT_FILE,
     PATH,
+    FiniteRange,
     RunOptions,
     cue_option,
     drive_argument,
@@ -48,8 +50,9 @@ if TYPE_CHECKING:
     help=f"""Verify the transform of CALIBRATION on DRIVE: {KNOWN_TRANSFORMS}.
 
     The pose is estimated again, starting at the transform. Limits are along and about each
-    axis of the camera, and in all. Exit code 0: each passes. 3: an offset lies beyond its limit
-    with its whole 95 % interval. 4: the data cannot decide; --inconclusive makes it another one.
+    axis of the camera, and in all; --max-delay-ms is that of its clock. Exit code 0: each passes.
+    3: an offset lies beyond its limit with its whole 95 % interval. 4: the data cannot decide;
+    --inconclusive makes it another one.
     """
 )
 @drive_argument
@@ -60,6 +63,13 @@ if TYPE_CHECKING:
     help="Direction of a bare matrix in CALIBRATION: p_camera = T p_lidar, or p_lidar = T p_camera.",
 )
 @limit_options(may_be_zero=False)
+@click.option(
+    "--max-delay-ms",
+    type=FiniteRange(0.0, MAX_LIMIT, min_open=True),
+    metavar="MS",
+    help="Largest allowed offset of the camera's clock, which is estimated as well then. Needs `motion:` with poses "
+    "or a twist, different speeds, and turns.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 @click.option("--junit", type=OUTPUT_FILE, metavar="FILE", help="Also write a JUnit XML file.")
 @click.option(
@@ -156,7 +166,12 @@ def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationCon
             "--cue features: verify compares by the exact histogram, which vectors have none of"
         )
     config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"])
-    limits = Limits(options["max_rotation_deg"], options["max_translation_m"])
+    delay_ms = options["max_delay_ms"]
+    limits = Limits(
+        options["max_rotation_deg"],
+        options["max_translation_m"],
+        None if delay_ms is None else 1e-3 * delay_ms,
+    )
     calibration, direction = options["calibration"], options["direction"]
     return read_initial_pose(calibration, direction, direction_option="--direction"), config, limits
 
@@ -188,5 +203,5 @@ def _print(found: Verification, as_json: bool) -> None:
 
 def _check_line(check: Check) -> str:
     half = "   not known" if check.half_width is None else f"+- {check.half_width:9.4f}"
-    offset = round(check.offset, 4) + 0.0  # no -0.0000
-    return f"{check.name:<21}{offset:10.4f} {half} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"
+    offset = f"{round(check.offset, 4) + 0.0:.4f}" if check.has_estimate else "-"  # no -0.0000
+    return f"{check.name:<21}{offset:>10} {half} {check.unit:<4} allowed {check.allowed:<8g}{check.verdict}"

@@ -318,7 +318,7 @@ class Drive(StrictModel):
     semcal_drive: Version
     """Version of this format."""
     camera: Camera
-    """Camera of the drive. Its intrinsics are taken as right."""
+    """Camera of the drive. Its intrinsics are taken as right unless they are estimated together with the pose."""
     lidar: Lidar | None = None
     """Scan pattern of the LiDAR. Without it, the pattern is estimated from the points."""
     frames: Annotated[tuple[Frame, ...], length(1)]

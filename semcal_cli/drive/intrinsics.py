@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 from semcal_cli.drive.document import DISTORTION_COUNTS, PARAMETERS, Camera, CameraModel
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import one_of
 
 OF_K = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}
 """Row and column of each in the matrix K."""
@@ -38,9 +37,7 @@ def check_intrinsics(names: tuple[str, ...], camera: Camera, where: str) -> None
     known = intrinsic_names(camera.model)
     for name in names:
         if name not in known:
-            raise InputError(
-                f"{where}: found {name!r}, needed {one_of(name, list(known))} for {camera.model}"
-            )
+            raise InputError(f"{where}: found {name!r}, needed names of {camera.model}: {', '.join(known)}")
 
 
 def with_all_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:

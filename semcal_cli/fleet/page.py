@@ -8,7 +8,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
-from semcal_cli.assessment.limits import IN_ALL, Check
+from semcal_cli.assessment.limits import IN_ALL, VERDICTS, Check
 from semcal_cli.documentation import entry_address
 from semcal_cli.fleet.course import Kind, course_of, kind_of
 from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Part
@@ -30,7 +30,6 @@ KINDS: dict[Kind, str] = {
 """Meaning of the dots, the worst first."""
 ROWS: dict[Kind, str] = {"beyond": "surely beyond", "disagrees": "disagrees", "agrees": "agrees"}
 """Verdicts in the table of drives."""
-VERDICTS = ("fail", "inconclusive", "pass")
 MAX_ROWS = 1000
 """Largest number of rows of a table; the result file has all."""
 MAX_PARTS = 100

@@ -45,7 +45,10 @@ def describe_fleet(fleet: Fleet, read: Mapping[str, str], reference: str | None 
             *map(_drive, fleet.drives),
             *({"drive": m.drive, "status": "left_out", "reason": m.left_out} for m in fleet.left_out),
         ],
-        "limits": asdict(fleet.limits),
+        "limits": {
+            "rotation_deg": fleet.limits.rotation_deg,
+            "translation_m": fleet.limits.translation_m,
+        },
         "input": {"reference": reference, "sha256": dict(read)},
         "versions": {name: versions()[name] for name in ("semcal", "numpy")},
     }

@@ -121,7 +121,7 @@ def _row(check: Check, reach: float) -> CheckRow:
     return CheckRow(
         name=CHECK_NAMES.get(check.name, check.name),
         check=check,
-        offset=f"{round(check.offset, 3) + 0.0:.3f}",  # no -0.000
+        offset=f"{round(check.offset, 3) + 0.0:.3f}" if check.has_estimate else "-",  # no -0.000
         allowed=between(-check.allowed, check.allowed),
         interval=None if half is None else between(check.offset - half, check.offset + half),
         place=place(check.offset),

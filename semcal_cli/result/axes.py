@@ -12,5 +12,5 @@ CHECK_NAMES = dict(
         AXIS_NAMES,
         strict=True,
     )
-)
+) | {"clock": "pictures later (clock)"}
 """The same by the names of checks."""

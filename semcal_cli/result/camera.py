@@ -1,10 +1,14 @@
 """The camera and the clock that were estimated together with a pose, with their intervals."""
 
+from __future__ import annotations
+
 from typing import Annotated
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from semcal_cli.drive.document import Camera, TimeOffset
+from semcal_cli.drive.intrinsics import intrinsic_names
+from semcal_cli.files.messages import listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
 
 JointEntry = Annotated[float, Field(ge=-1e40, le=1e40)]
@@ -43,6 +47,20 @@ class RefinedCamera(StrictModel):
     )
     """Covariance of the pose's twist xi, in metres and radians, and of the intrinsics in their order; null if it could
     not be computed."""
+
+    @model_validator(mode="after")
+    def _check_names_and_shape(self) -> RefinedCamera:
+        known = intrinsic_names(self.found.model)
+        if unknown := [name for name in self.intrinsics if name not in known]:
+            raise mismatch(
+                f"intrinsics {listed(unknown)}", f"names of {self.found.model}: {', '.join(known)}"
+            )
+        rows = self.joint_covariance or ()
+        counts = {len(row) for row in rows}
+        if counts - {len(rows)}:
+            found = f"a joint_covariance of {len(rows)} rows with {min(counts)} to {max(counts)} entries"
+            raise mismatch(found, "as many as rows")
+        return self
 
 
 class Clock(StrictModel):

@@ -36,7 +36,8 @@ def _text(name: str, each: Intrinsic) -> IntrinsicText:
         return IntrinsicText(name, given, found, "", is_determined=False)
     half = figure(each.half_width_95)
     digits = len(half.partition(".")[2])
-    given, found = (f"{value + 0.0:.{digits}f}{unit}" for value in (each.given, each.found))
+    rounded = (round(value, digits) + 0.0 for value in (each.given, each.found))  # no -0.0000
+    given, found = (f"{value:.{digits}f}{unit}" for value in rounded)
     return IntrinsicText(name, given, found, half + unit, is_determined=True)
 
 
@@ -51,6 +52,12 @@ def intrinsic_lines(camera: RefinedCamera) -> list[str]:
         else:
             lines.append(f"{each.name} not determined: it stays at {each.given}")
     return [*lines, kept_sentence(camera)]
+
+
+def intrinsic_changes(camera: RefinedCamera) -> list[str]:
+    """List the intrinsics that are determined: their values by the drive, and those that were found."""
+    texts = [each for each in intrinsic_texts(camera) if each.is_determined]
+    return [f"{each.name} {each.given.partition(' ')[0]} -> {each.found.partition(' ')[0]}" for each in texts]
 
 
 def kept_sentence(camera: RefinedCamera) -> str:

@@ -1,0 +1,261 @@
+"""Hostile options of what is estimated beside the pose, and hostile results that hold it."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import yaml
+from hostile_commands import Hostile
+from hostile_files import absent
+from hostile_outputs import drive_with, every_failure_has_a_reason, nothing
+from refined import clock, refined_camera
+from test_calibration import POSE, make_calibration
+
+from semcal_cli.drive.document import read_drive
+from semcal_cli.result.calibration import write_calibration
+
+CALIBRATE = ("calibrate", "drive", "-q", "-o", "out.yaml")
+NAMES = ("--refine-intrinsics", "fx,fy")
+NO_RESULT = absent("out.yaml", "x")
+OF_LENS = "fx, fy, cx, cy, k1, k2, p1, p2, k3$"
+
+
+def refused(line: str, *options: str, exit_code: int = 2) -> Hostile:
+    """Gives options to `calibrate`, which end in a line and write nothing."""
+    return Hostile(nothing, (*CALIBRATE, *options), line, exit_code, check=NO_RESULT)
+
+
+def all_round(folder: Path) -> None:
+    """Makes the drive's camera equirectangular."""
+    drive_with("camera", "model", value="equirectangular")(folder)
+    drive_with("camera", "distortion", value=[])(folder)
+
+
+def rig_of_one_lidar(folder: Path) -> None:
+    """Makes a rig of two cameras that see the same."""
+    document = yaml.safe_load((folder / "drive" / "drive.yaml").read_text())
+    for frame in document["frames"]:
+        frame |= {key: f"../drive/{value}" for key, value in frame.items() if isinstance(value, str)}
+    (folder / "left").mkdir()
+    (folder / "left" / "drive.yaml").write_text(yaml.safe_dump(document))
+    (folder / "rig").mkdir()
+    (folder / "rig" / "rig.yaml").write_text("semcal_rig: 1\ncameras: {a: ../drive, b: ../left}\n")
+
+
+def result_with(*keys: str | int, value: object) -> Callable[[Path], object]:
+    """Makes a calibration with a camera and a clock, and another value at a key, in `c.json`."""
+
+    def make(folder: Path) -> None:
+        path, camera = folder / "c.json", read_drive(folder / "drive").camera
+        estimated = {"camera": refined_camera(camera, camera.zoomed(1.01)), "clock": clock()}
+        write_calibration(make_calibration(POSE).model_copy(update=estimated), path)
+        document = json.loads(path.read_text())
+        place: Any = document
+        for key in keys[:-1]:
+            place = place[key]
+        place[keys[-1]] = value
+        path.write_text(json.dumps(document))
+
+    return make
+
+
+def read_back(line: str, *keys: str | int, value: object) -> Hostile:
+    """Reads a result with a wrong value, which ends in a line that names file, key and value."""
+    command = ("report", "drive", "c.json", "-o", "x.html", "-q")
+    return Hostile(result_with(*keys, value=value), command, rf"^semcal: error: c\.json: {line}")
+
+
+OPTIONS: dict[str, Hostile] = {
+    "an intrinsic that the lens has not": refused(
+        rf"drive\.yaml: --refine-intrinsics: found 'k9', needed names of plumb_bob: {OF_LENS}",
+        "--refine-intrinsics",
+        "fx,k9",
+        exit_code=1,
+    ),
+    "an intrinsic in capitals": refused(
+        rf"--refine-intrinsics: found 'FX', needed names of plumb_bob: {OF_LENS}",
+        "--refine-intrinsics",
+        "FX",
+        exit_code=1,
+    ),
+    "k1 of a picture all round": Hostile(
+        all_round,
+        (*CALIBRATE, "--refine-intrinsics", "fx,k1"),
+        r"--refine-intrinsics: found 'k1', needed names of equirectangular: fx, fy, cx, cy$",
+        check=NO_RESULT,
+    ),
+    "an intrinsic twice": refused(
+        r"'--refine-intrinsics': found 'fx,fy,fx', needed each name once\.$",
+        "--refine-intrinsics",
+        "fx,fy,fx",
+    ),
+    **{
+        f"names of intrinsics {text!r}": refused(
+            rf"'--refine-intrinsics': found {text!r}, needed names as fx,fy,cx,cy\.$",
+            "--refine-intrinsics",
+            text,
+        )
+        for text in ("", ",", "fx,", "fx, ,fy")
+    },
+    "intrinsics without the polish": refused(
+        r"--refine-intrinsics: follows the polish: leave --no-polish out$", *NAMES, "--no-polish"
+    ),
+    "the clock without the polish": refused(
+        r"--estimate-delay: follows the polish: leave --no-polish out$", "--estimate-delay", "--no-polish"
+    ),
+    "intrinsics by features": refused(
+        r"--refine-intrinsics: needs the exact histogram, which features have none of$",
+        *NAMES,
+        "--cue",
+        "features",
+        "--estimator",
+        "mine",
+    ),
+    "intrinsics beside a place": refused(
+        r"--refine-intrinsics: is not weighed together with --prior-translation-m 0 0 0 1: leave one out$",
+        *NAMES,
+        "--prior-translation-m",
+        "0",
+        "0",
+        "0",
+        "1",
+    ),
+    "the clock beside a rotation": refused(
+        r"--estimate-delay: is not weighed together with --prior-rotation-deg 0 0 0 1: leave one out$",
+        "--estimate-delay",
+        "--prior-rotation-deg",
+        "0",
+        "0",
+        "0",
+        "1",
+    ),
+    "intrinsics beside fixed axes": refused(
+        r"--refine-intrinsics: is not weighed together with --fix tx: leave one out$",
+        *NAMES,
+        "--init",
+        "drive",
+        "--fix",
+        "tx",
+    ),
+    **{
+        f"{options[0]} of --method {method}": refused(
+            rf"{options[0]}: is of --method mi$", *options, "--method", method
+        )
+        for method in ("paper", "soic")
+        for options in (NAMES, ("--estimate-delay",))
+    },
+    "a sigma of nothing": refused(
+        r"--intrinsics-sigma: is of --refine-intrinsics: give it, too$", "--intrinsics-sigma", "2", "10"
+    ),
+    "a sigma of the clock": refused(
+        r"--intrinsics-sigma: is of --refine-intrinsics: give it, too$",
+        "--estimate-delay",
+        "--intrinsics-sigma",
+        "2",
+        "10",
+    ),
+    **{
+        f"a sigma of {' '.join(pair)}": refused(
+            r"'--intrinsics-sigma': \S+ is not (in the range 0\.0<x<=1000\.0|a finite number|a valid float range)\.$",
+            *NAMES,
+            "--intrinsics-sigma",
+            *pair,
+        )
+        for pair in (("0", "10"), ("2", "0"), ("nan", "10"), ("2", "inf"), ("-1", "10"), ("2", "x"))
+    },
+    "one sigma of two": refused(
+        r"(requires 2 arguments|is not a valid float range)\.$", *NAMES, "--intrinsics-sigma", "2"
+    ),
+    "no motion for the clock": refused(
+        r"drive\.yaml: motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
+        "--estimate-delay",
+        exit_code=1,
+    ),
+    "a speed alone for the clock": Hostile(
+        drive_with("motion", value={"speed_m_s": 12.0}),
+        (*CALIBRATE, "--estimate-delay"),
+        r"motion: found no direction of motion, needed poses or a twist for --estimate-delay$",
+        check=NO_RESULT,
+    ),
+    "intrinsics of cameras of a rig": Hostile(
+        rig_of_one_lidar,
+        ("calibrate", "rig/rig.yaml", "-q", "-o", "results", "--refine-intrinsics", "k9"),
+        rf"2 of 2 cameras failed; a: .*found 'k9', needed names of plumb_bob: {OF_LENS}",
+        check=absent("results/a.yaml", "results/b.yaml"),
+    ),
+    "intrinsics of many drives": Hostile(
+        nothing,
+        ("batch", "drive", "other", "-o", "results", "--", "--refine-intrinsics", "k9"),
+        r"^summary +results/summary.csv, results/summary.jsonl$",
+        check=every_failure_has_a_reason,
+    ),
+    "a sigma of many drives": Hostile(
+        nothing,
+        ("batch", "drive", "other", "-o", "results", "--", "--intrinsics-sigma", "2", "10"),
+        r"--intrinsics-sigma: is of --refine-intrinsics: give it, too$",
+        2,
+        check=absent("results", "x"),
+    ),
+    "no motion for the clock of a verification": Hostile(
+        nothing,
+        ("verify", "drive", "drive", "-q", "--max-delay-ms", "5"),
+        r"drive\.yaml: motion: found no direction of motion, needed poses or a twist for --max-delay-ms$",
+    ),
+}
+
+OF_FX = ("camera", "intrinsics", "fx")
+READ: dict[str, Hostile] = {
+    "a camera that is none": read_back(r"camera: found 5, needed a mapping$", "camera", value=5),
+    "a camera with another lens": read_back(
+        r"camera\.found\.model: found 'pinhole', needed ", "camera", "found", "model", value="pinhole"
+    ),
+    "a found focal length below zero": read_back(
+        r"camera\.found\.K: found focal lengths -1\.0 and \S+, needed both above 0$",
+        *("camera", "found", "K", 0, 0),
+        value=-1.0,
+    ),
+    "a half width below zero": read_back(
+        r"camera\.intrinsics\.fx\.half_width_95: found -1(\.0)?, needed at least 0",
+        *OF_FX,
+        "half_width_95",
+        value=-1.0,
+    ),
+    "a found value that is huge": read_back(
+        r"camera\.intrinsics\.fx\.found: found 1e\+308, needed at most ", *OF_FX, "found", value=1e308
+    ),
+    "no word whether the camera is kept": read_back(
+        r"camera\.is_kept: found 'yes', needed ", "camera", "is_kept", value="yes"
+    ),
+    "an estimate of what the lens has not": read_back(
+        rf"camera: found intrinsics k9, needed names of plumb_bob: {OF_LENS}",
+        *("camera", "intrinsics"),
+        value={
+            "k9": {"given": 0.0, "found": 0.0, "sigma": None, "half_width_95": None, "is_determined": False}
+        },
+    ),
+    "a covariance of the pose alone": read_back(
+        r"camera\.joint_covariance\[0\]: found a list of 6, needed at least 7",
+        *("camera", "joint_covariance"),
+        value=[[0.0] * 6] * 6,
+    ),
+    "a covariance that is not square": read_back(
+        r"camera: found a joint_covariance of 9 rows with 8 to 8 entries, needed as many as rows$",
+        *("camera", "joint_covariance"),
+        value=[[0.0] * 8] * 9,
+    ),
+    "a key that no camera has": read_back(
+        r"camera: unknown key 'sure'; the nearest known key is 'is_kept'$", "camera", "sure", value=True
+    ),
+    "a clock that is days off": read_back(
+        r"clock\.time_offset_s: found 86400(\.0)?, needed at most ", "clock", "time_offset_s", value=86400.0
+    ),
+    "a clock that is not a number": read_back(
+        r"clock\.time_offset_s: found 'late', needed a number$", "clock", "time_offset_s", value="late"
+    ),
+    "a clock without a meaning": read_back(
+        r"clock\.meaning: found nothing, needed text$", "clock", "meaning", value=None
+    ),
+}
+
+JOINT: dict[str, Hostile] = OPTIONS | READ

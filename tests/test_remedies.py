@@ -1,0 +1,188 @@
+"""Findings about intrinsics and clocks name the option that estimates them, and what it finds."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from test_consistency import with_twists
+from test_findings import ORDERS
+
+from semcal_cli.assessment import remedies
+from semcal_cli.assessment.assess import assess
+from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS, advise
+from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.observations import Observations
+from semcal_cli.errors import CalibrationError
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import refine_and_polish, start_at
+from semcal_cli.result.stage import Finding
+from semcal_cli.synthetic.synthesis import synthesize
+
+FOCAL = Finding("focal-length", "the focal length looks wrong", "check K")
+INTRINSICS = Finding("intrinsics", "the intrinsics look wrong", "check K")
+CLOCKS = Finding("clocks", "the clocks look wrong", "check the clocks")
+OTHER = Finding("overlap", "the sky is 3 m high", "add sky")
+NAMES = "--refine-intrinsics fx,fy,cx,cy,k1"
+CLOSE_SHARE = 0.01
+"""Error of a focal length that four small pictures tell."""
+CLOSE_MS = 2.0
+"""Error of the clock that six small pictures tell."""
+
+
+@pytest.fixture
+def never(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is estimated."""
+
+    def called(*_: object) -> None:
+        raise AssertionError("estimated")
+
+    monkeypatch.setattr(remedies, "estimate_jointly", called)
+
+
+@pytest.mark.parametrize("scale", [0.95, 1.08])
+def test_a_wrong_focal_length_is_told(
+    street_observations: Observations, street_truth: Pose, scale: float
+) -> None:
+    right, wrong = street_observations.camera, street_observations.camera.zoomed(scale)
+    seen = replace(street_observations, camera=wrong)
+    other, focal, intrinsics = advise((OTHER, FOCAL, INTRINSICS), seen, street_truth, PolishConfig())
+    assert other == OTHER
+    assert focal.advice == intrinsics.advice
+    found = re.match(
+        rf"calibrate with {NAMES}, which finds fx (\d+\.\d+) -> (\d+\.\d+), fy (\d+\.\d+) -> ", focal.advice
+    )
+    assert found is not None, focal.advice
+    given, fx, _ = map(float, found.groups())
+    assert given == pytest.approx(wrong.K[0][0], abs=0.1)
+    assert fx == pytest.approx(right.K[0][0], rel=CLOSE_SHARE)
+
+
+@pytest.fixture(scope="module")
+def early(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
+    """A drive at mixed speeds, whose pictures are 20 ms earlier than their stamps say."""
+    folder = tmp_path_factory.mktemp("early") / "drive"
+    config = SynthConfig(num_frames=6, seed=11, width=640, height=360, motion="mixed", delay_ms=-20.0)
+    synthesize(config, folder)
+    return load(read_drive(folder), CalibrationConfig())
+
+
+def test_wrong_clocks_are_told(early: LoadedDrive) -> None:
+    """By a whole assessment, beside all other findings."""
+    start = start_at(early, InitialPose(read_transform(early.drive.path), "start"))
+    polished = refine_and_polish(early, start, RefinementConfig(), from_afar=True)
+    pose, agreement = polished.T_camera_lidar, list(polished.poses.values())[-1].agreement
+    findings = assess(early, pose, agreement, PolishConfig(), with_label_bleed=False).findings
+    (clocks,) = (finding for finding in findings if finding.topic == "clocks")
+    found = re.fullmatch(
+        r"calibrate with --estimate-delay, which finds that pictures are (\d+\.\d) ms earlier than their stamps say",
+        clocks.advice,
+    )
+    assert found is not None, clocks.advice
+    assert float(found[1]) == pytest.approx(20.0, abs=CLOSE_MS)
+    plain = assess(early, pose, agreement, PolishConfig(), with_label_bleed=False, with_remedies=False)
+    assert [finding.found for finding in plain.findings] == [finding.found for finding in findings]
+    assert "--estimate-delay" not in " ".join(finding.advice for finding in plain.findings)
+
+
+def test_both_are_estimated_together_and_the_drives_offset_is_part_of_it(early: LoadedDrive) -> None:
+    pose = read_transform(early.drive.path)
+    intrinsics, clocks = advise(
+        (INTRINSICS, CLOCKS), early.observations, pose, PolishConfig(), time_offset_s=-0.1
+    )
+    assert intrinsics.advice == clocks.advice
+    found = re.fullmatch(
+        rf"calibrate with {NAMES} --estimate-delay, which finds .*fx .* and that pictures are (\d+\.\d) ms earlier "
+        "than their stamps say",
+        clocks.advice,
+    )
+    assert found is not None, clocks.advice
+    assert float(found[1]) == pytest.approx(120.0, abs=CLOSE_MS)
+
+
+@pytest.mark.usefixtures("never")
+def test_other_findings_cost_nothing(street_observations: Observations, street_truth: Pose) -> None:
+    assert advise((OTHER,), street_observations, street_truth, PolishConfig()) == (OTHER,)
+    assert advise((), street_observations, street_truth, PolishConfig()) == ()
+
+
+@pytest.mark.usefixtures("never")
+def test_what_was_estimated_already_is_not_estimated_again(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    seen, findings = street_observations, (FOCAL, CLOCKS)
+    both = JointlyConfig(("fx",), with_delay=True)
+    assert advise(findings, seen, street_truth, PolishConfig(), done=both) == findings
+    focal, clocks = advise(findings, seen, street_truth, PolishConfig(), done=JointlyConfig(("fx",)))
+    assert focal == FOCAL
+    assert clocks.advice == "check the clocks, or calibrate more frames with --estimate-delay"
+    focal, clocks = advise(findings, seen, street_truth, PolishConfig(), done=JointlyConfig(with_delay=True))
+    assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
+    assert clocks == CLOCKS
+
+
+@pytest.mark.usefixtures("never")
+def test_priors_exclude_the_options(street_observations: Observations, street_truth: Pose) -> None:
+    (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig(), with_priors=True)
+    assert focal.advice == f"check K, or calibrate more frames with {NAMES} and without priors"
+
+
+def test_right_intrinsics_are_not_kept_and_not_told(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig())
+    assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
+
+
+@pytest.mark.parametrize("error", [CalibrationError("labels tell nothing"), ValueError("fx: found -3")])
+def test_an_estimate_that_fails_leaves_the_advice(
+    street_observations: Observations,
+    street_truth: Pose,
+    monkeypatch: pytest.MonkeyPatch,
+    error: Exception,
+) -> None:
+    def fails(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(remedies, "estimate_jointly", fails)
+    (focal,) = advise((FOCAL,), street_observations, street_truth, PolishConfig())
+    assert focal.advice == f"check K, or calibrate more frames with {NAMES}"
+
+
+@pytest.mark.usefixtures("never")
+def test_clocks_of_frames_without_a_motion(street_observations: Observations, street_truth: Pose) -> None:
+    """A drive may state the motion of some of its frames only."""
+    few = with_twists(street_observations.of_frames([0]), [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
+    some = replace(street_observations, frames=(*few.frames, *street_observations.frames[1:]))
+    (clocks,) = advise((CLOCKS,), some, street_truth, PolishConfig())
+    assert clocks.advice == "check the clocks, or calibrate more frames with --estimate-delay"
+
+
+@pytest.mark.usefixtures("never")
+def test_a_lens_without_k1(street_observations: Observations, street_truth: Pose) -> None:
+    block = {"model": "equirectangular", "width": 640, "height": 360}
+    camera = Camera.model_validate(block | {"K": [[102.0, 0.0, 320.0], [0.0, 102.0, 180.0], [0.0, 0.0, 1.0]]})
+    seen = replace(street_observations, camera=camera)
+    (focal,) = advise((FOCAL,), seen, street_truth, PolishConfig(), with_priors=True)
+    assert "--refine-intrinsics fx,fy,cx,cy and" in focal.advice
+
+
+def test_each_advice_is_an_order(street_observations: Observations, street_truth: Pose) -> None:
+    seen = replace(street_observations, camera=street_observations.camera.zoomed(1.05))
+    for finding in advise((FOCAL, CLOCKS), seen, street_truth, PolishConfig()):
+        assert finding.advice.split()[0] in ORDERS
+        assert not finding.advice.endswith(".")
+        assert "\n" not in finding.sentence
+
+
+@pytest.mark.parametrize("topic", [*OF_INTRINSICS, *OF_CLOCKS])
+def test_the_page_of_reasons_quotes_both_advices(topic: str) -> None:
+    page = (Path(__file__).parents[1] / "docs/troubleshooting.md").read_text(encoding="utf-8")
+    _, _, entry = page.partition(f'<a id="{topic}"></a>')
+    entry, _, _ = entry.partition("###")
+    assert ": calibrate with --" in entry
+    assert ", or calibrate more frames with --" in entry

@@ -1,0 +1,183 @@
+"""`semcal verify --max-delay-ms`: the camera's clock beside the transform, in every place that shows checks."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import junitparser
+import pytest
+from conftest import run
+from refined import clock
+
+import semcal_cli as semcal_package
+from semcal_cli.assessment.limits import CLOCK, figures, judge_clock, offsets_in_all
+from semcal_cli.config import Limits, SynthConfig
+from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.errors import InputError
+from semcal_cli.files.dialect import document_text
+from semcal_cli.files.documents import read_document
+from semcal_cli.files.writing import write_text
+from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
+from semcal_cli.synthetic.synthesis import synthesize
+
+PASS, FAIL, INCONCLUSIVE = 0, 3, 4
+CLOSE_MS = 2.0
+"""Error of the clock that six small pictures tell."""
+NOT_DETERMINED = "the offset of the clocks is not determined: drive at different speeds, and turn"
+DRIVES = {
+    "right": ("mixed", 0.0, 6),
+    "late": ("mixed", 20.0, 6),
+    "steady": ("steady", 0.0, 4),
+    "one": ("mixed", 0.0, 1),
+}
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Drives by name."""
+    root = tmp_path_factory.mktemp("moving")
+    for name, (motion, delay_ms, num_frames) in DRIVES.items():
+        config = SynthConfig(
+            num_frames=num_frames, seed=11, width=640, height=360, motion=motion, delay_ms=delay_ms
+        )  # type: ignore[arg-type]
+        synthesize(config, root / name)
+    return root
+
+
+@pytest.mark.parametrize(
+    ("name", "code", "expected"),
+    [
+        ("right", PASS, "pass"),
+        ("late", FAIL, "fail"),
+        ("steady", INCONCLUSIVE, "inconclusive"),
+        ("one", INCONCLUSIVE, "inconclusive"),
+    ],
+)
+def test_verdicts_on_the_clock(
+    moving: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], name: str, code: int, expected: str
+) -> None:
+    drive, xml = moving / name, tmp_path / "a.xml"
+    found, out, _ = run(capfd, "verify", drive, drive, "--max-delay-ms", 5, "--json", "--junit", xml, "-q")
+    report = json.loads(out)
+    assert (found, report["verdict"]) == (code, expected), out
+    *others, check = report["checks"]
+    assert {each["verdict"] for each in others} == {"pass"}
+    assert (check["name"], check["unit"], check["allowed"], check["verdict"]) == (CLOCK, "ms", 5.0, expected)
+    (suite,) = junitparser.JUnitXml.fromfile(str(xml))
+    assert suite.tests == len(others) + 1 == 9
+    if expected == "inconclusive":
+        assert (check["offset"], check["half_width"]) == (0.0, None)
+        assert (report["reasons"], report["topics"]) == ([NOT_DETERMINED], ["clocks"])
+        assert NOT_DETERMINED not in report["notes"]
+        assert 'message="not determined, allowed 5 ms"' in xml.read_text()
+    else:
+        assert check["offset"] == pytest.approx(DRIVES[name][1], abs=CLOSE_MS)
+        assert check["half_width"] < 5.0
+        assert report["reasons"] == []
+
+
+def test_what_is_said_of_a_clock_alone(
+    moving: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late, page = moving / "late", tmp_path / "v.html"
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    code, out, err = run(capfd, "verify", late, late, "--max-delay-ms", 5, "--report", page, "-q")
+    *_, check, first, second, verdict = out.splitlines()
+    assert code == FAIL
+    assert check.startswith("clock                   ")
+    assert check.endswith("ms   allowed 5       fail")
+    assert f"{first} {second}" == (
+        "The transform still holds on this drive, and the camera's clock does not. Calibrate anew with "
+        "--estimate-delay, or find out what changed the clock."
+    )
+    assert verdict.startswith("fail: clock off by 2")
+    assert verdict.endswith(" ms, allowed 5")
+    assert "::error title=semcal verify::fail; clock 2" in err
+    assert "pictures later (clock)" in page.read_text()
+    code, out, _ = run(capfd, "verify", moving / "one", moving / "one", "--max-delay-ms", 5, "--report", page)
+    assert code == INCONCLUSIVE
+    assert " -    not known ms   allowed 5       inconclusive" in out
+    assert out.splitlines()[-1] == "inconclusive: clock not determined, allowed 5 ms"
+    assert "cannot decide whether the camera&#39;s clock does" in page.read_text()
+    assert '#clocks">why this comes up</a>' in page.read_text()
+
+
+def test_an_interval_about_the_limit_decides_nothing() -> None:
+    assert [judge_clock(offset, 0.002, 0.005).verdict for offset in (0.0029, 0.004, -0.0069, -0.0071)] == [
+        "pass",
+        "inconclusive",
+        "inconclusive",
+        "fail",
+    ]
+    late = judge_clock(-0.0201, 0.001, 0.005)
+    assert figures(late) == "-20.100 +- 1.000 ms, allowed 5"
+    assert offsets_in_all([late]) == ["clock off by -20.100 +- 1.000 ms, allowed 5"]
+    assert figures(judge_clock(0.0, None, 0.005)) == "not determined, allowed 5 ms"
+    assert offsets_in_all([judge_clock(0.0, None, 0.005)]) == ["clock not determined, allowed 5 ms"]
+
+
+def test_the_clock_of_a_result_is_what_is_judged(
+    moving: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A calibration whose clock was estimated and kept: what remains is judged."""
+    result = tmp_path / "calibration.yaml"
+    assert run(capfd, "calibrate", moving / "late", "--estimate-delay", "-o", result, "-q")[0] == 0
+    code, out, _ = run(capfd, "verify", moving / "late", result, "--max-delay-ms", 5, "--json", "-q")
+    report = json.loads(out)
+    assert code == PASS, report
+    assert abs(report["checks"][-1]["offset"]) < CLOSE_MS
+    wrong: Calibration = read_calibration(result).model_copy(
+        update={"clock": clock().model_copy(update={"time_offset_s": 0.1})}
+    )
+    write_calibration(wrong, result)
+    code, out, _ = run(capfd, "verify", moving / "late", result, "--max-delay-ms", 5, "--json", "-q")
+    assert code == FAIL
+    assert json.loads(out)["checks"][-1]["offset"] == pytest.approx(-80.0, abs=CLOSE_MS)
+
+
+def test_a_drive_without_a_direction_of_motion(
+    street: Path, moving: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    speed = tmp_path / DRIVE_FILE
+    document = read_document(moving / "right" / DRIVE_FILE)
+    for frame in document["frames"]:
+        for key in ("points", "point_labels", "image_labels", "image"):
+            frame[key] = str(moving / "right" / frame[key])
+    write_text(document_text(document | {"motion": {"speed_m_s": 12.0}}, "yaml"), speed)
+    for drive, path in ((street, street / DRIVE_FILE), (tmp_path, speed)):
+        code, out, err = run(capfd, "verify", drive, street, "--max-delay-ms", 5)
+        assert (code, out) == (1, "")
+        assert err.splitlines()[-1] == (
+            f"semcal: error: {path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
+        )
+
+
+@pytest.mark.parametrize("value", ["0", "-1", "nan", "inf", "x"])
+def test_limits_that_are_none(street: Path, capfd: pytest.CaptureFixture[str], value: str) -> None:
+    code, _, err = run(capfd, "verify", street, street, "--max-delay-ms", value)
+    assert code == 2
+    assert err.splitlines()[-1].startswith("Error: Invalid value for '--max-delay-ms': ")
+
+
+def test_in_python(moving: Path) -> None:
+    found = semcal_package.verify(moving / "late", moving / "late", Limits(delay_s=0.005))
+    assert found.verdict == "fail"
+    assert asdict(found.checks[-1])["name"] == CLOCK
+    with pytest.raises(InputError, match=r"^delay_s: found -1, needed a number from 0 on$"):
+        semcal_package.verify(moving / "late", moving / "late", Limits(delay_s=-1))
+
+
+def test_a_batch_verifies_the_clock_as_well(
+    moving: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drives, out = (moving / "right", moving / "late"), tmp_path / "out"
+    code, _, _ = run(
+        capfd, "batch", *drives, "-o", out, "--command", "verify", "--calibration", moving / "right", "-q",
+        "--", "--max-delay-ms", "5",
+    )  # fmt: skip
+    assert code == FAIL
+    verdicts = {
+        path.parent.name: json.loads(path.read_text())["checks"][-1]["verdict"]
+        for path in out.rglob("verification.json")
+    }
+    assert verdicts == {"right": "pass", "late": "fail"}
