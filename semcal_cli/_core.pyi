@@ -559,7 +559,7 @@ def maximise(
     intrinsics: Sequence[str] = ...,
     twists_per_s: Sequence[Sequence[float]] | None = None,
 ) -> JointMaximum:
-    """Bring a pose and other variables to the top of the mutual information: see `rust/alignment/joint.rs`.
+    """Bring a pose and other variables to the top of the mutual information: see `rust/alignment/joint/`.
 
     Intrinsics are fx, fy, cx, cy, or the index of a number of the lens. With a twist (6,) of the LiDAR in each frame
     the offset of the clock is a variable, too. Raises `ValueError` where the camera has not one of the variables.

@@ -19,8 +19,9 @@ from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.assess import compare_frames
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
-from semcal_cli.assessment.joint import Joint, twists_per_s
+from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.joint import estimate_jointly as estimate
+from semcal_cli.assessment.joint_fit import twists_per_s
 from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.repeatability import compare_seeds

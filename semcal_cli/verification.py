@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED, twists_per_s
+from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
+from semcal_cli.assessment.joint_fit import twists_per_s
 from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
 from semcal_cli.config import InitializationConfig, JointlyConfig, Limits, RefinementConfig
 from semcal_cli.drive.loading import LoadedDrive

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semcal_cli.assessment.joint import Joint, delayed, estimate_jointly
+from semcal_cli.assessment.joint import Joint, estimate_jointly
+from semcal_cli.assessment.joint_fit import delayed
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
@@ -163,7 +164,7 @@ def test_the_whole_pipeline_ends_at_the_camera_that_was_found(
 
 def test_a_lens_without_such_a_number_is_told(synthetic_eight: LoadedDrive, truth: Pose) -> None:
     refinement = RefinementConfig(jointly=JointlyConfig(("fx", "k9")))
-    with pytest.raises(InputError, match=r"--refine-intrinsics: found 'k9', needed one of"):
+    with pytest.raises(InputError, match=r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy"):
         refine_and_polish(synthetic_eight, start_at(synthetic_eight, InitialPose(truth, "truth")), refinement)
 
 

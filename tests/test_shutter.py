@@ -9,7 +9,7 @@ import pytest
 
 from semcal_cli import _core
 from semcal_cli.assessment.inspection import inspect
-from semcal_cli.assessment.joint import delayed
+from semcal_cli.assessment.joint_fit import delayed
 from semcal_cli.assessment.pose_checks import check_shutter
 from semcal_cli.baselines.soic_calibration import calibrate_by_soic
 from semcal_cli.config import (

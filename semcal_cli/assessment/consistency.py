@@ -15,13 +15,14 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.joint_fit import delayed, twists_per_s
 from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.alike import shares_alike
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
@@ -220,7 +221,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Findi
     models = [
         observations,
         *(replace(observations, camera=observations.camera.zoomed(1.0 + change)) for change in changes),
-        *(_delayed(observations, delay_s) for delay_s in delays_s),
+        *(delayed(observations, delay_s) for delay_s in delays_s),
     ]
     # Each refinement is a sequence of small steps, so several run in parallel.
     with ThreadPoolExecutor() as pool:
@@ -259,13 +260,8 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[
 
 def _tells_clocks(observations: Observations) -> bool:
     """Whether the motion differs between frames; at one constant motion, a delay looks like another camera position."""
-    twists = _twists_per_s(observations)
-    return bool(twists) and bool(np.ptp(twists, axis=0).any())
-
-
-def _twists_per_s(observations: Observations) -> list[Sequence[float]]:
-    """List the twist of the LiDAR in each frame, (6,); empty if it is unknown."""
-    return [frame.twist_per_s for frame in observations.frames if frame.twist_per_s is not None]
+    twists = twists_per_s(observations)
+    return twists is not None and bool(np.ptp(twists, axis=0).any())
 
 
 def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Finding]:
@@ -296,14 +292,3 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
     except SemcalError:
         return None  # The lens does not reach the points, or no point is left in the image.
     return _fit(observations, found.T_camera_lidar) if observations.has_segments else _fit_of(found.agreement)
-
-
-def _delayed(observations: Observations, delay_s: float) -> Observations:
-    """Move the sweeps to where the LiDAR would have seen them after a delay at constant motion."""
-    clouds = zip(observations.clouds, _twists_per_s(observations), strict=True)
-    return observations.with_clouds(_at_constant_twist(cloud, twist, delay_s) for cloud, twist in clouds)
-
-
-def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay_s: float) -> LabelledCloud:
-    along = _core.Trajectory.constant(twist_per_s, 0.0)
-    return cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))

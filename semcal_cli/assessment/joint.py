@@ -1,33 +1,21 @@
 """Estimation of intrinsics and of the offset of the camera's clock together with the pose.
 
-All are brought to the top of the exact mutual information together (`rust/alignment/joint.rs`), from what the drive
-says. Standard deviations of what was known before keep a variable where it was if the labels do not tell it; it is
-then left out, and told to be not determined. The estimate is kept if it differs from what the drive says by more than
-chance, and data that it did not use agree better with it.
-
-The covariance is that of the labels' measurement (`semcal_cli.assessment.measurement`) over all variables together;
-what was known before is one more independent measurement. Intrinsics that are not determined stay in it: they may be
-off by what was known of them, and so may the pose.
+The estimate (`semcal_cli.assessment.joint_fit`) is kept if it differs from what the drive says by more than chance, and
+data that it did not use agree better with it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import NamedTuple
-
-import numpy as np
-import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.measurement import measure
+from semcal_cli.assessment.joint_fit import Fit, Variables, finish, fit_determined, seen_by
 from semcal_cli.assessment.segment_information import segment_information
-from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
-from semcal_cli.config import JointConfig, JointlyConfig, PolishConfig, SensitivityConfig
+from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import Camera
-from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_all_coefficients, with_intrinsics
-from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.drive.intrinsics import intrinsic_value, with_all_coefficients
+from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
@@ -35,28 +23,8 @@ from semcal_cli.result.camera_words import offset_words
 from semcal_cli.result.stage import StageResult
 from semcal_cli.result.uncertainty import Uncertainty
 
-Values = npt.NDArray[np.float64]
-
-BLOCKS_ACROSS = 80
-"""At least this many of the coarsest blocks fit across a picture, where intrinsics are estimated."""
-BLOCKS_ACROSS_WITH_DELAY = 20
-"""The same where the offset of the clock is estimated, which moves points farther."""
-FINE_LEVELS = 2
-"""Number of the level, with blocks of four pixels, from which on the estimate is climbed twice."""
-LEAST_EVIDENCE = 3e3
-"""Nats of a likelihood that a nat of mutual information is worth while the estimate is far off. With right variables it
-is some thousand for each frame."""
-MAX_SIGMA_SHARE = 0.5
-"""Largest standard error of an intrinsic that is determined, as a share of what was known before."""
-MAX_DELAY_SIGMA_S = 0.01
-"""Largest standard error of an offset of the clock that is determined, in seconds."""
-CHANCE = 1e-3
-"""Probability, by chance, of an estimate that differs as much from what the drive says, below which it is kept."""
 MIN_GAIN = 2.0
 """Gain of held-out data, in its standard errors, above which an estimate is kept."""
-LEAST_WEIGHT = 1e-12
-"""Smallest information along a direction, as a share of that of a variable alone. Less is rounding."""
-DELAY = "delay"
 DELAY_NOT_DETERMINED = "the offset of the clocks is not determined: drive at different speeds, and turn"
 """What is said of an offset of the clock that the data do not determine."""
 
@@ -79,89 +47,6 @@ class Joint(StageResult):
     """Sentences about what is not determined or not kept."""
 
 
-class _Variables(NamedTuple):
-    """Variables after the pose."""
-
-    intrinsics: tuple[str, ...]
-    with_delay: bool
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        return (*self.intrinsics, DELAY) if self.with_delay else self.intrinsics
-
-    def without(self, names: Sequence[str]) -> _Variables:
-        left = tuple(name for name in self.intrinsics if name not in names)
-        return _Variables(left, self.with_delay and DELAY not in names)
-
-    def of_core(self, camera: Camera) -> list[str]:
-        return [variable(camera, name) for name in self.intrinsics]
-
-    def twists(self, observations: Observations) -> list[Sequence[float]] | None:
-        return twists_per_s(observations) if self.with_delay else None
-
-    def sigmas(self, camera: Camera, config: JointlyConfig) -> Values:
-        """Standard deviations by what was known before."""
-        of_kind = {"f": config.focal_sigma, "c": config.center_sigma_px}
-        sigmas = [
-            intrinsic_value(camera, name) * config.focal_sigma
-            if name in ("fx", "fy")
-            else of_kind.get(name[0], config.lens_sigma)
-            for name in self.intrinsics
-        ]
-        return np.array([*sigmas, *([config.delay_sigma_s] if self.with_delay else [])])
-
-
-class _Fit(NamedTuple):
-    """The top of the mutual information, with less than all variables if it does not tell all of them."""
-
-    variables: _Variables
-    T_camera_lidar: Pose
-    changes: Values
-    """(m,) difference of the variables from what the drive says."""
-    observations: Observations
-    """Observations as the estimate sees them."""
-    uncertain: _Variables
-    """Variables of the covariance, among them those that are not determined."""
-    covariance: Matrix | None
-    """(6 + n, 6 + n) covariance of the pose's twist and of these; None where a direction is open."""
-    degrees_of_freedom: Values
-    moved_px: float
-
-    @property
-    def places(self) -> list[int]:
-        """Rows of the variables in the covariance."""
-        return [6 + self.uncertain.names.index(name) for name in self.variables.names]
-
-    @property
-    def sigmas(self) -> Values:
-        """(m,) standard errors of the variables; infinite if they are not known."""
-        if self.covariance is None:
-            return np.full(len(self.changes), math.inf)
-        return np.asarray(np.sqrt(np.diag(self.covariance)[self.places]))
-
-    @property
-    def half_widths(self) -> Values:
-        """(m,) half widths of 95 % intervals."""
-        freedoms = self.degrees_of_freedom[self.places]
-        return np.asarray(self.sigmas * [_core.student_quantile(0.975, freedom) for freedom in freedoms])
-
-    @property
-    def is_beyond_chance(self) -> bool:
-        """Whether the variables differ from what the drive says by more than chance (Wald's test)."""
-        if self.covariance is None or not self.places:
-            return False
-        of_variables, count = self.covariance[np.ix_(self.places, self.places)], len(self.changes)
-        distance = float(self.changes @ np.linalg.solve(of_variables, self.changes))
-        fewest = float(self.degrees_of_freedom[self.places].min())
-        return distance > count * _core.fisher_limit(CHANCE, count, fewest)
-
-
-def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
-    """List the twist of the LiDAR in each frame, (6,); None if a frame has none."""
-    twists = [frame.twist_per_s for frame in observations.frames]
-    return [twist for twist in twists if twist is not None] if None not in twists else None
-
-
 def estimate_jointly(
     observations: Observations,
     T_camera_lidar: Pose,
@@ -180,8 +65,8 @@ def estimate_jointly(
     """
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     seen = replace(observations, camera=camera)
-    asked = _Variables(config.intrinsics, config.with_delay)
-    fit = _determined(seen, T_camera_lidar, asked, config, polish)
+    asked = Variables(config.intrinsics, config.with_delay)
+    fit = fit_determined(seen, T_camera_lidar, asked, config, polish)
     gain = _held_out_gain(seen, T_camera_lidar, fit, config, polish)
     is_kept = bool(
         fit.variables.names
@@ -210,191 +95,8 @@ def estimate_jointly(
     )
 
 
-def _determined(
-    observations: Observations, T: Pose, asked: _Variables, config: JointlyConfig, polish: PolishConfig
-) -> _Fit:
-    """Fit all variables that the data determine: each fit leaves out those that the one before did not determine."""
-    variables = asked
-    while True:
-        fit = _fit(observations, T, variables, asked, config, polish)
-        if fit.variables != variables:
-            return fit
-        known = variables.sigmas(observations.camera, config)
-        most = [
-            MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * sigma
-            for name, sigma in zip(variables.names, known, strict=True)
-        ]
-        open_ones = [
-            name
-            for name, sigma, least in zip(variables.names, fit.sigmas, most, strict=True)
-            if not sigma <= least
-        ]
-        if not open_ones:
-            return fit
-        variables = variables.without(open_ones)
-
-
-def _fit(
-    observations: Observations,
-    T: Pose,
-    variables: _Variables,
-    asked: _Variables,
-    config: JointlyConfig,
-    polish: PolishConfig,
-) -> _Fit:
-    """Find the top from what the drive says, from coarse blocks to pixels.
-
-    How much what was known before weighs is known only there, and then the last levels are climbed again.
-    """
-    camera = observations.camera
-    width = min(camera.width, camera.height * 2)
-    across = BLOCKS_ACROSS_WITH_DELAY if variables.with_delay else BLOCKS_ACROSS
-    coarsest = max(int(math.log2(max(width / across, 1.0))), FINE_LEVELS)
-    at_drive = np.zeros(len(variables.names))
-    levels = range(coarsest, FINE_LEVELS - 1, -1)
-    coarse = _climb(observations, T, variables, at_drive, levels, LEAST_EVIDENCE, config, polish)
-    changes = _changes(coarse, variables)
-    return _finish(observations, coarse.T_camera_lidar, variables, asked, changes, config, polish)
-
-
-def _finish(
-    observations: Observations,
-    T: Pose,
-    variables: _Variables,
-    asked: _Variables,
-    changes: Values,
-    config: JointlyConfig,
-    polish: PolishConfig,
-) -> _Fit:
-    """Climb the last levels from near the top, and tell how sure its place is."""
-    # An offset of the clock that may be anything would make the pose as uncertain.
-    uncertain = _Variables(asked.intrinsics, variables.with_delay)
-    known = uncertain.sigmas(observations.camera, config)
-    evidence = _evidence(_seen(observations, variables, changes), T, polish)
-    if evidence is None:
-        nothing = _Variables((), with_delay=False)
-        return _Fit(nothing, T, np.zeros(0), observations, nothing, None, np.ones(6), math.inf)
-    levels = range(FINE_LEVELS, -1, -1)
-    found = _climb(observations, T, variables, changes, levels, evidence, config, polish)
-    changes = _changes(found, variables)
-    seen = _seen(observations, variables, changes)
-    covariance, degrees_of_freedom = _covariance(seen, found.T_camera_lidar, uncertain, known, polish)
-    return _Fit(
-        variables,
-        found.T_camera_lidar,
-        changes,
-        seen,
-        uncertain,
-        covariance,
-        degrees_of_freedom,
-        found.moved_px,
-    )
-
-
-def _climb(
-    observations: Observations,
-    T: Pose,
-    variables: _Variables,
-    changes: Values,
-    levels: range,
-    evidence: float,
-    config: JointlyConfig,
-    polish: PolishConfig,
-) -> _core.JointMaximum:
-    """Climb some levels of the pyramid, whose blocks have sides of two to the power of their number."""
-    camera = observations.camera
-    settings = JointConfig(
-        factors=tuple(2**level for level in levels),
-        changes=tuple(changes.tolist()),
-        sigmas=tuple(variables.sigmas(camera, config).tolist()),
-        evidence=evidence,
-        edge_band_px=polish.edge_band_px,
-        max_baseline_m=polish.max_baseline_m,
-    )
-    twists = variables.twists(observations)
-    return _core.maximise(observations.core, T, settings, variables.of_core(camera), twists)
-
-
-def _changes(found: _core.JointMaximum, variables: _Variables) -> Values:
-    return np.array([*found.changes, *([found.offset_s] if variables.with_delay else [])])
-
-
-def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> float | None:
-    """Compute how many nats of a likelihood a nat of mutual information is worth, by the scatter of the scores.
-
-    Returns:
-        The number; None if the labels do not determine the pose.
-    """
-    settings = SensitivityConfig(edge_band_px=polish.edge_band_px)
-    around = determined_sensitivity(observations, T, settings)
-    if around is None:
-        return None
-    covariance, _ = around.sandwich()
-    return 6.0 / float(np.trace(covariance @ around.curvature))
-
-
-def _covariance(
-    seen: Observations,
-    T: Pose,
-    variables: _Variables,
-    known: Values,
-    polish: PolishConfig,
-) -> tuple[Matrix | None, Values]:
-    """Compute the covariance of all variables, by the labels and by what was known before."""
-    around = sensitivity(
-        seen,
-        T,
-        SensitivityConfig(edge_band_px=polish.edge_band_px),
-        variables.of_core(seen.camera),
-        variables.twists(seen),
-    )
-    if around is None:
-        return None, np.ones(6 + len(known))
-    labels = measure(around)
-    information = labels.information + np.diag(np.concatenate([np.zeros(6), known**-2.0]))
-    # Metres, radians and pixels side by side: each variable is scaled before directions are compared.
-    scale = np.sqrt(np.diag(information))
-    if not (scale > 0.0).all():
-        return None, np.ones(6 + len(known))
-    weights, directions = np.linalg.eigh(information / np.outer(scale, scale))
-    if weights[0] < LEAST_WEIGHT:
-        return None, np.ones(6 + len(known))
-    basis = directions / scale[:, None]
-    covariance = np.asarray(basis / weights @ basis.T)
-    return covariance, labels.degrees_of_freedom(covariance)
-
-
-def _seen(observations: Observations, variables: _Variables, changes: Values) -> Observations:
-    """Give the observations as an estimate sees them: by its camera, and later by the offset of the clock."""
-    camera = observations.camera
-    values = {
-        name: intrinsic_value(camera, name) + change
-        for name, change in zip(variables.intrinsics, changes.tolist(), strict=False)
-    }
-    seen = replace(observations, camera=with_intrinsics(camera, values)) if values else observations
-    return delayed(seen, float(changes[-1])) if variables.with_delay else seen
-
-
-def delayed(observations: Observations, delay_s: float) -> Observations:
-    """Move the sweeps to where the LiDAR would have seen them after a delay, at the twist of each frame.
-
-    Args:
-        observations: Observations with a twist in each frame.
-        delay_s: Time by which pictures are later, seconds.
-    """
-    twists = twists_per_s(observations)
-    assert twists is not None
-    clouds = zip(observations.clouds, twists, strict=True)
-    return observations.with_clouds(_at_constant_twist(cloud, twist, delay_s) for cloud, twist in clouds)
-
-
-def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay_s: float) -> LabelledCloud:
-    along = _core.Trajectory.constant(twist_per_s, 0.0)
-    return cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))
-
-
 def _held_out_gain(
-    observations: Observations, T: Pose, fit: _Fit, config: JointlyConfig, polish: PolishConfig
+    observations: Observations, T: Pose, fit: Fit, config: JointlyConfig, polish: PolishConfig
 ) -> _core.HeldOutGain:
     """Compute what held-out data gain by estimates of the others, with the variables and without them."""
     kept, held_out = split(observations, polish)
@@ -402,10 +104,10 @@ def _held_out_gain(
     if not fit.variables.names:
         return _core.held_out_gain(kept.core, held_out.core, before, before)
     # The top of the kept data is near that of all.
-    part = _finish(kept, fit.T_camera_lidar, fit.variables, fit.uncertain, fit.changes, config, polish)
+    part = finish(kept, fit.T_camera_lidar, fit.variables, fit.uncertain, fit.changes, config, polish)
     if part.variables != fit.variables:
         return _core.held_out_gain(kept.core, held_out.core, before, before)
-    seen = _seen(held_out, part.variables, part.changes)
+    seen = seen_by(held_out, part.variables, part.changes)
     if observations.has_segments:
         return _segments_gain(held_out, before, seen, part.T_camera_lidar)
     return _core.held_out_gain(
@@ -414,7 +116,7 @@ def _held_out_gain(
 
 
 def _camera_of(
-    fit: _Fit, asked: _Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
+    fit: Fit, asked: Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
 ) -> RefinedCamera:
     """Collect what was found of the intrinsics."""
     intrinsics = {}
@@ -441,7 +143,7 @@ def _camera_of(
     )
 
 
-def _clock_of(fit: _Fit, before_s: float, is_kept: bool) -> Clock:
+def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
     if not fit.variables.with_delay:
         return Clock(
             time_offset_s=before_s,
@@ -472,7 +174,7 @@ def _segments_gain(
 
 
 def _notes(
-    fit: _Fit, asked: _Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
+    fit: Fit, asked: Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
 ) -> tuple[str, ...]:
     """Say what is not determined, and why an estimate is not kept."""
     notes = []
@@ -499,6 +201,6 @@ def _notes(
     return tuple(notes)
 
 
-def _which(variables: _Variables) -> str:
+def _which(variables: Variables) -> str:
     both = ["intrinsics"] * bool(variables.intrinsics) + ["clocks"] * variables.with_delay
     return f"the {' and '.join(both)}"
