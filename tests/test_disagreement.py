@@ -159,11 +159,14 @@ def test_copies_of_a_frame_are_left_out(
     np.testing.assert_array_equal(cloud.points, copies.frames[0].points)
 
 
-@pytest.mark.parametrize(("noise_m", "tolerance"), [(None, 0.1), (0.005, 0.4)])
+@pytest.mark.parametrize(("noise_m", "tolerance"), [(None, 0.2), (0.005, 0.4)])
 def test_copies_of_a_frame_have_its_interval(
     long_street: RawDrive, rng: np.random.Generator, tmp_path: Path, noise_m: float | None, tolerance: float
 ) -> None:
-    """Though all are used: six frames of their own would have an interval of 0.4 times the width."""
+    """Though all are used: six frames of their own would have an interval of 0.4 times the width.
+
+    Pairs that were seen less than a tenth of a point count for less beside six frames, by up to 14 % of the width here.
+    """
     copies = spoiling.one_frame_again(long_street, rng, 6, noise_m, is_renamed=True)
     T, stated = copies.frames[0].T_camera_lidar, []
     for raw in (copies.with_frames(copies.frames[:1]), copies):

@@ -17,7 +17,7 @@ from semcal_cli.cli.experiment_progress import experiment_progress
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import CalibrationError, InputError
-from semcal_cli.experiments import accuracy, gradient, pool, rivals, speed, trust, trust_rates
+from semcal_cli.experiments import accuracy, gradient, jointly, pool, rivals, speed, trust, trust_rates
 from semcal_cli.experiments.accuracy import Result, summarise, write_accuracy
 from semcal_cli.experiments.outcome import Case as TrustCase
 from semcal_cli.experiments.outcome import Outcome
@@ -310,3 +310,25 @@ def test_gradient_and_powell_on_the_same_information(tmp_path: Path) -> None:
     assert by["gradient"].num_evaluations < by["Powell"].num_evaluations
     table = gradient.write_gradient(found, 1, tmp_path)
     assert table.count("\n") == 4
+
+
+def test_intrinsics_and_a_clock_beside_the_truth(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = {"width": 320, "height": 180, "channels": 32, "columns": 400}
+    late = {**small, "motion": "mixed", "delay_ms": 20.0}
+    rows = {
+        "wrong": jointly.Row("small", small, intrinsics=("fx", "fy", "cx", "cy")),
+        "late": jointly.Row("late", late, is_wrong=False, intrinsics=(), with_delay=True),
+    }
+    monkeypatch.setattr(pool, "NUM_FRAMES", 6)
+    monkeypatch.setattr(jointly, "ROWS", rows)
+    run = jointly.Experiment(Pool(tmp_path / "pool"))
+    wrong, found = (run(case)[0] for case in jointly.cases(range(5, 6), tuple(rows)))
+    # What was wrong by 3 % is not, where it is told at all; six small frames tell little.
+    assert all(each is None or abs(each) < 1.5 for each in (wrong.fx_percent, wrong.fy_percent))
+    assert found.is_kept
+    assert found.clock_ms is not None
+    assert abs(found.clock_ms) < 3.0
+    (tmp_path / "out").mkdir()
+    table = jointly.write_jointly([wrong, found], 1, tmp_path / "out")
+    assert [line.split(" | ")[0] for line in table.splitlines()[2:]] == ["| wrong", "| late"]
+    assert (tmp_path / "out/results.csv").read_text().count("\n") == 3

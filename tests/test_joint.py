@@ -164,7 +164,9 @@ def test_the_whole_pipeline_ends_at_the_camera_that_was_found(
 
 def test_a_lens_without_such_a_number_is_told(synthetic_eight: LoadedDrive, truth: Pose) -> None:
     refinement = RefinementConfig(jointly=JointlyConfig(("fx", "k9")))
-    with pytest.raises(InputError, match=r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy"):
+    with pytest.raises(
+        InputError, match=r"--refine-intrinsics: found 'k9', needed names of plumb_bob: fx, fy"
+    ):
         refine_and_polish(synthetic_eight, start_at(synthetic_eight, InitialPose(truth, "truth")), refinement)
 
 

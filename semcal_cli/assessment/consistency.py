@@ -230,10 +230,10 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Findi
         return []
     # A refinement may end at a lower top than the one that it left.
     own = max(own, _fit(observations, T_camera_lidar))
-    zoomed, delayed = others[: len(changes)], others[len(changes) :]
+    zoomed, of_delays = others[: len(changes)], others[len(changes) :]
     return [
         *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),
-        *_wrong_clocks(own, dict(zip(delays_s, delayed, strict=True))),
+        *_wrong_clocks(own, dict(zip(delays_s, of_delays, strict=True))),
     ]
 
 
