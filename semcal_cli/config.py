@@ -300,7 +300,9 @@ class JointlyConfig:
     center_sigma_px: float = 10.0
     """Standard deviation of the principal point, in pixels."""
     lens_sigma: float = 0.1
-    """Standard deviation of the numbers of the lens."""
+    """Standard deviation of the numbers of the lens, such as k1, xi or w."""
+    tangential_sigma: float = 0.005
+    """The same of p1, p2, s1 to s4, tau_x and tau_y, which tell how well a lens is centred."""
     with_delay: bool = False
     """Whether the offset of the camera's clock is estimated."""
     delay_sigma_s: float = 0.1

@@ -11,6 +11,9 @@ from semcal_cli.errors import InputError
 from semcal_cli.extras import check_torch
 from semcal_cli.files.messages import one_of
 
+LEAST_SIGMA, MOST_SIGMA = 1e-11, 1e3
+"""Standard deviations of what is known before; squares of others overflow."""
+
 
 def check_config(config: CalibrationConfig) -> None:
     """Check the settings of a calibration.
@@ -32,6 +35,9 @@ def check_config(config: CalibrationConfig) -> None:
     _check_range("max_frames", config.max_frames, 1)
     _check_range("num_seeds", config.num_seeds, 1)
     _check_range("edge_band_px", refinement.edge_band_px, 0)
+    jointly = refinement.jointly
+    for name in ("focal_sigma", "center_sigma_px", "lens_sigma", "tangential_sigma", "delay_sigma_s"):
+        _check_range(name, getattr(jointly, name), LEAST_SIGMA, MOST_SIGMA)
 
 
 def check_limits(limits: Limits) -> None:

@@ -157,7 +157,7 @@ OPTIONS: dict[str, Hostile] = {
     ),
     **{
         f"a sigma of {' '.join(pair)}": refused(
-            r"'--intrinsics-sigma': \S+ is not (in the range 0\.0<x<=1000\.0|a finite number|a valid float range)\.$",
+            r"'--intrinsics-sigma': \S+ is not (in the range 1e-09<=x<=1000\.0|a finite number|a valid float range)\.$",
             *NAMES,
             "--intrinsics-sigma",
             *pair,

@@ -1,5 +1,6 @@
 """Intrinsics beside a transform: in a ROS camera_info, a Kalibr camchain and an OpenCV FileStorage, and into files."""
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.validation import validate
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.format import Direction, FormatOptions
 from semcal_cli.result.calibration import Calibration
 
 L2C = ["--to-direction", "lidar-to-camera"]
@@ -54,7 +55,6 @@ CAMERAS = {
 OF_OPENCV = ("plumb_bob", "rational_polynomial", "thin_prism", "fisheye")
 OF_KALIBR = ("plumb_bob", "fisheye", "omnidirectional", "double_sphere", "fov")
 LENSES = {"camera-info": OF_OPENCV, "kalibr": OF_KALIBR, "opencv": OF_OPENCV}
-BARE = "; a bare transform (--to semcal) is written without its lens"
 
 
 def run(*arguments: object, **options: Any) -> Result:
@@ -66,23 +66,32 @@ def write(path: Path, name: str, lens: Camera) -> bytes:
     return write_transform(T_ANY, path, name, FormatOptions(direction, intrinsics=lens))
 
 
-@pytest.mark.parametrize("kind", CAMERAS)
-@pytest.mark.parametrize("name", LENSES)
-def test_a_lens_comes_back_with_the_same_numbers_or_is_refused(name: str, kind: str, tmp_path: Path) -> None:
-    lens, path = CAMERAS[kind], tmp_path / "camera.yaml"
-    if lens.model not in LENSES[name]:
-        with pytest.raises(InputError) as error:
+def without(path: Path, name: str, lens: Camera, why: str) -> None:
+    """Check that the transform alone is written of a lens without a place, and no file of intrinsics."""
+    if name == "camera-info":
+        with pytest.raises(InputError, match=f"^{re.escape(why)}$"):
             write(path, name, lens)
-        needed = ", ".join(LENSES[name])
-        assert str(error.value) == f"--to {name}: found the lens {lens.model}, needed one of: {needed}{BARE}"
         assert not path.exists()
         return
+    told: list[str] = []
+    direction: Direction | None = "camera-to-lidar" if name == "opencv" else None
+    options = FormatOptions(direction, intrinsics=lens, on_intrinsics=told.append)
+    write_transform(T_ANY, path, name, options)
+    assert told == [f"{why}: the transform is written without intrinsics"]
+    np.testing.assert_allclose(read_transform(path, None, FormatOptions(direction)), T_ANY, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", CAMERAS)
+@pytest.mark.parametrize("name", LENSES)
+def test_a_lens_comes_back_with_the_same_numbers_or_is_left_out(name: str, kind: str, tmp_path: Path) -> None:
+    lens, path = CAMERAS[kind], tmp_path / "camera.yaml"
+    if lens.model not in LENSES[name]:
+        needed = ", ".join(LENSES[name])
+        without(path, name, lens, f"--to {name}: found the lens {lens.model}, needed one of: {needed}")
+        return
     if (name, kind) == ("kalibr", "plumb_bob, 5"):
-        with pytest.raises(InputError) as error:
-            write(path, name, lens)
-        assert str(error.value) == (
-            "--to kalibr: found the lens plumb_bob with k3 0.3, needed 0: Kalibr's radtan has k1, k2, p1 and p2"
-        )
+        of_kalibr = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
+        without(path, name, lens, f"--to kalibr: found the lens plumb_bob with k3 0.3, {of_kalibr}")
         return
     write(path, name, lens)
     found = validate(Camera, read_intrinsics(path), path)

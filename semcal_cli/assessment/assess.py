@@ -5,6 +5,8 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
+import numpy as np
+
 from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.disagreement import check_frames
@@ -18,10 +20,12 @@ from semcal_cli.assessment.intrinsics import (
     wrong_intrinsics,
 )
 from semcal_cli.assessment.label_alignment import check_label_alignment
+from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
+from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.loading import LoadedDrive
@@ -98,7 +102,7 @@ def assess(
 
     def uncertain() -> Uncertainty | None:
         if of_joint is not None:
-            found: Uncertainty | None = of_joint
+            found: Uncertainty | None = _with_stated(of_joint, T_camera_lidar, known)
         elif fused is not None:
             found = fused.uncertainty
         else:
@@ -137,6 +141,17 @@ def assess(
     if uncertainty is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
     return Assessment(uncertainty, (*findings, *undetermined(uncertainty)), notes, frames.parts)
+
+
+def _with_stated(found: Uncertainty, T_camera_lidar: Pose, known: Matrix | None) -> Uncertainty:
+    """Add the covariance (6, 6) by stated errors of intrinsics that were not estimated."""
+    if known is None or not known.any():
+        return found
+    covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)
+    wider = 1.0 + np.diag(known) / np.diag(covariance)
+    return Uncertainty.from_covariance(
+        T_camera_lidar, covariance + known, np.minimum(freedom * wider**2, MANY)
+    )
 
 
 def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:

@@ -5,8 +5,8 @@ Standard deviations of what was known before keep a variable where it was if the
 out, and told to be not determined.
 
 The covariance is that of the labels' measurement (`semcal_cli.assessment.measurement`) over all variables together;
-what was known before is one more independent measurement. Intrinsics that are not determined stay in it: they may be
-off by what was known of them, and so may the pose.
+what was known before is one more independent measurement, and all frames share errors of their borders. Intrinsics that
+are not determined stay in it: they may be off by what was known of them, and so may the pose.
 """
 
 from __future__ import annotations
@@ -45,6 +45,11 @@ MAX_DELAY_SIGMA_S = 0.01
 """Largest standard error of an offset of the clock that is determined, in seconds."""
 CHANCE = 1e-3
 """Probability, by chance, of an estimate that differs as much from what the drive says, below which it is kept."""
+BORDERS_PX = 0.03
+"""Displacement of points by labels' borders that all frames share, in pixels, root mean square: it bends what a lens
+sees as wrong intrinsics do. On twelve development drives of 20 frames, three lenses, intervals contain the truth in 83
+and 92 % of the variables of a fisheye and of a 100-degree lens without it, in 92 and 96 % with it, and in all of a
+90-degree lens either way."""
 LEAST_WEIGHT = 1e-12
 """Smallest information along a direction, as a share of that of a variable alone. Less is rounding."""
 DELAY = "delay"
@@ -81,7 +86,9 @@ class Variables(NamedTuple):
         def sigma(name: str) -> float:
             if name in ("fx", "fy"):
                 return config.focal_sigma * intrinsic_value(camera, name)
-            return config.center_sigma_px if name in ("cx", "cy") else config.lens_sigma
+            if name in ("cx", "cy"):
+                return config.center_sigma_px
+            return config.tangential_sigma if name[0] in "pst" else config.lens_sigma
 
         sigmas = [sigma(name) for name in self.intrinsics]
         return np.array([*sigmas, *([config.delay_sigma_s] if self.with_delay else [])])
@@ -147,6 +154,10 @@ def fit_determined(
         fit = _fit(observations, T, variables, asked, config, polish)
         if fit.variables != variables:
             return fit
+        if fit.covariance is None and len(variables.names) > 1 and variables.with_delay:
+            # A clock that moves no point, as where the rig stands, tells nothing and leaves the others as they are.
+            variables = variables.without([DELAY])
+            continue
         known = variables.sigmas(observations.camera, config)
         most = [
             MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * sigma
@@ -278,7 +289,8 @@ def _covariance(
     )
     if around is None:
         return None, np.ones(6 + len(known))
-    labels = measure(around)
+    of_borders = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)
+    labels = measure(around, of_borders)
     information = labels.information + np.diag(np.concatenate([np.zeros(6), known**-2.0]))
     # Metres, radians and pixels side by side: each variable is scaled before directions are compared.
     scale = np.sqrt(np.diag(information))

@@ -33,8 +33,8 @@ class Measurement(NamedTuple):
     """(k,) mean."""
     covariance: Matrix
     """(k, k) covariance."""
-    of_intrinsics: Matrix | None = None
-    """(k, k) part of the covariance that stated errors of the intrinsics add; None without them."""
+    systematic: Matrix | None = None
+    """(k, k) part of the covariance that systematic errors add, which all frames share; None without them."""
 
     @property
     def information(self) -> Matrix:
@@ -59,8 +59,8 @@ class Measurement(NamedTuple):
         gain = self._weight @ self.reads @ covariance
         influences = self.influences @ gain
         of_labels = covariance @ self.information @ covariance
-        if self.of_intrinsics is not None:
-            of_labels = of_labels - gain.T @ self.of_intrinsics @ gain
+        if self.systematic is not None:
+            of_labels = of_labels - gain.T @ self.systematic @ gain
         share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
         squares = influences**2
         estimated = squares.sum(axis=0) ** 2 / np.maximum(
@@ -74,12 +74,12 @@ def silent(count: int) -> Measurement:
     return Measurement(np.zeros((0, count)), np.zeros((1, 0)), np.ones(1), np.zeros(0), np.zeros((0, 0)))
 
 
-def measure(around: Sensitivity, of_intrinsics: Matrix | None = None) -> Measurement:
+def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measurement:
     """Measure the optimum of the labels.
 
     Args:
         around: Curvature and scores of the mutual information around the variables.
-        of_intrinsics: (n, n) covariance that stated errors of the intrinsics add.
+        systematic: (n, n) covariance that systematic errors add, such as stated ones of the intrinsics.
     """
     scale = 1.0 / np.sqrt(np.diag(around.motions))
     bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
@@ -90,7 +90,7 @@ def measure(around: Sensitivity, of_intrinsics: Matrix | None = None) -> Measure
     covariance, weighted = around.scatter(influences)
     reads = (directions[:, bend] / scale[:, None]).T
     labels = Measurement(reads, weighted, around.num_alike, influences.sum(axis=0), covariance)
-    if of_intrinsics is None:
+    if systematic is None:
         return labels
-    along = labels.reads @ of_intrinsics @ labels.reads.T
-    return labels._replace(covariance=covariance + along, of_intrinsics=along)
+    along = labels.reads @ systematic @ labels.reads.T
+    return labels._replace(covariance=covariance + along, systematic=along)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -172,7 +173,8 @@ def convert(
         raise InputError(f"{into}: found a descriptor, needed a file to change")
     if into is None:
         check_descriptor(output or STANDARD_OUTPUT)
-    written = FormatOptions(**take_format_options(options, "to_"))
+    tell = partial(click.echo, err=True)
+    written = FormatOptions(**take_format_options(options, "to_"), on_intrinsics=tell)
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
     read = FormatOptions(**take_format_options(options), on_repair=on_repair)
     if into is not None:

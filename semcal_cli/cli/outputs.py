@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -143,7 +144,8 @@ class Outputs:
             from semcal_cli.formats import write_transform
 
             name, options = self.to
-            options = replace(options, intrinsics=calibration.used_camera)
+            tell = partial(click.echo, err=True)
+            options = replace(options, intrinsics=calibration.used_camera, on_intrinsics=tell)
             content = write_transform(calibration.pose, self.output, name, options)
             if self.output is None:
                 click.echo(content, nl=False)

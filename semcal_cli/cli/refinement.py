@@ -72,7 +72,7 @@ REFINEMENT_OPTIONS = (
     ),
     click.option(
         "--intrinsics-sigma",
-        type=FiniteRange(0.0, 1e3, min_open=True),
+        type=FiniteRange(1e-9, 1e3),
         nargs=2,
         metavar="PERCENT PX",
         help="How well the drive's intrinsics are known: standard deviations of the focal lengths and of the principal "

@@ -81,7 +81,12 @@ def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:
         else:
             distortion[of_lens.index(name)] = value
     changes = {"K": tuple(map(tuple, K)), "distortion": tuple(distortion), "parameters": parameters}
-    return Camera.model_validate({**camera.model_dump(), **changes, "intrinsics_sigma": None})
+    stated = camera.intrinsics_sigma
+    # What is stated of values that are replaced is not true of the others.
+    if stated is not None:
+        changed = {name: 0.0 for name in OF_K if name in values}
+        changes["intrinsics_sigma"] = stated.model_copy(update=changed).model_dump()
+    return Camera.model_validate({**camera.model_dump(), **changes})
 
 
 def variable(camera: Camera, name: str) -> str:

@@ -260,7 +260,7 @@ def _off(found: RefinedCamera, camera: Camera) -> dict[str, tuple[float, float]]
 COLUMNS = (
     "n | kept | trusted | not determined | rotation, deg: median, worst | camera centre, cm: median, worst "
     "| pose beside that before, times: median | fx, fy off, %: median, worst | cx, cy off, px: median, worst "
-    "| k1 off: median, worst | clock off, ms: median, worst | intervals true | trusted and far off | s"
+    "| k1 off: median, worst | clock off, ms: median, worst | intervals true | kept, trusted and far off | s"
 )
 
 
@@ -278,7 +278,7 @@ class Summary:
     """Median and worst."""
     camera_center_cm: tuple[float, float]
     beside_before: float
-    """Median of the errors of the pose over those of the pose before, in rotation and place, the larger of the two."""
+    """Median error of the pose over that of the pose before, in rotation or place, whichever is larger."""
     focal_percent: tuple[float, float] | None
     center_px: tuple[float, float] | None
     k1: tuple[float, float] | None
@@ -314,7 +314,10 @@ def _summary(row: str, found: Sequence[Result]) -> Summary:
         n=len(found),
         num_kept=sum(r.is_kept for r in found),
         num_trusted=sum(r.status == "trusted" for r in found),
-        num_not_determined=sum(all(getattr(r, part) is None for part in parts) for r in found),
+        num_not_determined=sum(
+            all(getattr(r, part) is None for part in parts) and not r.status.startswith("failed")
+            for r in found
+        ),
         rotation_deg=spread("rotation_deg") or (math.inf, math.inf),
         camera_center_cm=spread("camera_center_cm") or (math.inf, math.inf),
         beside_before=beside,

@@ -34,6 +34,7 @@ from semcal_cli.formats import (
 )
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.lenses import UnnamedLensError
 from semcal_cli.geometry.poses import Pose, as_transform
 from semcal_cli.result.calibration import Calibration
 
@@ -213,7 +214,16 @@ def write_transform(
     )
     format, options = find_format(name), options or FormatOptions()
     _check_options(format, options, "--to-")
-    content = format.write(T_camera_lidar, replace(options, file=path))
+    options = replace(options, file=path)
+    try:
+        content = format.write(T_camera_lidar, options)
+    except UnnamedLensError as error:
+        if not format.has_transform:
+            raise
+        # The transform is what was asked for first.
+        content = format.write(T_camera_lidar, replace(options, intrinsics=None))
+        if options.on_intrinsics is not None:
+            options.on_intrinsics(f"{error}: the transform is written without intrinsics")
     if path is not None:
         write_bytes(content, path)
     return content
@@ -241,7 +251,10 @@ def convert_file(
         T_camera_lidar, camera = found.T_camera_lidar, found.camera
     else:
         _check_options(semcal.FORMAT, read_options or FormatOptions(), "--")
-        T_camera_lidar, camera = np.eye(4), semcal.camera_in(Source.read(drive_file(source)))
+        content = Source.read(drive_file(source))
+        if not semcal.FORMAT.recognises(content):
+            _check_form(content)
+        T_camera_lidar, camera = np.eye(4), semcal.camera_in(content)
         if camera is None or from_format not in (None, semcal.FORMAT.name):
             raise InputError(
                 f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"

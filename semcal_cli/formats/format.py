@@ -66,7 +66,7 @@ class FormatOptions:
     """Camera whose intrinsics are written beside the transform, where the format has a place for them. Into a file of
     the user's they are set where the file has them already."""
     on_intrinsics: Callable[[str], None] | None = None
-    """Called with what was set of the intrinsics in a file of the user's."""
+    """Called with what was set of the intrinsics in a file of the user's, or why none were written."""
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that the nearest rotation replaces; None refuses such files."""
 

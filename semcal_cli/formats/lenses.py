@@ -75,17 +75,20 @@ def with_count(camera: Camera, count: int) -> Camera:
     return camera.model_copy(update={"distortion": (0.0,) * count})
 
 
+class UnnamedLensError(InputError):
+    """A format has no name for a lens, or no place for all of its numbers."""
+
+
 def check_lens(
     where: str, camera: Camera, known: Mapping[CameraModel, object] | tuple[CameraModel, ...]
 ) -> None:
     """Check that a format has a name for a lens.
 
     Raises:
-        InputError: it has none.
+        UnnamedLensError: it has none.
     """
     if camera.model not in known:
-        bare = "; a bare transform (--to semcal) is written without its lens"
-        raise InputError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(known)}{bare}")
+        raise UnnamedLensError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(known)}")
 
 
 def kalibr_entry(where: str, camera: Camera) -> dict[str, Any]:
@@ -96,7 +99,7 @@ def kalibr_entry(where: str, camera: Camera) -> dict[str, Any]:
         camera: The camera.
 
     Raises:
-        InputError: Kalibr has no name for the lens, or the lens has more coefficients than Kalibr's.
+        UnnamedLensError: Kalibr has no name for the lens, or the lens has more coefficients than Kalibr's.
     """
     check_lens(where, camera, KALIBR_MODELS)
     model, lens, before, distortion = "pinhole", "none", list[float](), list(camera.distortion)
@@ -104,7 +107,7 @@ def kalibr_entry(where: str, camera: Camera) -> dict[str, Any]:
         case "plumb_bob":
             if distortion[4:] and distortion[4] != 0.0:
                 needed = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
-                raise InputError(f"{where}: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
+                raise UnnamedLensError(f"{where}: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
             lens, distortion = "radtan" if distortion else "none", distortion[:4]
         case "fisheye":
             lens, distortion = "equidistant", coefficients_of(camera)

@@ -32,7 +32,7 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
     applied, changes = record.applied_to(drive), list[tuple[str, str]]()
     found, own = applied.camera, drive.camera
     if (found.model, found.width, found.height) != (own.model, own.width, own.height):
-        applied = applied.model_copy(update={"camera": own})
+        applied = applied.model_copy(update={"camera": own, "time_offset_s": drive.time_offset_s})
         kind = f"{found.model} of {found.width} x {found.height} pixels"
         changes.append(("camera", f"that of {drive.path}: the one of {name} is {kind}"))
     elif found != own:

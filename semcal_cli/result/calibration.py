@@ -218,7 +218,8 @@ class Calibration(StrictModel):
         """Give a drive the camera and the clock that were estimated together with the transform."""
         changes: dict[str, object] = {}
         if self.camera is not None and self.camera.is_kept:
-            changes["camera"] = self.camera.found
+            shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
+            changes["camera"] = self.camera.found.model_copy(update=shutter)
         if self.clock is not None and self.clock.is_kept:
             changes["time_offset_s"] = self.clock.time_offset_s
         return drive.model_copy(update=changes)

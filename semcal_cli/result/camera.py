@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from semcal_cli.drive.document import Camera, TimeOffset
-from semcal_cli.drive.intrinsics import intrinsic_names
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value
 from semcal_cli.files.messages import listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
 
@@ -27,6 +28,14 @@ class Intrinsic(StrictModel):
     """Half width of its 95 % interval, by Student's t; null where the data do not determine it."""
     is_determined: bool
     """Whether the data tell it more closely than what was known before."""
+
+    @model_validator(mode="after")
+    def _check_interval(self) -> Intrinsic:
+        if {self.sigma is not None, self.half_width_95 is not None} != {self.is_determined}:
+            is_so = "determined" if self.is_determined else "not determined"
+            found = f"one that is {is_so} with sigma {self.sigma} and half_width_95 {self.half_width_95}"
+            raise mismatch(found, "both if it is determined, and none if not")
+        return self
 
 
 class RefinedCamera(StrictModel):
@@ -55,6 +64,11 @@ class RefinedCamera(StrictModel):
             raise mismatch(
                 f"intrinsics {listed(unknown)}", f"names of {self.found.model}: {', '.join(known)}"
             )
+        for name, each in self.intrinsics.items():
+            if not math.isclose(
+                value := intrinsic_value(self.found, name), each.found, rel_tol=1e-9, abs_tol=1e-9
+            ):
+                raise mismatch(f"{name} {value} of the camera and {each.found} of its estimate", "one value")
         rows = self.joint_covariance or ()
         counts = {len(row) for row in rows}
         if counts - {len(rows)}:
@@ -66,7 +80,7 @@ class RefinedCamera(StrictModel):
 class Clock(StrictModel):
     """Offset of the camera's clock that was estimated together with the pose."""
 
-    time_offset_s: TimeOffset
+    time_offset_s: Annotated[float, Field(ge=-2.0, le=2.0)]
     """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It takes the
     place of the drive's own offset, which it contains."""
     sigma_s: Width | None

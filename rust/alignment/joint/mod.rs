@@ -95,11 +95,13 @@ pub fn maximise(
     for (&factor, is_last) in config.factors.iter().zip(is_last(config.factors.len())) {
         // Curvature in other blocks is another one.
         climb.inverse_curvature = None;
+        moved_px = f64::INFINITY;
         let tolerance = if is_last { config.tolerance } else { COARSE_TOLERANCE };
         for _ in 0..config.max_rounds {
-            let Some(moved) = climb.round(factor, tolerance)? else { break };
-            moved_px = moved * factor as f64;
-            if moved < tolerance {
+            let Some(Round { moved, wanted, is_fresh }) = climb.round(factor, tolerance)? else { break };
+            moved_px = moved.max(wanted) * factor as f64;
+            // A step that gained nothing may be that of an old curvature, or a cusp is the top.
+            if moved < tolerance && (wanted < tolerance || is_fresh) {
                 break;
             }
         }
@@ -110,6 +112,16 @@ pub fn maximise(
 /// Whether each of some levels is the last.
 fn is_last(count: usize) -> impl Iterator<Item = bool> {
     (1..=count).map(move |number| number == count)
+}
+
+/// What became of one choice of points.
+struct Round {
+    /// By how many blocks it moved the points.
+    moved: f64,
+    /// By how many blocks it still tried to move them.
+    wanted: f64,
+    /// Whether the curvature is that of these points.
+    is_fresh: bool,
 }
 
 /// A climb on its way.
@@ -125,9 +137,8 @@ struct Climb<'a> {
 }
 
 impl Climb<'_> {
-    /// One choice of points and the steps with it: by how many blocks it moved the points, or wanted to; nothing where the
-    /// information does not change.
-    fn round(&mut self, factor: usize, tolerance: f64) -> Result<Option<f64>> {
+    /// One choice of points and the steps with it; nothing where the information does not change.
+    fn round(&mut self, factor: usize, tolerance: f64) -> Result<Option<Round>> {
         let Self { variables, config, .. } = *self;
         let anchor = self.estimate.clone();
         let seen = in_view(&anchor.observed(self.observations, variables), &[anchor.pose]);
@@ -161,11 +172,10 @@ impl Climb<'_> {
         };
         self.estimate = anchor.changed(variables, &change, config.max_baseline_m)?;
         self.gone += change;
-        // A step that gained nothing may be that of an old curvature, or a cusp is the top.
         if moved <= CURVATURE_HOLDS && (wanted < tolerance || is_fresh) {
             self.inverse_curvature = Some(inverse);
         }
-        Ok(Some(if is_fresh { moved } else { moved.max(wanted) }))
+        Ok(Some(Round { moved, wanted, is_fresh }))
     }
 }
 
