@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from semcal_cli.assessment.assess import _with_stated
 from semcal_cli.assessment.joint import Joint, estimate_jointly
 from semcal_cli.assessment.joint_fit import delayed
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
-from semcal_cli.drive.document import Camera, read_drive
+from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
@@ -18,6 +19,7 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at
+from semcal_cli.result.uncertainty import Uncertainty
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, synthesize
 
 K_NAMES = ("fx", "fy", "cx", "cy")
@@ -192,3 +194,29 @@ def test_the_drive_says_what_is_estimated_from(street: Path) -> None:
         match=r"motion: found no direction of motion, needed poses or a twist for --estimate-delay",
     ):
         refine_and_polish(data, start, refinement)
+
+
+def test_a_parked_rig_tells_intrinsics_and_no_clock(observed: Observations, truth: Pose) -> None:
+    frames = tuple(replace(frame, twist_per_s=(0.0,) * 6) for frame in observed.frames)
+    wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 0.0), frames=frames)
+    found = estimate_jointly(wrong, truth, JointlyConfig(("fx", "fy"), with_delay=True), PolishConfig())
+    assert found.is_kept
+    assert found.camera is not None
+    assert found.clock is not None
+    assert all(each.is_determined for each in found.camera.intrinsics.values())
+    assert not found.clock.is_determined
+
+
+def test_stated_errors_of_what_was_not_estimated_stay_in_the_interval() -> None:
+    alone = Uncertainty.from_covariance(np.eye(4), 1e-6 * np.eye(6), np.full(6, 10.0))
+    both = _with_stated(alone, np.eye(4), 3e-6 * np.eye(6))
+    assert both.sigma_camera_center_m == pytest.approx([2e-3] * 3)
+    assert both.degrees_of_freedom == pytest.approx([160.0] * 6)
+    assert _with_stated(alone, np.eye(4), np.zeros((6, 6))) is alone
+
+
+def test_stated_errors_of_replaced_intrinsics_go() -> None:
+    stated = {"intrinsics_sigma": IntrinsicsSigma(fx=1.0, fy=2.0, cx=3.0, cy=4.0)}
+    camera = make_camera(MOVING).model_copy(update=stated)
+    changed = with_intrinsics(camera, {"fx": 300.0, "k1": 0.01})
+    assert changed.intrinsics_sigma == IntrinsicsSigma(fx=0.0, fy=2.0, cx=3.0, cy=4.0)

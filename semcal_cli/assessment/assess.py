@@ -98,17 +98,8 @@ def assess(
     if checked is not observations:
         around = around_intrinsics(checked, T_camera_lidar)
 
-    of_joint = uncertainty
-
     def uncertain() -> Uncertainty | None:
-        if of_joint is not None:
-            found: Uncertainty | None = _with_stated(of_joint, T_camera_lidar, known)
-        elif fused is not None:
-            found = fused.uncertainty
-        else:
-            found = estimate_uncertainty(
-                observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_intrinsics=known
-            )
+        found = _uncertainty(observations, T_camera_lidar, config, fused, uncertainty, known)
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
@@ -120,7 +111,7 @@ def assess(
         of_consistency = pool.submit(check_consistency, checked, T_camera_lidar)
         of_scale = pool.submit(check_scale, checked)
         of_pose = pool.submit(uncertain)
-        frames, uncertainty = of_frames.result(), of_pose.result()
+        frames, found = of_frames.result(), of_pose.result()
         findings = (
             *frames.findings,
             *of_consistency.result(),
@@ -138,9 +129,27 @@ def assess(
             with_priors=fused is not None,
             time_offset_s=data.drive.time_offset_s,
         )
-    if uncertainty is None:
+    if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
-    return Assessment(uncertainty, (*findings, *undetermined(uncertainty)), notes, frames.parts)
+    return Assessment(found, (*findings, *undetermined(found)), notes, frames.parts)
+
+
+def _uncertainty(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    config: PolishConfig,
+    fused: Fused | None,
+    of_joint: Uncertainty | None,
+    known: Matrix | None,
+) -> Uncertainty | None:
+    """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
+    if of_joint is not None:
+        return _with_stated(of_joint, T_camera_lidar, known)
+    if fused is not None:
+        return fused.uncertainty
+    return estimate_uncertainty(
+        observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_intrinsics=known
+    )
 
 
 def _with_stated(found: Uncertainty, T_camera_lidar: Pose, known: Matrix | None) -> Uncertainty:
