@@ -25,7 +25,9 @@ from semcal_cli.result.uncertainty import Uncertainty
 
 MIN_GAIN = 2.0
 """Gain of held-out data, in its standard errors, above which an estimate is kept."""
-DELAY_NOT_DETERMINED = "the offset of the clocks is not determined: drive at different speeds, and turn"
+NOT_DETERMINED = "not determined: drive at different speeds, and turn"
+"""What an offset of the clock means that the data do not determine."""
+DELAY_NOT_DETERMINED = f"the offset of the clocks is {NOT_DETERMINED}"
 """What is said of an offset of the clock that the data do not determine."""
 
 
@@ -91,7 +93,7 @@ def estimate_jointly(
         clock=clock,
         uncertainty=uncertainty,
         is_kept=is_kept,
-        notes=_notes(fit, asked, camera, gain, is_kept),
+        notes=_notes(fit, asked, gain, is_kept),
     )
 
 
@@ -101,11 +103,11 @@ def _held_out_gain(
     """Compute what held-out data gain by estimates of the others, with the variables and without them."""
     kept, held_out = split(observations, polish)
     before = newton(kept, T, polish).T_camera_lidar
-    if not fit.variables.names:
-        return _core.held_out_gain(kept.core, held_out.core, before, before)
-    # The top of the kept data is near that of all.
-    part = finish(kept, fit.T_camera_lidar, fit.variables, fit.uncertain, fit.changes, config, polish)
-    if part.variables != fit.variables:
+    part = None
+    if fit.variables.names:
+        # The top of the kept data is near that of all.
+        part = finish(kept, fit.T_camera_lidar, fit.variables, fit.uncertain, fit.changes, config, polish)
+    if part is None or part.variables != fit.variables:
         return _core.held_out_gain(kept.core, held_out.core, before, before)
     seen = seen_by(held_out, part.variables, part.changes)
     if observations.has_segments:
@@ -151,7 +153,7 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
             half_width_95_s=None,
             is_determined=False,
             is_kept=False,
-            meaning="not determined: drive at different speeds, and turn",
+            meaning=NOT_DETERMINED,
         )
     offset_s = before_s + float(fit.changes[-1])
     return Clock(
@@ -173,9 +175,7 @@ def _segments_gain(
     return _core.HeldOutGain.of_parts((shares[1] - shares[0]).tolist())
 
 
-def _notes(
-    fit: Fit, asked: Variables, camera: Camera, gain: _core.HeldOutGain, is_kept: bool
-) -> tuple[str, ...]:
+def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -> tuple[str, ...]:
     """Say what is not determined, and why an estimate is not kept."""
     notes = []
     if missing := [name for name in asked.intrinsics if name not in fit.variables.intrinsics]:
