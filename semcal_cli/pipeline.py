@@ -367,7 +367,7 @@ def assess(
             agreement,
             polish_config,
             stages.fused,
-            uncertainty=None if joint is None else joint.uncertainty,
+            stages.joint,
             jointly=config.jointly,
             with_label_bleed=with_label_bleed,
             with_remedies=with_remedies,

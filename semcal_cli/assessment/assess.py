@@ -19,6 +19,7 @@ from semcal_cli.assessment.intrinsics import (
     shift_by_intrinsics,
     wrong_intrinsics,
 )
+from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.pairing import check_pairs
@@ -28,6 +29,8 @@ from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
 from semcal_cli.config import JointlyConfig, PolishConfig
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.intrinsics import intrinsic_value, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
@@ -68,8 +71,8 @@ def assess(
     agreement: _core.Agreement,
     config: PolishConfig,
     fused: Fused | None = None,
+    joint: Joint | None = None,
     *,
-    uncertainty: Uncertainty | None = None,
     jointly: JointlyConfig | None = None,
     with_label_bleed: bool = True,
     with_remedies: bool = True,
@@ -84,22 +87,22 @@ def assess(
         agreement: Agreement of the observations at this pose.
         config: Settings of the polish.
         fused: Result of the fusion with priors, if there are any.
-        uncertainty: Uncertainty of the pose together with intrinsics or the clock, if these were estimated, too.
-        jointly: What was estimated together with the pose, whether or not it was kept.
+        joint: Estimate of the pose with intrinsics or the clock, whether or not it was kept, if there is one.
+        jointly: What was estimated in it.
         with_label_bleed: Whether to compute the effect of bleeding labels.
         with_remedies: Whether to estimate the intrinsics or the clock that look wrong.
     """
     observations, checked, camera = data.observations, data.for_checks, data.observations.camera
     around = around_intrinsics(observations, T_camera_lidar)
     shift = shift_by_intrinsics(around)
-    known = covariance_of_intrinsics(shift, camera)
+    known = covariance_of_intrinsics(shift, camera if jointly is None else _without_stated(camera, jointly))
     label_gain = None if fused is None else fused.label_gain
     cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
     if checked is not observations:
         around = around_intrinsics(checked, T_camera_lidar)
 
     def uncertain() -> Uncertainty | None:
-        found = _uncertainty(observations, T_camera_lidar, config, fused, uncertainty, known)
+        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, known)
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
@@ -131,7 +134,9 @@ def assess(
         )
     if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
-    return Assessment(found, (*findings, *undetermined(found)), notes, frames.parts)
+    return Assessment(
+        found, (*findings, *undetermined(found, None if joint is None else joint.advice)), notes, frames.parts
+    )
 
 
 def _uncertainty(
@@ -139,12 +144,14 @@ def _uncertainty(
     T_camera_lidar: Pose,
     config: PolishConfig,
     fused: Fused | None,
-    of_joint: Uncertainty | None,
+    joint: Joint | None,
     known: Matrix | None,
 ) -> Uncertainty | None:
     """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
-    if of_joint is not None:
-        return _with_stated(of_joint, T_camera_lidar, known)
+    if joint is not None and joint.left_open is not None:
+        known = joint.left_open if known is None else known + joint.left_open
+    if joint is not None and joint.uncertainty is not None:
+        return _with_stated(joint.uncertainty, T_camera_lidar, known)
     if fused is not None:
         return fused.uncertainty
     return estimate_uncertainty(
@@ -152,8 +159,13 @@ def _uncertainty(
     )
 
 
+def _without_stated(camera: Camera, jointly: JointlyConfig) -> Camera:
+    """Leave out the stated errors of intrinsics that were estimated: the estimate tells how far they may be off."""
+    return with_intrinsics(camera, {name: intrinsic_value(camera, name) for name in jointly.intrinsics})
+
+
 def _with_stated(found: Uncertainty, T_camera_lidar: Pose, known: Matrix | None) -> Uncertainty:
-    """Add the covariance (6, 6) by stated errors of intrinsics that were not estimated."""
+    """Add the covariance (6, 6) by errors of what stays as the drive says."""
     if known is None or not known.any():
         return found
     covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)

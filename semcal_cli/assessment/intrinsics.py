@@ -66,10 +66,10 @@ def shift_by_intrinsics(around: Sensitivity | None) -> Matrix | None:
     Directions in which the mutual information does not fall stay where they are.
 
     Args:
-        around: The sensitivity to pose and intrinsics.
+        around: The sensitivity to the pose and n intrinsics.
 
     Returns:
-        (6, 4) twist in metres and radians on the left of the pose, by fx, fy, cx and cy in pixels; None if the mutual
+        (6, n) twist in metres and radians on the left of the pose, by a unit of each intrinsic; None if the mutual
         information falls in no direction.
     """
     if around is None:
@@ -80,15 +80,20 @@ def shift_by_intrinsics(around: Sensitivity | None) -> Matrix | None:
     if not falls.any():
         return None
     basis = scale[:, None] * directions[:, falls]
-    return np.asarray(-(basis / bends[falls]) @ basis.T @ around.curvature[:6, 6:10])
+    return np.asarray(-(basis / bends[falls]) @ basis.T @ around.curvature[:6, 6:])
 
 
 def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
-    """Compute the covariance (6, 6) of the pose by errors of the intrinsics; None if none are stated."""
+    """Compute the covariance (6, 6) of the pose by errors of the intrinsics; None if none are stated.
+
+    Args:
+        shift: (6, n) result of `shift_by_intrinsics`, first by fx, fy, cx and cy.
+        camera: The camera, which states the errors.
+    """
     stated = camera.intrinsics_sigma
     if stated is None or shift is None:
         return None
-    by_sigma = shift * [stated.fx, stated.fy, stated.cx, stated.cy]
+    by_sigma = shift[:, :4] * [stated.fx, stated.fy, stated.cx, stated.cy]
     return np.asarray(by_sigma @ by_sigma.T)
 
 
@@ -96,11 +101,12 @@ def intrinsics_cost(shift: Matrix, camera: Camera, label_gain: Matrix | None = N
     """State how far the pose moves by intrinsics that are a little off.
 
     Args:
-        shift: (6, 4) result of `shift_by_intrinsics`.
+        shift: (6, n) result of `shift_by_intrinsics`, first by fx, fy, cx and cy.
         camera: The camera.
         label_gain: (6, 6) gain from a twist of the labels' optimum to a twist of the pose; identity if not given.
     """
     (fx, _, _), (_, fy, _), _ = camera.K
+    shift = shift[:, :4]
     moved = np.abs(shift if label_gain is None else label_gain @ shift)
     moved = moved * [FOCAL_SHARE * fx, FOCAL_SHARE * fy, 1.0, 1.0]
     changes = [

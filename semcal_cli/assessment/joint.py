@@ -9,9 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 
+import numpy as np
+
 from semcal_cli import _core
+from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by_intrinsics
 from semcal_cli.assessment.joint_fit import Fit, Variables, finish, fit_determined, seen_by
 from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.assessment.sensitivity import Matrix, sensitivity
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, with_all_coefficients
@@ -43,10 +47,23 @@ class Joint(StageResult):
     """Estimated offset of the clock; None if it was not asked for."""
     uncertainty: Uncertainty | None
     """Uncertainty of the pose together with the other variables; None if the estimate is not kept."""
+    left_open: Matrix | None
+    """(6, 6) covariance that adds to that of the pose, by what the variables may be off that stay as the drive says;
+    None if all are kept."""
     is_kept: bool
     """Whether the pose belongs to the estimate."""
     notes: tuple[str, ...]
     """Sentences about what is not determined or not kept."""
+
+    @property
+    def advice(self) -> str | None:
+        """What to do where the pose is uncertain by a variable that was asked for; None if all are determined."""
+        if self.clock is not None and not self.clock.is_determined:
+            return "drive at different speeds, and turn, or calibrate without --estimate-delay if the clocks agree"
+        if self.camera is not None and not all(x.is_determined for x in self.camera.intrinsics.values()):
+            more = "record objects near and far in all parts of the pictures"
+            return f"{more}, or calibrate without --refine-intrinsics if K is right"
+        return None
 
 
 def estimate_jointly(
@@ -82,6 +99,8 @@ def estimate_jointly(
     uncertainty = None
     if is_kept and fit.covariance is not None:
         uncertainty = Uncertainty.from_covariance(T, fit.covariance[:6, :6], fit.degrees_of_freedom[:6])
+    # The joint covariance of an estimate that is kept holds what all intrinsics may be off.
+    staying = Variables((), asked.with_delay and not fit.variables.with_delay) if is_kept else asked
     refined = _camera_of(fit, asked, camera, gain, is_kept) if asked.intrinsics else None
     clock = _clock_of(fit, time_offset_s, is_kept) if asked.with_delay else None
     return Joint(
@@ -92,9 +111,42 @@ def estimate_jointly(
         camera=refined,
         clock=clock,
         uncertainty=uncertainty,
+        left_open=_left_open(fit, after if is_kept else seen, T, staying, config),
         is_kept=is_kept,
         notes=_notes(fit, asked, gain, is_kept),
     )
+
+
+def _left_open(
+    fit: Fit, observations: Observations, T: Pose, asked: Variables, config: JointlyConfig
+) -> Matrix | None:
+    """Compute the covariance (6, 6) of a pose by what variables may be off that stay as the drive says.
+
+    Those that are not determined may be off by what was known of them; the others, of an estimate that is not kept, by
+    their uncertainty and by what was found: the second moment about the drive's value.
+
+    Args:
+        fit: The fit.
+        observations: Observations as the pose sees them.
+        T: (4, 4) pose, metres.
+        asked: Variables that stay.
+        config: What is known of them.
+    """
+    if not asked.names:
+        return None
+    camera = observations.camera
+    around = sensitivity(
+        observations, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(observations)
+    )
+    shift = shift_by_intrinsics(around)
+    if shift is None:
+        return None
+    about = np.diag(asked.sigmas(camera, config) ** 2)
+    found = [asked.names.index(name) for name in fit.variables.names if name in asked.names]
+    if found and fit.covariance is not None:
+        about[np.ix_(found, found)] = fit.covariance[np.ix_(fit.places, fit.places)]
+        about[np.ix_(found, found)] += np.outer(fit.changes, fit.changes)
+    return np.asarray(shift @ about @ shift.T)
 
 
 def _held_out_gain(

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.measurement import measure
-from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
+from semcal_cli.assessment.sensitivity import BLOCKS_PX, Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import JointConfig, JointlyConfig, PolishConfig, SensitivityConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_intrinsics
@@ -128,6 +128,15 @@ class Fit(NamedTuple):
         freedoms = self.degrees_of_freedom[self.places]
         return np.asarray(self.sigmas * [_core.student_quantile(0.975, freedom) for freedom in freedoms])
 
+    def left_open(self, config: JointlyConfig) -> list[str]:
+        """List the variables that the data do not determine."""
+        known = self.variables.sigmas(self.observations.camera, config)
+        return [
+            name
+            for name, sigma, before in zip(self.variables.names, self.sigmas, known, strict=True)
+            if not sigma <= (MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * before)
+        ]
+
     @property
     def is_beyond_chance(self) -> bool:
         """Whether the variables differ from what the drive says by more than chance (Wald's test)."""
@@ -158,19 +167,30 @@ def fit_determined(
             # A clock that moves no point, as where the rig stands, tells nothing and leaves the others as they are.
             variables = variables.without([DELAY])
             continue
-        known = variables.sigmas(observations.camera, config)
-        most = [
-            MAX_DELAY_SIGMA_S if name == DELAY else MAX_SIGMA_SHARE * sigma
-            for name, sigma in zip(variables.names, known, strict=True)
-        ]
-        open_ones = [
-            name
-            for name, sigma, least in zip(variables.names, fit.sigmas, most, strict=True)
-            if not sigma <= least
-        ]
-        if not open_ones:
+        fit = _on_telling_blocks(fit, config, polish)
+        left_open = fit.left_open(config)
+        if not left_open:
             return fit
-        variables = variables.without(open_ones)
+        variables = variables.without(left_open)
+
+
+def _on_telling_blocks(fit: Fit, config: JointlyConfig, polish: PolishConfig) -> Fit:
+    """Take the covariance on the finest blocks of pixels that leave the fewest variables open.
+
+    In full resolution the mutual information is rough along what is hardly determined, and its curvature there depends
+    on where in a pixel the points land.
+    """
+    found = [fit]
+    for factor in BLOCKS_PX[1:]:
+        if not found[-1].left_open(config):
+            break
+        known = fit.uncertain.sigmas(fit.observations.camera, config)
+        settings = SensitivityConfig(factor=factor, edge_band_px=polish.edge_band_px)
+        covariance, degrees_of_freedom = _covariance(
+            fit.observations, fit.T_camera_lidar, fit.uncertain, known, settings
+        )
+        found.append(fit._replace(covariance=covariance, degrees_of_freedom=degrees_of_freedom))
+    return min(found, key=lambda each: len(each.left_open(config)))
 
 
 def _fit(
@@ -217,7 +237,8 @@ def finish(
     found = _climb(observations, T, variables, changes, levels, evidence, config, polish)
     changes = _changes(found, variables)
     seen = seen_by(observations, variables, changes)
-    covariance, degrees_of_freedom = _covariance(seen, found.T_camera_lidar, uncertain, known, polish)
+    settings = SensitivityConfig(edge_band_px=polish.edge_band_px)
+    covariance, degrees_of_freedom = _covariance(seen, found.T_camera_lidar, uncertain, known, settings)
     return Fit(
         variables,
         found.T_camera_lidar,
@@ -277,16 +298,10 @@ def _covariance(
     T: Pose,
     variables: Variables,
     known: Values,
-    polish: PolishConfig,
+    settings: SensitivityConfig,
 ) -> tuple[Matrix | None, Values]:
     """Compute the covariance of all variables, by the labels and by what was known before."""
-    around = sensitivity(
-        seen,
-        T,
-        SensitivityConfig(edge_band_px=polish.edge_band_px),
-        variables.of_core(seen.camera),
-        variables.twists(seen),
-    )
+    around = sensitivity(seen, T, settings, variables.of_core(seen.camera), variables.twists(seen))
     if around is None:
         return None, np.ones(6 + len(known))
     of_borders = np.asarray(BORDERS_PX**2 * np.linalg.pinv(around.motions), np.float64)

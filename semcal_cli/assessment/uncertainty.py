@@ -44,8 +44,8 @@ CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 """Structuring element: a pixel and its four neighbours."""
 
 
-def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
-    """Report the directions that the data do not determine well enough."""
+def undetermined(uncertainty: Uncertainty, advice: str | None = None) -> tuple[Finding, ...]:
+    """Report the directions that the data do not determine well enough, with what to do if it is not more frames."""
     center, rotation = wide_directions(uncertainty.half_widths, MAX_HALF_WIDTH_M, MAX_HALF_WIDTH_DEG)
     found = [f"{name} to {half:.2f} m" for name, half in center]
     found += [f"{name} to {half:.1f} degrees" for name, half in rotation]
@@ -53,7 +53,11 @@ def undetermined(uncertainty: Uncertainty) -> tuple[Finding, ...]:
         return ()
     needed = f"needed {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
     sentence = f"the pose is determined only {', '.join(found)} (95 %), {needed}"
-    return (Finding("wide-interval", sentence, "add frames with objects near and far, from a moving car"),)
+    return (
+        Finding(
+            "wide-interval", sentence, advice or "add frames with objects near and far, from a moving car"
+        ),
+    )
 
 
 def estimate_uncertainty(

@@ -38,7 +38,7 @@ FOCAL_SHARE, CENTER_PX, K1 = 0.03, 8.0, 0.02
 STANDING = ("road", "road_line", "sidewalk", "terrain", "ground")
 """Classes of a flat scene."""
 FAR_OFF = 2.0
-"""Half widths of a 95 % interval from which on an estimate is wrong, though it was kept."""
+"""Half widths of a 95 % interval from which on a trusted value is wrong."""
 
 
 def _wrong(observations: Observations, rng: np.random.Generator) -> Observations:
@@ -148,7 +148,7 @@ class Result:
     """Number of true values inside the 95 % intervals: of the pose's six axes and of what was determined."""
     num_intervals: int = 0
     is_far_off: bool = False
-    """Whether the estimate was kept, though a value lies more than `FAR_OFF` half widths from the truth."""
+    """Whether the pose is trusted, though a value lies more than `FAR_OFF` half widths from the truth."""
     seconds: float = 0.0
     """Time from pairs in memory to a verdict."""
 
@@ -241,9 +241,7 @@ def _compared(
         clock_ms=clock_ms,
         num_inside=sum(abs(x) <= half for x, half in offsets),
         num_intervals=len(offsets),
-        is_far_off=is_kept
-        and found.status == "trusted"
-        and any(abs(x) > FAR_OFF * half for x, half in offsets),
+        is_far_off=found.status == "trusted" and any(abs(x) > FAR_OFF * half for x, half in offsets),
         seconds=seconds,
     )
 
@@ -260,7 +258,7 @@ def _off(found: RefinedCamera, camera: Camera) -> dict[str, tuple[float, float]]
 COLUMNS = (
     "n | kept | trusted | not determined | rotation, deg: median, worst | camera centre, cm: median, worst "
     "| pose beside that before, times: median | fx, fy off, %: median, worst | cx, cy off, px: median, worst "
-    "| k1 off: median, worst | clock off, ms: median, worst | intervals true | kept, trusted and far off | s"
+    "| k1 off: median, worst | clock off, ms: median, worst | intervals true | trusted and far off | s"
 )
 
 
