@@ -18,8 +18,9 @@ from semcal_cli.errors import InputError
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import refine_and_polish, start_at
+from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.stages import Stages
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, synthesize
 
 K_NAMES = ("fx", "fy", "cx", "cy")
@@ -144,6 +145,43 @@ def test_one_speed_straight_on_tells_no_offset(moving: LoadedDrive) -> None:
     assert not found.is_kept
     assert not found.clock.is_determined
     assert found.clock.meaning == "not determined: drive at different speeds, and turn"
+
+
+def assessed(data: LoadedDrive, T: Pose, jointly: JointlyConfig) -> Stages:
+    config = RefinementConfig(jointly=jointly)
+    return assess(data, refine_and_polish(data, start_at(data, InitialPose(T, "start")), config), config)
+
+
+def half_widths(stages: Stages) -> np.ndarray:
+    assert stages.uncertainty is not None
+    return np.array(stages.uncertainty.half_widths)
+
+
+def test_the_interval_holds_what_stays_open_of_the_intrinsics(
+    synthetic_eight: LoadedDrive, truth: Pose
+) -> None:
+    """One frame does not tell K: with K taken for right, the interval is far too narrow."""
+    camera = spoiled(synthetic_eight.observations.camera, 0.0, 8.0)
+    changes = {"camera": camera, "frames": synthetic_eight.drive.frames[4:5]}
+    observations = replace(synthetic_eight.observations.of_frames([4]), camera=camera)
+    data = LoadedDrive(synthetic_eight.drive.model_copy(update=changes), observations)
+    sure, open_ = (assessed(data, truth, JointlyConfig(names)) for names in ((), K_NAMES))
+    assert not open_.is_joint
+    assert np.array_equal(open_.T_camera_lidar, sure.T_camera_lidar)
+    off = np.abs(compare_poses(sure.T_camera_lidar, truth).rotation_xyz_deg)
+    assert off[:2].min() > 5.0 * half_widths(sure)[3:].max()
+    assert (off < half_widths(open_)[3:]).all()
+
+
+def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) -> None:
+    steady = (12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frames)
+    data = replace(moving, observations=replace(moving.observations, frames=frames))
+    stages = assessed(data, np.array(moving.drive.T_camera_lidar), JointlyConfig(with_delay=True))
+    # A tenth of a second, which is what is known of the clock, at 12 m/s.
+    assert half_widths(stages)[:3].max() == pytest.approx(1.96 * 1.2, rel=0.05)
+    (finding,) = (each for each in stages.findings if each.topic == "wide-interval")
+    assert finding.advice.startswith("drive at different speeds, and turn, or calibrate without")
 
 
 def test_the_whole_pipeline_ends_at_the_camera_that_was_found(
