@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -22,18 +23,17 @@ from semcal_cli.assessment.intrinsics import (
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.pairing import check_pairs
-from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
-from semcal_cli.assessment.sensitivity import Matrix
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
-from semcal_cli.config import JointlyConfig, PolishConfig
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty
 
 NOTHING = Finding(
     "not-determined",
@@ -70,9 +70,7 @@ def assess(
     fused: Fused | None = None,
     *,
     uncertainty: Uncertainty | None = None,
-    jointly: JointlyConfig | None = None,
     with_label_bleed: bool = True,
-    with_remedies: bool = True,
 ) -> Assessment:
     """Estimate the uncertainty of a polished pose, and look for findings against it.
 
@@ -85,25 +83,19 @@ def assess(
         config: Settings of the polish.
         fused: Result of the fusion with priors, if there are any.
         uncertainty: Uncertainty of the pose together with intrinsics or the clock, if these were estimated, too.
-        jointly: What was estimated together with the pose, whether or not it was kept.
         with_label_bleed: Whether to compute the effect of bleeding labels.
-        with_remedies: Whether to estimate the intrinsics or the clock that look wrong.
     """
     observations, checked, camera = data.observations, data.for_checks, data.observations.camera
-    around = around_intrinsics(observations, T_camera_lidar)
-    shift = shift_by_intrinsics(around)
-    known = covariance_of_intrinsics(shift, camera)
     label_gain = None if fused is None else fused.label_gain
-    cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
-    if checked is not observations:
-        around = around_intrinsics(checked, T_camera_lidar)
+    effect = _EffectOfIntrinsics.at(observations, T_camera_lidar, label_gain)
+    around = effect.around if checked is observations else around_intrinsics(checked, T_camera_lidar)
 
     def uncertain() -> Uncertainty | None:
-        found = _uncertainty(observations, T_camera_lidar, config, fused, uncertainty, known)
+        found = _uncertainty(observations, T_camera_lidar, config, fused, uncertainty, effect.known)
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
-        return found.model_copy(update={"label_bleed": bleed, "intrinsics_cost": cost})
+        return found.model_copy(update={"label_bleed": bleed, "intrinsics_cost": effect.cost})
 
     # While one check is in Python, the core works for another one.
     with ThreadPoolExecutor() as pool:
@@ -118,20 +110,41 @@ def assess(
             *_rivals(data, T_camera_lidar),
             *wrong_intrinsics(around, camera),
         )
-        notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
-    if with_remedies:
-        findings = advise(
-            findings,
-            observations,
-            T_camera_lidar,
-            config,
-            done=jointly,
-            with_priors=fused is not None,
-            time_offset_s=data.drive.time_offset_s,
-        )
+        notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
     if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
     return Assessment(found, (*findings, *undetermined(found)), notes, frames.parts)
+
+
+def assess_rejected(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
+    """Look for findings against a pose whose polish was rejected: it is no top, and so has no uncertainty.
+
+    Args:
+        data: The drive, as `load` returns it.
+        T_camera_lidar: (4, 4) pose before the polish, metres.
+        agreement: Agreement of the observations at this pose.
+    """
+    frames = compare_frames(data, T_camera_lidar, agreement)
+    return replace(frames, findings=(*frames.findings, *check_consistency(data.for_checks, T_camera_lidar)))
+
+
+class _EffectOfIntrinsics(NamedTuple):
+    """What intrinsics that are off do to the pose."""
+
+    around: Sensitivity | None
+    known: Matrix | None
+    """(6, 6) covariance of the pose by stated errors of the intrinsics; None if none are stated."""
+    cost: IntrinsicsCost | None
+
+    @classmethod
+    def at(
+        cls, observations: Observations, T_camera_lidar: Pose, label_gain: Matrix | None
+    ) -> _EffectOfIntrinsics:
+        """Compute the effect at a pose (4, 4), to whose twist (6, 6) `label_gain` brings one of the labels' optimum."""
+        camera, around = observations.camera, around_intrinsics(observations, T_camera_lidar)
+        shift = shift_by_intrinsics(around)
+        cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
+        return cls(around, covariance_of_intrinsics(shift, camera), cost)
 
 
 def _uncertainty(
@@ -164,7 +177,7 @@ def _with_stated(found: Uncertainty, T_camera_lidar: Pose, known: Matrix | None)
 
 
 def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
-    """Look for findings about single frames and labels, also at a pose that was not polished and has no uncertainty.
+    """Look for findings about single frames and labels.
 
     Args:
         data: The drive, as `load` returns it.

@@ -16,6 +16,7 @@ from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, with_all_coefficients
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
@@ -58,6 +59,8 @@ def estimate_jointly(
 ) -> Joint:
     """Estimate intrinsics and the offset of the clock together with the pose.
 
+    If the shutter rolls, an estimate that is kept tells other lines, with which all is estimated once more.
+
     Args:
         observations: Labelled points and label images of all frames, as the drive's camera sees them.
         T_camera_lidar: (4, 4) pose with that camera, metres.
@@ -65,6 +68,21 @@ def estimate_jointly(
         polish: Settings of the polish, by which data are held out.
         time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
     """
+    found = _estimate(observations, T_camera_lidar, config, polish, time_offset_s)
+    if not found.is_kept or not can_be_unrolled(observations):
+        return found
+    lines = unrolled(found.observations, found.T_camera_lidar)
+    return _estimate(exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s)
+
+
+def _estimate(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    config: JointlyConfig,
+    polish: PolishConfig,
+    time_offset_s: float,
+) -> Joint:
+    """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     seen = replace(observations, camera=camera)
     asked = Variables(config.intrinsics, config.with_delay)
