@@ -39,6 +39,7 @@ def test_a_clock_that_is_not_determined(
     assert found.clock is not None
     assert (found.clock.is_determined, found.clock.is_kept) == (False, False)
     assert (found.clock.time_offset_s, found.clock.half_width_95_s, found.clock.meaning) == (0.0, None, OPEN)
+    assert found.clock.joint_covariance is None
     assert f"clock {OPEN}" in said
     assert "joint" not in found.stages
 

@@ -9,9 +9,12 @@ from __future__ import annotations
 import math
 from dataclasses import asdict, dataclass, replace
 
+import numpy as np
+
 from semcal_cli import _core
 from semcal_cli.assessment.joint_fit import Fit, Variables, finish, fit_determined, seen_by
 from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, with_all_coefficients
@@ -159,7 +162,7 @@ def _camera_of(
         held_out_sigma_nats=gain.sigma if math.isfinite(gain.sigma) else None,
         found=fit.observations.camera,
         intrinsics=intrinsics,
-        joint_covariance=None if covariance is None else tuple(map(tuple, covariance.tolist())),
+        joint_covariance=_rows(covariance),
     )
 
 
@@ -174,6 +177,7 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
             meaning=NOT_DETERMINED,
         )
     offset_s = before_s + float(fit.changes[-1])
+    places = [*range(6), fit.places[-1]]
     return Clock(
         time_offset_s=offset_s,
         sigma_s=float(fit.sigmas[-1]),
@@ -181,7 +185,12 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
         is_determined=True,
         is_kept=is_kept,
         meaning=offset_words(offset_s),
+        joint_covariance=_rows(None if fit.covariance is None else fit.covariance[np.ix_(places, places)]),
     )
+
+
+def _rows(covariance: Matrix | None) -> tuple[tuple[float, ...], ...] | None:
+    return None if covariance is None else tuple(map(tuple, covariance.tolist()))
 
 
 def _segments_gain(
