@@ -108,7 +108,8 @@ Speed = Annotated[float, Field(ge=-1e3, le=1e3)]
 Rate = Annotated[float, Field(ge=-1e3, le=1e3)]
 Readout = Annotated[float, Field(ge=0.0, le=1.0)]
 """Time in seconds from the first line of a picture to the last. No shutter rolls for longer than a frame takes."""
-TimeOffset = Annotated[float, Field(ge=-1.0, le=1.0)]
+MAX_OFFSET_S = 1.0
+TimeOffset = Annotated[float, Field(ge=-MAX_OFFSET_S, le=MAX_OFFSET_S)]
 """Offset of two clocks, in seconds. Sweeps and pictures that are farther apart are no pairs."""
 
 
