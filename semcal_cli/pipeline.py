@@ -21,7 +21,6 @@ from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.joint import estimate_jointly as estimate
-from semcal_cli.assessment.joint_fit import twists_per_s
 from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.remedies import advise
@@ -37,6 +36,7 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.cues import describe_cues, files_of
+from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.intrinsics import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load

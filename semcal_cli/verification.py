@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
-from semcal_cli.assessment.joint_fit import twists_per_s
 from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
 from semcal_cli.config import InitializationConfig, JointlyConfig, Limits, RefinementConfig
+from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.events import Listener, ignore

@@ -8,8 +8,8 @@ import pytest
 
 from semcal_cli.assessment.assess import _with_stated
 from semcal_cli.assessment.joint import Joint, estimate_jointly
-from semcal_cli.assessment.joint_fit import delayed
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load

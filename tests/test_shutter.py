@@ -9,7 +9,6 @@ import pytest
 
 from semcal_cli import _core
 from semcal_cli.assessment.inspection import inspect
-from semcal_cli.assessment.joint_fit import delayed
 from semcal_cli.assessment.pose_checks import check_shutter
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.baselines.soic_calibration import calibrate_by_soic
@@ -22,6 +21,7 @@ from semcal_cli.config import (
     SynthConfig,
 )
 from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, Drive, Motion
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
