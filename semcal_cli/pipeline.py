@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise
 from pathlib import Path
 from time import perf_counter
 
@@ -21,13 +20,13 @@ from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.joint import estimate_jointly as estimate
-from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
+from semcal_cli.assessment.joint_checks import check_beside_pose, is_polished
+from semcal_cli.assessment.pose_checks import check_motion, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
-    LABELS,
     SEGMENTS_DEG,
     CalibrationConfig,
     InitializationConfig,
@@ -35,14 +34,12 @@ from semcal_cli.config import (
     PyramidConfig,
     RefinementConfig,
 )
-from semcal_cli.drive.cues import describe_cues, files_of
-from semcal_cli.drive.delay import twists_per_s
+from semcal_cli.drive.cues import files_of
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.intrinsics import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import can_be_unrolled
-from semcal_cli.errors import CalibrationError, InputError, about
+from semcal_cli.errors import CalibrationError, about
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -57,8 +54,8 @@ from semcal_cli.refinement.pyramid import refine as refine_pose
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
-from semcal_cli.result.stage import Finding, StageResult
-from semcal_cli.stages import Stages
+from semcal_cli.result.stage import StageResult
+from semcal_cli.stages import Stages, findings_of, settings_of
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
@@ -91,7 +88,7 @@ def calibrate(
     """
     config = config or CalibrationConfig()
     data = load(drive, config, on_event)
-    check_refinement(data, config.refinement, priors)
+    check_beside_pose(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
     stages = _refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)
@@ -100,29 +97,6 @@ def calibrate(
     return make_calibration(
         data, stages, config, initial_pose=initial_pose, priors=priors, relative_to=relative_to, hashes=hashes
     )
-
-
-def split(data: LoadedDrive, calibration: Calibration) -> tuple[LoadedDrive, ...]:
-    """Take the parts of a drive whose frames fit different poses, each as a drive of its own.
-
-    Args:
-        data: The drive, as `load` returns it.
-        calibration: Its calibration, which tells the parts.
-
-    Returns:
-        The parts, to be calibrated; none if no movement of the camera was found.
-
-    Raises:
-        InputError: the calibration is not of these frames.
-    """
-    used, frames = [frame.points for frame in calibration.input.frames], data.drive.frames
-    if used != [frame.points for frame in frames]:
-        raise InputError(
-            f"{data.drive.path}: found a calibration of {len(used)} other frames, needed one of the {len(frames)} "
-            "loaded ones"
-        )
-    ends = [0, *accumulate(part.num_frames for part in calibration.parts)]
-    return tuple(data.of_frames(range(first, last)) for first, last in pairwise(ends))
 
 
 def initialize(
@@ -186,51 +160,11 @@ def refine_and_polish(
     Poses from features are not polished, because the polish needs the exact mutual information, which vectors lack.
 
     Raises:
-        InputError: as `refine` and `check_refinement`.
+        InputError: as `refine` and `check_beside_pose`.
         CalibrationError: as `refine`.
     """
-    check_refinement(data, config, priors)
+    check_beside_pose(data, config, priors)
     return _refine_and_polish(data, initial, config, seed, priors, on_event, from_afar=from_afar)
-
-
-def check_refinement(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior] = ()) -> None:
-    """Check that what is known and what is estimated beside the pose go with the drive and with the polish.
-
-    Raises:
-        InputError: there are priors without a polish, or the drive cannot tell what is to be estimated beside the pose.
-    """
-    if priors and not _is_polished(data, config):
-        raise InputError(
-            f"{priors[0].name}: is weighed by the polish, which features and is_polished=False exclude"
-        )
-    if config.jointly.is_asked:
-        _check_jointly(data, config, priors)
-
-
-def _check_jointly(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior]) -> None:
-    """Check that a drive can tell what is to be estimated beside the pose.
-
-    Raises:
-        InputError: the lens has not one of the intrinsics, the drive has no motion for the offset of the clock, or
-            priors, features or a pose that is not polished exclude the estimate.
-    """
-    jointly = config.jointly
-    option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
-    check_intrinsics(jointly.intrinsics, data.observations.camera, f"{data.drive.path}: --refine-intrinsics")
-    if not _is_polished(data, config):
-        raise InputError(f"{option}: follows the polish, which features and is_polished=False exclude")
-    if priors:
-        raise InputError(
-            f"{option}: found {priors[0].name}, needed none: the two are not weighed together yet"
-        )
-    if jointly.with_delay and twists_per_s(data.observations) is None:
-        raise InputError(
-            f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
-        )
-
-
-def _is_polished(data: LoadedDrive, config: RefinementConfig) -> bool:
-    return config.is_polished and not data.observations.has_vectors
 
 
 def _refine_and_polish(
@@ -255,7 +189,7 @@ def _refine_and_polish(
         data = data.unrolled(refined.T_camera_lidar)
         seen = data.observations
     found = Stages(initial, refined, unrolled=seen, of_data=of_data, notes_on_data=notes)
-    if not _is_polished(data, config):
+    if not is_polished(data.observations, config):
         return found
     polished = polish(data, refined.T_camera_lidar, config, on_event)
     found = replace(found, polished=polished)
@@ -367,10 +301,7 @@ def assess(
     start = perf_counter()
     T_camera_lidar, agreement = stages.T_camera_lidar, list(stages.poses.values())[-1].agreement
     joint = stages.joint if stages.is_joint else None
-    if joint is not None:
-        data = replace(data, observations=joint.observations)
-    elif stages.unrolled is not None:
-        data = replace(data, observations=stages.unrolled)
+    data = replace(data, observations=stages.seen or data.observations)
     is_rejected = stages.polished is not None and not stages.polished.is_accepted
     polish_config = _polish_config(config)
     if stages.fused is None and joint is None and is_rejected:
@@ -397,7 +328,7 @@ def assess(
         )
         found = replace(found, findings=findings)
     stages = replace(stages, assessment=found)
-    on_event(stage_words.assessed(_findings(stages, config), perf_counter() - start))
+    on_event(stage_words.assessed(findings_of(stages, config), perf_counter() - start))
     return stages
 
 
@@ -441,8 +372,8 @@ def make_calibration(
     source = None if initial_pose is None else initial_pose.source
     return assemble(
         poses,
-        _findings(stages, config.refinement),
-        settings=_settings(data, stages, config, initial_pose, priors),
+        findings_of(stages, config.refinement),
+        settings=settings_of(data, stages, config, initial_pose, priors),
         seed=config.seed,
         num_frames=len(data.drive.frames),
         input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
@@ -457,38 +388,6 @@ def make_calibration(
         camera=stages.joint.camera if stages.joint else None,
         clock=stages.joint.clock if stages.joint else None,
     )
-
-
-def _findings(stages: Stages, config: RefinementConfig) -> tuple[Finding, ...]:
-    """List all that speaks against the pose of the last stage."""
-    *_, last = stages.poses.values()
-    # Other methods have no limit of the distance in their search, and check the distance themselves.
-    limit_m = config.max_baseline_m if isinstance(stages.refined, Refinement) else math.inf
-    return (*stages.findings, *check_pose(last.T_camera_lidar, last.agreement, limit_m))
-
-
-def _settings(
-    data: LoadedDrive,
-    stages: Stages,
-    config: CalibrationConfig,
-    initial_pose: InitialPose | None,
-    priors: Sequence[Prior],
-) -> dict[str, object]:
-    """Collect the options that changed the answer, in the order of the stages."""
-    settings: dict[str, object] = {"max_frames": data.max_frames}
-    if data.cues != LABELS:
-        settings["cues"] = describe_cues(data.cues)
-    if initial_pose is not None and initial_pose.source is None:
-        settings["given"] = initial_pose.name
-    if initial_pose is not None and initial_pose.direction is not None:
-        settings["init_direction"] = initial_pose.direction
-    for name, stage in stages.poses.items():
-        settings |= stage.settings
-        if name == "refined" and priors:
-            settings["priors"] = [prior.describe() for prior in priors]
-    if stages.repeatability is not None:
-        settings["num_seeds"] = config.num_seeds
-    return settings
 
 
 def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:

@@ -103,7 +103,7 @@ def test_what_cannot_be_estimated_is_told_before_the_search(
 
 def test_what_cannot_be_estimated_is_looked_for_once(street: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     checked = []
-    monkeypatch.setattr(pipeline, "_check_jointly", lambda *arguments: checked.append(arguments))
+    monkeypatch.setattr(pipeline, "check_beside_pose", lambda *arguments: checked.append(arguments))
     refinement = RefinementConfig(jointly=JointlyConfig(("fx",)))
     start = InitialPose(read_transform(street), "start")
     pipeline.calibrate(street, CalibrationConfig(refinement=refinement), initial_pose=start)
