@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from semcal_cli.formats import write_transform as write_transform
     from semcal_cli.geometry.pose_error import compare_poses as compare_poses
     from semcal_cli.library import convert as convert
+    from semcal_cli.library import split as split
     from semcal_cli.library import verify as verify
     from semcal_cli.pipeline import calibrate as calibrate
-    from semcal_cli.pipeline import split as split
     from semcal_cli.result.calibration import Calibration as Calibration
     from semcal_cli.result.calibration import read_calibration as read_calibration
     from semcal_cli.result.calibration import write_calibration as write_calibration
@@ -52,7 +52,7 @@ _MODULES = {
     "read_calibration": "result.calibration",
     "read_drive": "drive.document",
     "read_transform": "formats",
-    "split": "pipeline",
+    "split": "library",
     "verify": "library",
     "write_calibration": "result.calibration",
     "write_transform": "formats",

@@ -1,7 +1,8 @@
-"""Every default, once. Nothing heavy is imported here, so that `semcal --help` can show them at once.
+"""Every default, once; those of MINE stand in `semcal_cli.refinement.mine_config`.
 
-A stage takes its settings as one of these classes, and the Rust core reads the attributes of the same objects. The
-settings that change an answer are recorded in the result under `settings.options`.
+Nothing heavy is imported here, so that `semcal --help` can show them at once. A stage takes its settings as one of
+these classes, and the Rust core reads the attributes of the same objects. The settings that change an answer are
+recorded in the result under `settings.options`.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from typing import ClassVar, Literal, TypeAlias
 Cue: TypeAlias = Literal["labels", "segments", "intensity", "features"]
 """What points and pixels are compared by."""
 Estimator: TypeAlias = Literal["exact", "mine"]
-Optimizer: TypeAlias = Literal["adam", "sgd"]
 """How mutual information is estimated: by the histogram of classes, or by a network's lower bound."""
 Device: TypeAlias = Literal["cpu", "cuda"]
 """Where the network of MINE computes."""
@@ -176,52 +176,6 @@ class ExactConfig:
     """Largest distance between camera and LiDAR."""
     edge_band_px: int = EDGE_BAND_PX
     """Pixels less than this from one of another class count a tenth."""
-
-
-@dataclass(frozen=True)
-class MineConfig:
-    """Network, learning rates, scheduler and batches of MINE (Alg. 1).
-
-    Steps of the pose are in motions that each move the points by one block, independently of one another, so that they
-    fit any lens, picture and scene.
-    """
-
-    steps_per_level: int = 80
-    """Steps of theta and pose together at each level."""
-    warm_up_steps: int = 60
-    """Steps at the first level in which only theta learns. Later levels take a third of it."""
-    batch_size: int = 2048
-    """Points in a mini-batch."""
-    max_points: int = 200_000
-    """Points, over all frames and directions, that are looked at."""
-    constant_radius: int = 8
-    """Points at least this number of blocks inside one class are summed up once: steps do not take them out of it."""
-    num_hidden: int = 32
-    """Units of each hidden layer of the network."""
-    num_embedding: int = 16
-    """Dimensions of the space in which vectors of points and of pixels are compared."""
-    learning_rate_theta: float = 1e-2
-    """Learning rate of the network's parameters theta."""
-    learning_rate_pose: float = 0.15
-    """Learning rate of the pose, in blocks."""
-    final_rate: float = 0.05
-    """Share of the pose's rate that is left at each level's end. The scheduler lowers it along a cosine."""
-    mean_decay: float = 0.9
-    """Decay of the running mean in the bias-corrected gradient."""
-    max_baseline_m: float = MAX_BASELINE_M
-    """Largest distance between camera and LiDAR."""
-    edge_band_px: int = EDGE_BAND_PX
-    """Pixels less than this from one of another class count a tenth."""
-    optimizer: Optimizer = "adam"
-    """Optimiser of theta and of the pose."""
-    min_points: int = 50
-    """A level with fewer points tells nothing, and the pose stays as it is."""
-
-
-MINE_WITH_VECTORS = MineConfig(
-    steps_per_level=120, warm_up_steps=100, batch_size=1024, num_hidden=64, learning_rate_theta=3e-3
-)
-"""Defaults for feature vectors, of which a mini-batch says less than of labels."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
-"""The commands `verify` and `convert` as functions of Python."""
+"""The commands `verify` and `convert`, and the option `--split`, as functions of Python."""
 
 from __future__ import annotations
 
+from itertools import accumulate, pairwise
 from pathlib import Path
 
 import numpy.typing as npt
@@ -10,6 +11,7 @@ from semcal_cli.config import CalibrationConfig, Limits
 from semcal_cli.config_checks import check_limits
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, ignore
 from semcal_cli.formats import convert_file, read_extrinsic
 from semcal_cli.formats.format import FormatOptions
@@ -69,6 +71,29 @@ def _initial_pose(transform: Path | str | npt.ArrayLike) -> InitialPose:
         found = read_extrinsic(transform)
         return InitialPose(found.T_camera_lidar, str(transform), Path(transform), record=found.record)
     return InitialPose(as_transform(transform, "transform"), "transform")
+
+
+def split(data: LoadedDrive, calibration: Calibration) -> tuple[LoadedDrive, ...]:
+    """Take the parts of a drive whose frames fit different poses, each as a drive of its own.
+
+    Args:
+        data: The drive, as `load` returns it.
+        calibration: Its calibration, which tells the parts.
+
+    Returns:
+        The parts, to be calibrated; none if no movement of the camera was found.
+
+    Raises:
+        InputError: the calibration is not of these frames.
+    """
+    used, frames = [frame.points for frame in calibration.input.frames], data.drive.frames
+    if used != [frame.points for frame in frames]:
+        raise InputError(
+            f"{data.drive.path}: found a calibration of {len(used)} other frames, needed one of the {len(frames)} "
+            "loaded ones"
+        )
+    ends = [0, *accumulate(part.num_frames for part in calibration.parts)]
+    return tuple(data.of_frames(range(first, last)) for first, last in pairwise(ends))
 
 
 def convert(

@@ -10,24 +10,23 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import accumulate, pairwise
 from pathlib import Path
 from time import perf_counter
 
 from semcal_cli import _core, stage_words
 from semcal_cli.assessment.assess import assess as assess_pose
-from semcal_cli.assessment.assess import compare_frames
+from semcal_cli.assessment.assess import assess_rejected
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.joint import estimate_jointly as estimate
-from semcal_cli.assessment.joint_fit import twists_per_s
-from semcal_cli.assessment.pose_checks import check_motion, check_pose, check_shutter
+from semcal_cli.assessment.joint_checks import check_beside_pose, is_polished
+from semcal_cli.assessment.pose_checks import check_motion, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
+from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
-    LABELS,
     SEGMENTS_DEG,
     CalibrationConfig,
     InitializationConfig,
@@ -35,13 +34,12 @@ from semcal_cli.config import (
     PyramidConfig,
     RefinementConfig,
 )
-from semcal_cli.drive.cues import describe_cues, files_of
+from semcal_cli.drive.cues import files_of
 from semcal_cli.drive.document import Drive
-from semcal_cli.drive.intrinsics import check_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.shutter import can_be_unrolled, exposed_as, unrolled
-from semcal_cli.errors import CalibrationError, InputError, about
+from semcal_cli.drive.shutter import can_be_unrolled
+from semcal_cli.errors import CalibrationError, about
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -56,8 +54,8 @@ from semcal_cli.refinement.pyramid import refine as refine_pose
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
-from semcal_cli.result.stage import Finding, StageResult
-from semcal_cli.stages import Stages
+from semcal_cli.result.stage import StageResult
+from semcal_cli.stages import Stages, findings_of, settings_of
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
@@ -90,39 +88,15 @@ def calibrate(
     """
     config = config or CalibrationConfig()
     data = load(drive, config, on_event)
-    if config.refinement.jointly.is_asked:
-        check_jointly(data, config.refinement, priors)
+    check_beside_pose(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
-    stages = refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
+    stages = _refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
     stages = assess(data, stages, config.refinement, on_event)
     if config.num_seeds > 1:
         stages = repeat(data, stages, config, initial_pose, priors, on_event)
     return make_calibration(
         data, stages, config, initial_pose=initial_pose, priors=priors, relative_to=relative_to, hashes=hashes
     )
-
-
-def split(data: LoadedDrive, calibration: Calibration) -> tuple[LoadedDrive, ...]:
-    """Take the parts of a drive whose frames fit different poses, each as a drive of its own.
-
-    Args:
-        data: The drive, as `load` returns it.
-        calibration: Its calibration, which tells the parts.
-
-    Returns:
-        The parts, to be calibrated; none if no movement of the camera was found.
-
-    Raises:
-        InputError: the calibration is not of these frames.
-    """
-    used, frames = [frame.points for frame in calibration.input.frames], data.drive.frames
-    if used != [frame.points for frame in frames]:
-        raise InputError(
-            f"{data.drive.path}: found a calibration of {len(used)} other frames, needed one of the {len(frames)} "
-            "loaded ones"
-        )
-    ends = [0, *accumulate(part.num_frames for part in calibration.parts)]
-    return tuple(data.of_frames(range(first, last)) for first, last in pairwise(ends))
 
 
 def initialize(
@@ -186,16 +160,24 @@ def refine_and_polish(
     Poses from features are not polished, because the polish needs the exact mutual information, which vectors lack.
 
     Raises:
-        InputError: as `refine`, or there are priors without a polish.
+        InputError: as `refine` and `check_beside_pose`.
         CalibrationError: as `refine`.
     """
-    is_polished = config.is_polished and not data.observations.has_vectors
-    if priors and not is_polished:
-        raise InputError(
-            f"{priors[0].name}: is weighed by the polish, which features and is_polished=False exclude"
-        )
-    if config.jointly.is_asked:
-        check_jointly(data, config, priors)
+    check_beside_pose(data, config, priors)
+    return _refine_and_polish(data, initial, config, seed, priors, on_event, from_afar=from_afar)
+
+
+def _refine_and_polish(
+    data: LoadedDrive,
+    initial: StageResult,
+    config: RefinementConfig,
+    seed: int,
+    priors: Sequence[Prior],
+    on_event: Listener,
+    *,
+    from_afar: bool = False,
+) -> Stages:
+    """Refine and polish by settings that are checked."""
     of_shutter, notes = check_shutter(data.drive, data.observations)
     of_data = (*check_motion(data.observations.motion_error_px), *of_shutter)
     refined = refine(data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar)
@@ -207,7 +189,7 @@ def refine_and_polish(
         data = data.unrolled(refined.T_camera_lidar)
         seen = data.observations
     found = Stages(initial, refined, unrolled=seen, of_data=of_data, notes_on_data=notes)
-    if not is_polished:
+    if not is_polished(data.observations, config):
         return found
     polished = polish(data, refined.T_camera_lidar, config, on_event)
     found = replace(found, polished=polished)
@@ -270,46 +252,14 @@ def polish(
     return found
 
 
-def check_jointly(data: LoadedDrive, config: RefinementConfig, priors: Sequence[Prior] = ()) -> None:
-    """Check that a drive can tell what is to be estimated beside the pose.
-
-    Raises:
-        InputError: the lens has not one of the intrinsics, the drive has no motion for the offset of the clock, or
-            priors, features or a pose that is not polished exclude the estimate.
-    """
-    jointly = config.jointly
-    option = "--refine-intrinsics" if jointly.intrinsics else "--estimate-delay"
-    check_intrinsics(jointly.intrinsics, data.observations.camera, f"{data.drive.path}: --refine-intrinsics")
-    if not config.is_polished or data.observations.has_vectors:
-        raise InputError(f"{option}: follows the polish, which features and is_polished=False exclude")
-    if priors:
-        raise InputError(
-            f"{option}: found {priors[0].name}, needed none: the two are not weighed together yet"
-        )
-    if jointly.with_delay and twists_per_s(data.observations) is None:
-        raise InputError(
-            f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --estimate-delay"
-        )
-
-
 def estimate_jointly(
     data: LoadedDrive, T_polished: Pose, config: RefinementConfig, on_event: Listener = ignore
 ) -> Joint:
-    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`.
-
-    If the shutter rolls, an estimate that is kept tells other lines, with which all is estimated once more.
-    """
+    """Estimate intrinsics and the offset of the clock together with the pose; see `semcal_cli.assessment.joint`."""
     on_event(Progress("estimating intrinsics" if config.jointly.intrinsics else "estimating the clock"))
     start = perf_counter()
-
-    def estimated(observations: Observations) -> Joint:
-        settings = config.jointly, _polish_config(config)
-        return estimate(observations, T_polished, *settings, data.drive.time_offset_s)
-
-    found = estimated(data.observations)
-    if found.is_kept and can_be_unrolled(data.observations):
-        lines = unrolled(found.observations, found.T_camera_lidar)
-        found = estimated(exposed_as(data.observations, lines))
+    settings = config.jointly, _polish_config(config)
+    found = estimate(data.observations, T_polished, *settings, data.drive.time_offset_s)
     on_event(stage_words.estimated_jointly(found, perf_counter() - start, T_polished))
     return found
 
@@ -342,7 +292,7 @@ def assess(
 
     Where intrinsics or clocks look wrong, they are estimated once, unless `with_remedies` is false.
 
-    A pose whose polish was rejected has no uncertainty; its frames are compared. One that was not polished stays as it
+    A pose whose polish was rejected has no uncertainty, and is checked otherwise. One that was not polished stays as it
     is.
     """
     if stages.fused is None and stages.polished is None:
@@ -351,16 +301,12 @@ def assess(
     start = perf_counter()
     T_camera_lidar, agreement = stages.T_camera_lidar, list(stages.poses.values())[-1].agreement
     joint = stages.joint if stages.is_joint else None
-    if joint is not None:
-        data = replace(data, observations=joint.observations)
-    elif stages.unrolled is not None:
-        data = replace(data, observations=stages.unrolled)
+    data = replace(data, observations=stages.seen or data.observations)
     is_rejected = stages.polished is not None and not stages.polished.is_accepted
+    polish_config = _polish_config(config)
     if stages.fused is None and joint is None and is_rejected:
-        found = compare_frames(data, T_camera_lidar, agreement)
+        found = assess_rejected(data, T_camera_lidar, agreement)
     else:
-        with_label_bleed = with_label_bleed and {*data.cues} <= {"labels", "segments"}
-        polish_config = _polish_config(config)
         found = assess_pose(
             data,
             T_camera_lidar,
@@ -368,12 +314,21 @@ def assess(
             polish_config,
             stages.fused,
             stages.joint,
-            jointly=config.jointly,
-            with_label_bleed=with_label_bleed,
-            with_remedies=with_remedies,
+            with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"},
         )
+    if with_remedies:
+        findings = advise(
+            found.findings,
+            data.observations,
+            T_camera_lidar,
+            polish_config,
+            done=config.jointly,
+            with_priors=stages.fused is not None,
+            time_offset_s=data.drive.time_offset_s,
+        )
+        found = replace(found, findings=findings)
     stages = replace(stages, assessment=found)
-    on_event(stage_words.assessed(_findings(stages, config), perf_counter() - start))
+    on_event(stage_words.assessed(findings_of(stages, config), perf_counter() - start))
     return stages
 
 
@@ -392,7 +347,7 @@ def repeat(
         on_event(Progress(f"repeating with seed {seed}"))
         try:
             initial = initialize(data, config.initialization, seed, initial_pose, priors)
-            found = refine_and_polish(data, initial, config.refinement, seed, priors)
+            found = _refine_and_polish(data, initial, config.refinement, seed, priors, ignore)
             others.append(found.T_camera_lidar)
         except CalibrationError:
             others.append(None)
@@ -417,8 +372,8 @@ def make_calibration(
     source = None if initial_pose is None else initial_pose.source
     return assemble(
         poses,
-        _findings(stages, config.refinement),
-        settings=_settings(data, stages, config, initial_pose, priors),
+        findings_of(stages, config.refinement),
+        settings=settings_of(data, stages, config, initial_pose, priors),
         seed=config.seed,
         num_frames=len(data.drive.frames),
         input=describe_input(data.drive, source, relative_to, files_of(data.cues), hashes),
@@ -433,38 +388,6 @@ def make_calibration(
         camera=stages.joint.camera if stages.joint else None,
         clock=stages.joint.clock if stages.joint else None,
     )
-
-
-def _findings(stages: Stages, config: RefinementConfig) -> tuple[Finding, ...]:
-    """List all that speaks against the pose of the last stage."""
-    *_, last = stages.poses.values()
-    # Other methods have no limit of the distance in their search, and check the distance themselves.
-    limit_m = config.max_baseline_m if isinstance(stages.refined, Refinement) else math.inf
-    return (*stages.findings, *check_pose(last.T_camera_lidar, last.agreement, limit_m))
-
-
-def _settings(
-    data: LoadedDrive,
-    stages: Stages,
-    config: CalibrationConfig,
-    initial_pose: InitialPose | None,
-    priors: Sequence[Prior],
-) -> dict[str, object]:
-    """Collect the options that changed the answer, in the order of the stages."""
-    settings: dict[str, object] = {"max_frames": data.max_frames}
-    if data.cues != LABELS:
-        settings["cues"] = describe_cues(data.cues)
-    if initial_pose is not None and initial_pose.source is None:
-        settings["given"] = initial_pose.name
-    if initial_pose is not None and initial_pose.direction is not None:
-        settings["init_direction"] = initial_pose.direction
-    for name, stage in stages.poses.items():
-        settings |= stage.settings
-        if name == "refined" and priors:
-            settings["priors"] = [prior.describe() for prior in priors]
-    if stages.repeatability is not None:
-        settings["num_seeds"] = config.num_seeds
-    return settings
 
 
 def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:

@@ -1,15 +1,24 @@
-"""What the stages of one calibration arrived at, and what speaks against the pose of the last one."""
+"""What the stages of one calibration arrived at, what speaks against the pose of the last one, and the settings."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from semcal_cli.assessment.assess import Assessment
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.joint import Joint
+from semcal_cli.assessment.pose_checks import check_pose
+from semcal_cli.assessment.priors import Prior
+from semcal_cli.config import LABELS, CalibrationConfig, RefinementConfig
+from semcal_cli.drive.cues import describe_cues
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.refinement.polish import Polish
+from semcal_cli.refinement.pyramid import Refinement
 from semcal_cli.result.calibration import Repeatability
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding, StageResult
@@ -65,6 +74,11 @@ class Stages:
         return self.joint is not None and self.joint.is_kept
 
     @property
+    def seen(self) -> Observations | None:
+        """Observations as the camera sees them that the last pose belongs to; None if those of the drive."""
+        return self.joint.observations if self.joint is not None and self.joint.is_kept else self.unrolled
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """Sentences that a person should know and that do not speak against the pose."""
         of_joint = () if self.joint is None else self.joint.notes
@@ -97,3 +111,35 @@ class Stages:
     def T_camera_lidar(self) -> Pose:
         """Pose (4, 4) of the last stage, metres."""
         return list(self.poses.values())[-1].T_camera_lidar
+
+
+def findings_of(stages: Stages, config: RefinementConfig) -> tuple[Finding, ...]:
+    """List all that speaks against the pose of the last stage."""
+    *_, last = stages.poses.values()
+    # Other methods have no limit of the distance in their search, and check the distance themselves.
+    limit_m = config.max_baseline_m if isinstance(stages.refined, Refinement) else math.inf
+    return (*stages.findings, *check_pose(last.T_camera_lidar, last.agreement, limit_m))
+
+
+def settings_of(
+    data: LoadedDrive,
+    stages: Stages,
+    config: CalibrationConfig,
+    initial_pose: InitialPose | None,
+    priors: Sequence[Prior],
+) -> dict[str, object]:
+    """Collect the options that changed the answer, in the order of the stages."""
+    settings: dict[str, object] = {"max_frames": data.max_frames}
+    if data.cues != LABELS:
+        settings["cues"] = describe_cues(data.cues)
+    if initial_pose is not None and initial_pose.source is None:
+        settings["given"] = initial_pose.name
+    if initial_pose is not None and initial_pose.direction is not None:
+        settings["init_direction"] = initial_pose.direction
+    for name, stage in stages.poses.items():
+        settings |= stage.settings
+        if name == "refined" and priors:
+            settings["priors"] = [prior.describe() for prior in priors]
+    if stages.repeatability is not None:
+        settings["num_seeds"] = config.num_seeds
+    return settings

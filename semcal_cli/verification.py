@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
-from semcal_cli.assessment.joint_fit import twists_per_s
 from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
 from semcal_cli.config import InitializationConfig, JointlyConfig, Limits, RefinementConfig
+from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.events import Listener, ignore
@@ -63,6 +63,8 @@ class Verification:
     """Sentences that a person should know and that do not change the verdict."""
     T_camera_lidar: Pose
     """(4, 4) estimate of the pose, metres."""
+    time_offset_s: float
+    """Time by which pictures are later than image_stamp says, in seconds, where the estimate belongs to them."""
 
     @property
     def sentence(self) -> str:
@@ -132,7 +134,9 @@ def verify(
         told = [(LOOKS_LIKE, each) for each in looks]
     told += [(CLOCK_TOPIC, each) for each in of_clock]
     topics, reasons = ((*column,) for column in zip(*told, strict=True)) if told else ((), ())
-    return Verification(verdict, checks, reasons, topics, notes, estimate)
+    clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
+    time_offset_s = data.drive.time_offset_s if clock is None else clock.time_offset_s
+    return Verification(verdict, checks, reasons, topics, notes, estimate, time_offset_s)
 
 
 def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Check, list[str]]:

@@ -247,6 +247,11 @@ READ: dict[str, Hostile] = {
     "a key that no camera has": read_back(
         r"camera: unknown key 'sure'; the nearest known key is 'is_kept'$", "camera", "sure", value=True
     ),
+    "a covariance of the clock with intrinsics": read_back(
+        r"clock\.joint_covariance: found a list of 8, needed at most 7",
+        *("clock", "joint_covariance"),
+        value=[[0.0] * 7] * 8,
+    ),
     "a clock that is days off": read_back(
         r"clock\.time_offset_s: found 86400(\.0)?, needed at most ", "clock", "time_offset_s", value=86400.0
     ),

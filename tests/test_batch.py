@@ -19,15 +19,18 @@ from batches import NUM_DRIVES, QUICK, SEMCAL, command, make_drives, run, summar
 from click.testing import CliRunner
 from hostile_drives import HOSTILE as HOSTILE_DRIVES
 from hostile_drives import break_drive
+from refined import with_camera
 
 from semcal_cli.batch.drives import find_drives, folder_of
 from semcal_cli.batch.summary import worst
-from semcal_cli.batch.tasks import Outcome
+from semcal_cli.batch.tasks import Outcome, Task, describe_result
 from semcal_cli.cli import semcal
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.jobs import processes
 from semcal_cli.jobs.resume import locked
+from semcal_cli.result.calibration import Calibration, write_calibration
+from semcal_cli.result.provenance import camera_hash
 
 
 @pytest.fixture(scope="module")
@@ -374,3 +377,14 @@ def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: 
 def test_an_outcome_is_a_line_that_python_reads_back() -> None:
     outcome = Outcome("d", "failed", 1, ("no overlap",))
     assert Outcome(**json.loads(json.dumps(vars(outcome)))).reasons == ["no overlap"]
+
+
+@pytest.mark.parametrize("is_kept", [True, False])
+def test_a_drive_has_the_camera_that_its_transform_belongs_to(
+    street: Path, refined: Calibration, tmp_path: Path, is_kept: bool
+) -> None:
+    """Not the one that it began with, so that drives with different estimates do not pass for one camera."""
+    given, found = refined.input.camera, refined.used_camera
+    task = Task("street", str(street), str(tmp_path), "calibrate")
+    write_calibration(with_camera(refined, given, found, is_kept=is_kept), task.result)
+    assert describe_result(task, 0, task.result.name).camera == camera_hash(found if is_kept else given)

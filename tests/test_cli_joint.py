@@ -11,6 +11,8 @@ from test_hostile_commands import SMALL
 from semcal_cli import pipeline
 from semcal_cli.config import CalibrationConfig, JointlyConfig, RefinementConfig
 from semcal_cli.errors import InputError
+from semcal_cli.formats import read_transform
+from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -37,6 +39,7 @@ def test_a_clock_that_is_not_determined(
     assert found.clock is not None
     assert (found.clock.is_determined, found.clock.is_kept) == (False, False)
     assert (found.clock.time_offset_s, found.clock.half_width_95_s, found.clock.meaning) == (0.0, None, OPEN)
+    assert found.clock.joint_covariance is None
     assert f"clock {OPEN}" in said
     assert "joint" not in found.stages
 
@@ -96,6 +99,15 @@ def test_what_cannot_be_estimated_is_told_before_the_search(
     config = CalibrationConfig(refinement=RefinementConfig(jointly=jointly))
     with pytest.raises(InputError, match=message):
         pipeline.calibrate(street, config)
+
+
+def test_what_cannot_be_estimated_is_looked_for_once(street: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    checked = []
+    monkeypatch.setattr(pipeline, "check_beside_pose", lambda *arguments: checked.append(arguments))
+    refinement = RefinementConfig(jointly=JointlyConfig(("fx",)))
+    start = InitialPose(read_transform(street), "start")
+    pipeline.calibrate(street, CalibrationConfig(refinement=refinement), initial_pose=start)
+    assert len(checked) == 1
 
 
 def test_several_that_are_not_determined_are_listed(

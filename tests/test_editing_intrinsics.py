@@ -7,12 +7,12 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 from format_files import T_ANY
-from refined import spoiled
+from refined import LATER_S, clock, spoiled
 
 from semcal_cli.cli import semcal
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.calibration import Calibration, write_calibration
 
 
 def run(*arguments: object) -> Result:
@@ -109,6 +109,55 @@ def test_intrinsics_stay_unless_they_were_estimated_and_kept(
         assert found.exit_code == 0, found.output
         assert "set the intrinsics" not in found.stderr
         assert f"{spoiled(refined.input.camera).K[0][0]}" in path.read_text()
+
+
+@pytest.mark.parametrize("stated", ["", "time_offset_s: -0.5   # by the maker\n"])
+def test_a_clock_that_was_kept_is_set_in_a_drive(refined: Calibration, tmp_path: Path, stated: str) -> None:
+    """So that a next calibration starts from all that was found; nothing but the values changes."""
+    path, source = tmp_path / "drive.yaml", tmp_path / "c.yaml"
+    write_calibration(refined.model_copy(update={"clock": clock()}), source)
+    path.write_text(filled(DRIVE_OF_THE_USER, refined.input.camera) + stated)
+    found = run("convert", source, "--into", path)
+    assert found.exit_code == 0, found.output
+    assert found.stderr.endswith(
+        f"\nset the clock in {path}: pictures are 23.1 ms later than their stamps say\n"
+    )
+    drive = read_drive(path)
+    assert (drive.time_offset_s, drive.camera.K) == (LATER_S, refined.used_camera.K)
+    assert ("# by the maker" in path.read_text()) == bool(stated)
+
+
+def test_a_clock_that_is_not_kept_stays(refined: Calibration, tmp_path: Path) -> None:
+    path, source = tmp_path / "drive.yaml", tmp_path / "c.yaml"
+    write_calibration(refined.model_copy(update={"clock": clock(is_determined=False)}), source)
+    path.write_text(filled(DRIVE_OF_THE_USER, refined.input.camera) + "time_offset_s: 0.25\n")
+    found = run("convert", source, "--into", path)
+    assert "the clock" not in found.stderr
+    assert read_drive(path).time_offset_s == 0.25
+
+
+def test_a_file_without_a_place_for_the_clock_is_told(refined: Calibration, tmp_path: Path) -> None:
+    path, source = tmp_path / "chain.yaml", tmp_path / "c.yaml"
+    write_calibration(refined.model_copy(update={"clock": clock()}), source)
+    path.write_text(filled(CHAIN, refined.input.camera))
+    found = run("convert", source, "--into", path)
+    *_, last = found.stderr.splitlines()
+    assert last == (
+        f"left out the clock, which {path} has no place for: pictures are 23.1 ms later than their stamps say"
+    )
+
+
+def test_a_clock_that_no_drive_may_have_is_refused(refined: Calibration, tmp_path: Path) -> None:
+    path, source = tmp_path / "drive.yaml", tmp_path / "c.yaml"
+    far = clock().model_copy(update={"time_offset_s": 1.5})
+    write_calibration(refined.model_copy(update={"clock": far}), source)
+    path.write_text(filled(DRIVE_OF_THE_USER, refined.input.camera))
+    before = path.read_bytes()
+    found = run("convert", source, "--into", path)
+    assert str(found.exception) == (
+        f"{path}: time_offset_s: found 1.5 to be set, needed -1 to 1: correct image_stamp by it instead"
+    )
+    assert path.read_bytes() == before
 
 
 def test_a_chain_without_intrinsics_gets_none(refined_file: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,10 +16,13 @@ from semcal_cli.fleet.changes import ALPHA, change_points, drift
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
 from semcal_cli.fleet.fleet import Offset
+from semcal_cli.fleet.members import read_members
 from semcal_cli.fleet.record import describe_fleet
 from semcal_cli.fleet.words import SIGNS, motions
 from semcal_cli.geometry.poses import camera_center, inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.provenance import camera_hash
 
 MANY = 1e6
 
@@ -150,6 +154,23 @@ def test_drives_are_in_the_order_of_stamps_that_compare_or_else_of_names() -> No
     assert (found.order, found.parts[1].first, found.verdict) == ("name", "drive_15", "fail")
     assert found.notes == ("drives have no stamps in seconds since 1970 that differ: ordered by name",)
     assert combine_drives(drives, Limits()).notes == ()
+
+
+def test_cameras_that_differ_are_told() -> None:
+    drives = [replace(drive, camera=f"k{index % 2}") for index, drive in enumerate(series_of("nothing"))]
+    assert combine_drives(drives, Limits()).notes == (
+        "drives have 2 cameras, given or estimated, that differ in picture size, intrinsics or lens: the pose that "
+        "they agree on belongs to none of them; set one in all drives and calibrate them again",
+    )
+    assert combine_drives([replace(drive, camera="k0") for drive in drives], Limits()).notes == ()
+
+
+def test_a_single_result_has_the_camera_that_was_estimated(
+    refined: Calibration, refined_file: Path, rejected_file: Path
+) -> None:
+    (kept,), (rejected,) = read_members([refined_file]), read_members([rejected_file])
+    assert kept.camera == camera_hash(refined.used_camera)
+    assert rejected.camera == camera_hash(refined.input.camera)
 
 
 def test_a_drift_is_measured() -> None:

@@ -8,8 +8,8 @@ import pytest
 
 from semcal_cli.assessment.assess import _with_stated
 from semcal_cli.assessment.joint import Joint, estimate_jointly
-from semcal_cli.assessment.joint_fit import delayed
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -121,6 +121,25 @@ def test_late_pictures_are_found(moving: LoadedDrive, late_s: float) -> None:
     assert found.clock is not None
     assert abs(found.clock.time_offset_s - late_s) < MAX_CLOCK_S
     assert ("later" if late_s > 0.0 else "earlier") in found.clock.meaning
+
+
+@pytest.mark.parametrize("names", [(), ("fx", "fy")])
+def test_a_clock_tells_how_it_goes_with_the_pose(moving: LoadedDrive, names: tuple[str, ...]) -> None:
+    """Also where nothing but the clock is estimated; its row is the last one, in seconds."""
+    truth = np.array(moving.drive.T_camera_lidar)
+    late = delayed(moving.observations, -0.02)
+    found = estimate_jointly(late, truth, JointlyConfig(names, with_delay=True), PolishConfig())
+    assert found.clock is not None
+    assert found.uncertainty is not None
+    covariance = np.array(found.clock.joint_covariance)
+    assert covariance.shape == (7, 7)
+    assert np.sqrt(covariance[6, 6]) == pytest.approx(found.clock.sigma_s)
+    assert covariance[:6, :6] == pytest.approx(np.array(found.uncertainty.covariance))
+    if found.camera is not None:
+        of_all = np.array(found.camera.joint_covariance)
+        assert len(of_all) == 6 + len(names) + 1
+        places = [*range(6), len(of_all) - 1]
+        assert np.array_equal(covariance, of_all[np.ix_(places, places)])
 
 
 def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive) -> None:

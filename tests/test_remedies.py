@@ -2,14 +2,15 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
 from test_consistency import with_twists
 from test_findings import ORDERS
 
+from semcal_cli import pipeline
 from semcal_cli.assessment import remedies
-from semcal_cli.assessment.assess import assess
 from semcal_cli.assessment.remedies import OF_CLOCKS, OF_INTRINSICS, advise
 from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.document import Camera, read_drive
@@ -19,7 +20,7 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import refine_and_polish, start_at
+from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.result.stage import Finding
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -74,9 +75,9 @@ def early(tmp_path_factory: pytest.TempPathFactory) -> LoadedDrive:
 def test_wrong_clocks_are_told(early: LoadedDrive) -> None:
     """By a whole assessment, beside all other findings."""
     start = start_at(early, InitialPose(read_transform(early.drive.path), "start"))
-    polished = refine_and_polish(early, start, RefinementConfig(), from_afar=True)
-    pose, agreement = polished.T_camera_lidar, list(polished.poses.values())[-1].agreement
-    findings = assess(early, pose, agreement, PolishConfig(), with_label_bleed=False).findings
+    config = RefinementConfig()
+    polished = refine_and_polish(early, start, config, from_afar=True)
+    findings = assess(early, polished, config, with_label_bleed=False).findings
     (clocks,) = (finding for finding in findings if finding.topic == "clocks")
     found = re.fullmatch(
         r"calibrate with --estimate-delay, which finds that pictures are (\d+\.\d) ms earlier than their stamps say",
@@ -84,9 +85,24 @@ def test_wrong_clocks_are_told(early: LoadedDrive) -> None:
     )
     assert found is not None, clocks.advice
     assert float(found[1]) == pytest.approx(20.0, abs=CLOSE_MS)
-    plain = assess(early, pose, agreement, PolishConfig(), with_label_bleed=False, with_remedies=False)
+    plain = assess(early, polished, config, with_label_bleed=False, with_remedies=False)
     assert [finding.found for finding in plain.findings] == [finding.found for finding in findings]
     assert "--estimate-delay" not in " ".join(finding.advice for finding in plain.findings)
+
+
+def test_wrong_clocks_are_told_also_where_the_polish_is_rejected(
+    early: LoadedDrive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # As if held-out data had to get better by a lot.
+    monkeypatch.setattr(pipeline, "PolishConfig", partial(PolishConfig, max_loss=-1e6))
+    start = start_at(early, InitialPose(read_transform(early.drive.path), "start"))
+    stages = refine_and_polish(early, start, RefinementConfig(), from_afar=True)
+    found = assess(early, stages, RefinementConfig())
+    assert found.uncertainty is None
+    topics = [finding.topic for finding in found.findings]
+    assert {"polish-rejected", "clocks"} <= {*topics}
+    (clocks,) = (finding for finding in found.findings if finding.topic == "clocks")
+    assert "--estimate-delay, which finds that pictures are " in clocks.advice
 
 
 def test_both_are_estimated_together_and_the_drives_offset_is_part_of_it(early: LoadedDrive) -> None:

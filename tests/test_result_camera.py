@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -126,6 +127,43 @@ def test_the_page_shows_the_found_camera(
     assert "<td>not determined: it stays as given</td>" in text
 
 
+def test_each_stage_is_shown_by_the_camera_that_it_was_found_with(
+    wrong_drive: Path, file: Path, made: Path, right: Camera
+) -> None:
+    begun, wrong = read_drive(wrong_drive), spoiled(right)
+    report = read_report_input(begun, file)
+    first, last = report.overlays(1).views.values()
+    assert (first.observations.camera, last.observations.camera) == (wrong, right)
+    assert report.begun.camera == wrong
+    with_K(wrong_drive, right.K)  # as `convert --into` does
+    first, last = read_report_input(read_drive(wrong_drive), file).overlays(1).views.values()
+    assert (first.observations.camera.K, last.observations.camera) == (wrong.K, right)
+    first, last = read_report_input(begun, file, made / "c.yaml").overlays(1).views.values()
+    assert (first.observations.camera, last.observations.camera) == (wrong, right)
+    first, last = read_report_input(begun, made / "c.yaml", file).overlays(1).views.values()
+    assert (first.observations.camera, last.observations.camera) == (right, wrong)
+
+
+def test_a_pose_that_is_shown_beside_another_one_has_its_own_camera(
+    wrong_drive: Path, file: Path, made: Path, right: Camera, tmp_path: Path
+) -> None:
+    """The upper picture, or the left one, is that of the drive's camera if its transform belongs to that."""
+    beside = tmp_path / "beside.yaml"
+    pictures = []
+    for source in (made / "c.yaml", file):
+        shutil.copy(source, beside)  # its name stands on the pictures
+        found = run(
+            "overlay", wrong_drive, file, "--against", beside, "-o", tmp_path / "o", "--max-frames", 1
+        )
+        assert found.exit_code == 0, found.output
+        assert (said(right, beside) in found.stderr) == (source == file)
+        pictures.append(cv2.imread(str(tmp_path / "o" / "000000.png")))
+    given, estimated = pictures
+    half = given.shape[1] // 2
+    assert (given[:, :half] != estimated[:, :half]).any()
+    assert np.array_equal(given[:, half:], estimated[:, half:])
+
+
 def test_a_page_without_such_a_camera_has_no_section_of_it(made: Path) -> None:
     assert 'id="camera"' not in (made / "r.html").read_text()
 
@@ -174,11 +212,20 @@ def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> N
     assert apply_result(unknown, drive, "c.yaml") == (drive, ())
 
 
-def test_export_uses_it(wrong_drive: Path, file: Path, right: Camera, tmp_path: Path) -> None:
+def test_export_uses_it_for_the_poses_that_belong_to_it(
+    wrong_drive: Path, file: Path, right: Camera, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("rerun")
+    from semcal_cli.report import rerun_file
+
+    drawn: dict[str, Camera] = {}
+    monkeypatch.setattr(rerun_file, "_log_camera", lambda _, name, __, camera: drawn.update({name: camera}))
     found = run("export", "rerun", wrong_drive, file, "-o", tmp_path / "a.rrd", "--max-frames", 1)
     assert found.exit_code == 0, found.output
     assert found.stderr.startswith(said(right, file))
+    assert {"reference", "hypothesis_0", "stage_initial", "stage_polished"} < {*drawn}
+    assert drawn.pop("result") == right
+    assert {camera.K for camera in drawn.values()} == {spoiled(right).K}
 
 
 def test_compare_says_that_cameras_differ(file: Path, made: Path, right: Camera) -> None:

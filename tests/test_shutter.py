@@ -9,17 +9,19 @@ import pytest
 
 from semcal_cli import _core
 from semcal_cli.assessment.inspection import inspect
-from semcal_cli.assessment.joint_fit import delayed
 from semcal_cli.assessment.pose_checks import check_shutter
+from semcal_cli.assessment.remedies import advise
 from semcal_cli.baselines.soic_calibration import calibrate_by_soic
 from semcal_cli.config import (
     CalibrationConfig,
     JointlyConfig,
+    PolishConfig,
     ReadoutDirection,
     RefinementConfig,
     SynthConfig,
 )
 from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, Drive, Motion
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
@@ -32,6 +34,7 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate, refine_and_polish, start_at
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.overlay import Overlays, points_in_image
+from semcal_cli.result.stage import Finding
 from semcal_cli.stages import Stages
 from semcal_cli.synthetic.synthesis import synthesize
 from semcal_cli.view.session import Session
@@ -197,6 +200,18 @@ def test_a_late_clock_is_found_with_the_lines_that_it_tells(tmp_path: Path) -> N
         assert expected.exposed_s is not None
         # A line takes a third of a millisecond; points that pass close by may be off by some.
         assert np.quantile(np.abs(cloud.exposed_s - expected.exposed_s), 0.9) < 1e-3 * READOUT_S
+
+
+def test_the_doubt_names_the_clock_that_the_option_finds(tmp_path: Path) -> None:
+    data = made(replace(ROLLING, delay_ms=40.0), tmp_path)
+    joint = found(data, RefinementConfig(jointly=JointlyConfig(with_delay=True))).joint
+    assert joint is not None
+    assert joint.clock is not None
+    stages = found(data)
+    assert stages.unrolled is not None
+    doubt = Finding("clocks", "the clocks look wrong", "check the clocks")
+    (advised,) = advise((doubt,), stages.unrolled, stages.T_camera_lidar, PolishConfig())
+    assert advised.advice == f"calibrate with --estimate-delay, which finds that {joint.clock.meaning}"
 
 
 def test_what_is_shown_is_what_was_exposed(rolling: LoadedDrive) -> None:

@@ -5,24 +5,33 @@ from dataclasses import asdict
 from pathlib import Path
 
 import junitparser
+import numpy as np
 import pytest
 from conftest import run
 from refined import clock
 
 import semcal_cli as semcal_package
+from semcal_cli import _core
 from semcal_cli.assessment.limits import CLOCK, figures, judge_clock, offsets_in_all
-from semcal_cli.config import Limits, SynthConfig
-from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.config import CalibrationConfig, JointlyConfig, Limits, RefinementConfig, SynthConfig
+from semcal_cli.drive.document import DRIVE_FILE, read_drive
+from semcal_cli.drive.loading import load
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
-from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
+from semcal_cli.formats import read_transform
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.report import read_report_input
+from semcal_cli.report.verification import both_overlays
+from semcal_cli.result.calibration import Calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 CLOSE_MS = 2.0
 """Error of the clock that six small pictures tell."""
+MAX_CURVED_M = 0.02
+"""How far points of the farthest range are off that are moved at a constant twist, as a path that curves is not."""
 NOT_DETERMINED = "the offset of the clocks is not determined: drive at different speeds, and turn"
 DRIVES = {
     "right": ("mixed", 0.0, 6),
@@ -116,19 +125,53 @@ def test_an_interval_about_the_limit_decides_nothing() -> None:
     assert offsets_in_all([judge_clock(0.0, None, 0.005)]) == ["clock not determined, allowed 5 ms"]
 
 
-def test_the_clock_of_a_result_is_what_is_judged(
-    moving: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+@pytest.fixture(scope="module")
+def estimated(moving: Path) -> Calibration:
+    """A calibration whose clock was estimated and kept."""
+    jointly = JointlyConfig(with_delay=True)
+    found = semcal_package.calibrate(
+        moving / "late", CalibrationConfig(refinement=RefinementConfig(jointly=jointly))
+    )
+    assert found.clock is not None
+    assert found.clock.is_kept
+    return found
+
+
+def test_each_stage_is_shown_by_the_clock_that_it_was_found_with(
+    moving: Path, estimated: Calibration, tmp_path: Path
 ) -> None:
-    """A calibration whose clock was estimated and kept: what remains is judged."""
+    drive = read_drive(moving / "late")
+    write_calibration(estimated, tmp_path / "c.yaml")
+    overlays = read_report_input(drive, tmp_path / "c.yaml").overlays(20)
+    first, last = (view.observations.clouds for view in overlays.views.values())
+    for begun, cloud, later in zip(load(drive).observations.clouds, first, last, strict=True):
+        assert np.linalg.norm(cloud.points - begun.points, axis=1).max() < MAX_CURVED_M
+        assert np.linalg.norm(later.points - begun.points, axis=1).max() > 10.0 * MAX_CURVED_M
+
+
+def test_the_estimate_of_a_verification_is_shown_by_its_clock(moving: Path) -> None:
+    data, start = load(moving / "late"), InitialPose(read_transform(moving / "late"), "it")
+    found = semcal_package.verify(data, moving / "late", Limits(delay_s=0.005))
+    assert found.time_offset_s == pytest.approx(0.02, abs=1e-3 * CLOSE_MS)
+    given, last = both_overlays(found, data, start).views.values()
+    assert given.observations.clouds[0] is data.observations.clouds[0]
+    agreements = [
+        _core.agreement(seen.observations.core, last.T_camera_lidar).label_agreement for seen in (given, last)
+    ]
+    assert agreements[1] > agreements[0]
+
+
+def test_the_clock_of_a_result_is_what_is_judged(
+    moving: Path, estimated: Calibration, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """What remains is judged."""
     result = tmp_path / "calibration.yaml"
-    assert run(capfd, "calibrate", moving / "late", "--estimate-delay", "-o", result, "-q")[0] == 0
+    write_calibration(estimated, result)
     code, out, _ = run(capfd, "verify", moving / "late", result, "--max-delay-ms", 5, "--json", "-q")
     report = json.loads(out)
     assert code == PASS, report
     assert abs(report["checks"][-1]["offset"]) < CLOSE_MS
-    wrong: Calibration = read_calibration(result).model_copy(
-        update={"clock": clock().model_copy(update={"time_offset_s": 0.1})}
-    )
+    wrong = estimated.model_copy(update={"clock": clock().model_copy(update={"time_offset_s": 0.1})})
     write_calibration(wrong, result)
     code, out, _ = run(capfd, "verify", moving / "late", result, "--max-delay-ms", 5, "--json", "-q")
     assert code == FAIL

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -23,20 +24,20 @@ from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.pairing import check_pairs
-from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
-from semcal_cli.assessment.sensitivity import Matrix
+from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
-from semcal_cli.config import JointlyConfig, PolishConfig
+from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.result.camera import RefinedCamera
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty
 
 NOTHING = Finding(
     "not-determined",
@@ -73,9 +74,7 @@ def assess(
     fused: Fused | None = None,
     joint: Joint | None = None,
     *,
-    jointly: JointlyConfig | None = None,
     with_label_bleed: bool = True,
-    with_remedies: bool = True,
 ) -> Assessment:
     """Estimate the uncertainty of a polished pose, and look for findings against it.
 
@@ -88,25 +87,20 @@ def assess(
         config: Settings of the polish.
         fused: Result of the fusion with priors, if there are any.
         joint: Estimate of the pose with intrinsics or the clock, whether or not it was kept, if there is one.
-        jointly: What was estimated in it.
         with_label_bleed: Whether to compute the effect of bleeding labels.
-        with_remedies: Whether to estimate the intrinsics or the clock that look wrong.
     """
     observations, checked, camera = data.observations, data.for_checks, data.observations.camera
-    around = around_intrinsics(observations, T_camera_lidar)
-    shift = shift_by_intrinsics(around)
-    known = covariance_of_intrinsics(shift, camera if jointly is None else _without_stated(camera, jointly))
     label_gain = None if fused is None else fused.label_gain
-    cost = None if shift is None else intrinsics_cost(shift, camera, label_gain)
-    if checked is not observations:
-        around = around_intrinsics(checked, T_camera_lidar)
+    stated = camera if joint is None or joint.camera is None else _without_stated(camera, joint.camera)
+    effect = _EffectOfIntrinsics.at(observations, T_camera_lidar, label_gain, stated)
+    around = effect.around if checked is observations else around_intrinsics(checked, T_camera_lidar)
 
     def uncertain() -> Uncertainty | None:
-        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, known)
+        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, effect.known)
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
-        return found.model_copy(update={"label_bleed": bleed, "intrinsics_cost": cost})
+        return found.model_copy(update={"label_bleed": bleed, "intrinsics_cost": effect.cost})
 
     # While one check is in Python, the core works for another one.
     with ThreadPoolExecutor() as pool:
@@ -121,22 +115,46 @@ def assess(
             *_rivals(data, T_camera_lidar),
             *wrong_intrinsics(around, camera),
         )
-        notes = (*frames.notes, *notes_on_intrinsics(camera, cost), *of_scale.result())
-    if with_remedies:
-        findings = advise(
-            findings,
-            observations,
-            T_camera_lidar,
-            config,
-            done=jointly,
-            with_priors=fused is not None,
-            time_offset_s=data.drive.time_offset_s,
-        )
+        notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
     if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
     return Assessment(
         found, (*findings, *undetermined(found, None if joint is None else joint.advice)), notes, frames.parts
     )
+
+
+def assess_rejected(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
+    """Look for findings against a pose whose polish was rejected: it is no top, and so has no uncertainty.
+
+    Args:
+        data: The drive, as `load` returns it.
+        T_camera_lidar: (4, 4) pose before the polish, metres.
+        agreement: Agreement of the observations at this pose.
+    """
+    frames = compare_frames(data, T_camera_lidar, agreement)
+    return replace(frames, findings=(*frames.findings, *check_consistency(data.for_checks, T_camera_lidar)))
+
+
+class _EffectOfIntrinsics(NamedTuple):
+    """What intrinsics that are off do to the pose."""
+
+    around: Sensitivity | None
+    known: Matrix | None
+    """(6, 6) covariance of the pose by stated errors of the intrinsics; None if none are stated."""
+    cost: IntrinsicsCost | None
+
+    @classmethod
+    def at(
+        cls, observations: Observations, T_camera_lidar: Pose, label_gain: Matrix | None, stated: Camera
+    ) -> _EffectOfIntrinsics:
+        """Compute the effect at a pose (4, 4), to whose twist (6, 6) `label_gain` brings one of the labels' optimum.
+
+        `stated` is the camera with the errors that are stated and that no estimate replaces.
+        """
+        around = around_intrinsics(observations, T_camera_lidar)
+        shift = shift_by_intrinsics(around)
+        cost = None if shift is None else intrinsics_cost(shift, observations.camera, label_gain)
+        return cls(around, covariance_of_intrinsics(shift, stated), cost)
 
 
 def _uncertainty(
@@ -159,9 +177,9 @@ def _uncertainty(
     )
 
 
-def _without_stated(camera: Camera, jointly: JointlyConfig) -> Camera:
+def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
     """Leave out the stated errors of intrinsics that were estimated: the estimate tells how far they may be off."""
-    return with_intrinsics(camera, {name: intrinsic_value(camera, name) for name in jointly.intrinsics})
+    return with_intrinsics(camera, {name: intrinsic_value(camera, name) for name in found.intrinsics})
 
 
 def _with_stated(found: Uncertainty, T_camera_lidar: Pose, known: Matrix | None) -> Uncertainty:
@@ -176,7 +194,7 @@ def _with_stated(found: Uncertainty, T_camera_lidar: Pose, known: Matrix | None)
 
 
 def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
-    """Look for findings about single frames and labels, also at a pose that was not polished and has no uncertainty.
+    """Look for findings about single frames and labels.
 
     Args:
         data: The drive, as `load` returns it.

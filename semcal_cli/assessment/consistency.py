@@ -15,12 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.joint_fit import delayed, twists_per_s
 from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.alike import shares_alike
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.delay import delayed, twists_per_s
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError

@@ -20,6 +20,7 @@ from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, with_all_coefficients
 from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.shutter import can_be_unrolled, exposed_as, unrolled
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.polish import newton, split
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
@@ -75,6 +76,8 @@ def estimate_jointly(
 ) -> Joint:
     """Estimate intrinsics and the offset of the clock together with the pose.
 
+    If the shutter rolls, an estimate that is kept tells other lines, with which all is estimated once more.
+
     Args:
         observations: Labelled points and label images of all frames, as the drive's camera sees them.
         T_camera_lidar: (4, 4) pose with that camera, metres.
@@ -82,6 +85,21 @@ def estimate_jointly(
         polish: Settings of the polish, by which data are held out.
         time_offset_s: Time by which the observations take pictures to be later than their stamps, seconds.
     """
+    found = _estimate(observations, T_camera_lidar, config, polish, time_offset_s)
+    if not found.is_kept or not can_be_unrolled(observations):
+        return found
+    lines = unrolled(found.observations, found.T_camera_lidar)
+    return _estimate(exposed_as(observations, lines), T_camera_lidar, config, polish, time_offset_s)
+
+
+def _estimate(
+    observations: Observations,
+    T_camera_lidar: Pose,
+    config: JointlyConfig,
+    polish: PolishConfig,
+    time_offset_s: float,
+) -> Joint:
+    """Estimate once, with points that stay on their lines."""
     camera = with_all_coefficients(observations.camera, config.intrinsics)
     seen = replace(observations, camera=camera)
     asked = Variables(config.intrinsics, config.with_delay)
@@ -193,7 +211,7 @@ def _camera_of(
         held_out_sigma_nats=gain.sigma if math.isfinite(gain.sigma) else None,
         found=fit.observations.camera,
         intrinsics=intrinsics,
-        joint_covariance=None if covariance is None else tuple(map(tuple, covariance.tolist())),
+        joint_covariance=_rows(covariance),
     )
 
 
@@ -208,6 +226,7 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
             meaning=NOT_DETERMINED,
         )
     offset_s = before_s + float(fit.changes[-1])
+    places = [*range(6), fit.places[-1]]
     return Clock(
         time_offset_s=offset_s,
         sigma_s=float(fit.sigmas[-1]),
@@ -215,7 +234,12 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
         is_determined=True,
         is_kept=is_kept,
         meaning=offset_words(offset_s),
+        joint_covariance=_rows(None if fit.covariance is None else fit.covariance[np.ix_(places, places)]),
     )
+
+
+def _rows(covariance: Matrix | None) -> tuple[tuple[float, ...], ...] | None:
+    return None if covariance is None else tuple(map(tuple, covariance.tolist()))
 
 
 def _segments_gain(

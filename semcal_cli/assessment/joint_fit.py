@@ -23,9 +23,10 @@ from semcal_cli import _core
 from semcal_cli.assessment.measurement import measure
 from semcal_cli.assessment.sensitivity import BLOCKS_PX, Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import JointConfig, JointlyConfig, PolishConfig, SensitivityConfig
+from semcal_cli.drive.delay import delayed, twists_per_s
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, variable, with_intrinsics
-from semcal_cli.drive.observations import LabelledCloud, Observations
+from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 
 Values = npt.NDArray[np.float64]
@@ -146,12 +147,6 @@ class Fit(NamedTuple):
         distance = float(self.changes @ np.linalg.solve(of_variables, self.changes))
         fewest = float(self.degrees_of_freedom[self.places].min())
         return distance > count * _core.fisher_limit(CHANCE, count, fewest)
-
-
-def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
-    """List the twist of the LiDAR in each frame, (6,); None if a frame has none."""
-    twists = [frame.twist_per_s for frame in observations.frames]
-    return [twist for twist in twists if twist is not None] if None not in twists else None
 
 
 def fit_determined(
@@ -328,21 +323,3 @@ def seen_by(observations: Observations, variables: Variables, changes: Values) -
     }
     seen = replace(observations, camera=with_intrinsics(camera, values)) if values else observations
     return delayed(seen, float(changes[-1])) if variables.with_delay else seen
-
-
-def delayed(observations: Observations, delay_s: float) -> Observations:
-    """Move the sweeps to where the LiDAR would have seen them after a delay, at the twist of each frame.
-
-    Args:
-        observations: Observations with a twist in each frame.
-        delay_s: Time by which pictures are later, seconds.
-    """
-    twists = twists_per_s(observations)
-    assert twists is not None
-    clouds = zip(observations.clouds, twists, strict=True)
-    return observations.with_clouds(_at_constant_twist(cloud, twist, delay_s) for cloud, twist in clouds)
-
-
-def _at_constant_twist(cloud: LabelledCloud, twist_per_s: Sequence[float], delay_s: float) -> LabelledCloud:
-    along = _core.Trajectory.constant(twist_per_s, 0.0)
-    return cloud.with_points(along.compensate(cloud.points, np.zeros(cloud.num_points), delay_s))

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from semcal_cli.assessment.joint import Joint, estimate_jointly
-from semcal_cli.assessment.joint_fit import twists_per_s
 from semcal_cli.config import JointlyConfig, PolishConfig
+from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import COEFFICIENTS, OF_K
 from semcal_cli.drive.observations import Observations

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from semcal_cli.config import FAR_DEG, InitializationConfig, MineConfig, PyramidConfig
+from semcal_cli.config import FAR_DEG, InitializationConfig, PyramidConfig
+from semcal_cli.refinement.mine_config import MineConfig
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ class Outcome:
     mutual_information_nats: float | None = None
     """Mutual information at the transform."""
     camera: str | None = None
-    """Hash of the camera's lens and image size: see `provenance.camera_hash`."""
+    """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
     result: str | None = None
     """File of the result, relative to the folder of the batch."""
 
@@ -129,7 +129,7 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
             found.T_camera_lidar,
             None if uncertainty is None else uncertainty.covariance,
             found.quality.mutual_information_nats,
-            camera_hash(found.input.camera),
+            camera_hash(found.used_camera),
             result,
         )
     document = read_document(task.result)

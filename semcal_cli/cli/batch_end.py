@@ -78,9 +78,8 @@ def _agreement(trusted: set[str], folder: Path) -> list[str]:
         members = [each for each in read_members([folder]) if each.drive in trusted and each.left_out is None]
         num_cameras = len({each.camera for each in members})
         if num_cameras > 1:
-            return _labelled(
-                "agreed pose", f"none: the trusted drives have {num_cameras:,} different cameras"
-            )
+            several = f"none: the trusted drives have {num_cameras:,} different cameras, given or estimated"
+            return _labelled("agreed pose", several)
         found = combine_drives(members, Limits())
     except SemcalError as error:
         return _labelled("agreed pose", f"none: {error}")

@@ -99,17 +99,18 @@ def _change(path: Path, before: Pose | None, T_camera_lidar: Pose) -> str:
 def _put_into(
     into: Path, source: Path, from_: str | None, read: FormatOptions, written: FormatOptions
 ) -> None:
-    """Set the transform of a file in another one, with the intrinsics that were estimated together with it."""
+    """Set the transform of a file in another one, with the camera and the clock that were estimated with it."""
     from dataclasses import replace
 
     from semcal_cli.formats import put_transform, read_extrinsic
 
     found = read_extrinsic(source, from_, read)
-    refined = None if found.record is None else found.record.camera
+    camera, clock = (None, None) if found.record is None else (found.record.camera, found.record.clock)
     lines: list[str] = []
     options = replace(
         written,
-        intrinsics=refined.found if refined is not None and refined.is_kept else None,
+        intrinsics=camera.found if camera is not None and camera.is_kept else None,
+        time_offset_s=clock.time_offset_s if clock is not None and clock.is_kept else None,
         on_intrinsics=lines.append,
     )
     before = _transform_in(into, written)
@@ -131,7 +132,7 @@ def _put_into(
     type=PATH,
     metavar="FILE",
     help="Set the transform in this file instead, and leave every other byte of it as it is; intrinsics that were "
-    "estimated together with the transform, too.",
+    "estimated together with the transform, too, and in a drive the offset of the clock.",
 )
 @open_options("", "IN")
 @open_options("to-", "what is written")
@@ -156,7 +157,8 @@ def convert(
     """Convert the transform of IN, or of standard input if it is -, into another format.
 
     Where IN is a calibration of semcal's or a drive, camera-info, kalibr and opencv also get the intrinsics of its
-    camera. --into sets intrinsics that the file has already if IN is a calibration that estimated them and kept them.
+    camera. --into sets intrinsics that the file has already if IN is a calibration that estimated them and kept them,
+    and in a drive likewise the offset of the clock, so that a next calibration begins with both.
     """
     from semcal_cli.drive.document import drive_file
     from semcal_cli.errors import InputError

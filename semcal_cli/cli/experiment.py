@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 import click
 
+from semcal_cli.cli.experiment_options import into_option, out_option, print_table, seeds_options
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
-    Command,
     drive_argument,
     max_frames_option,
     max_points_option,
     number_option,
 )
-from semcal_cli.config import MAX_SEED
 from semcal_cli.extras import check_torch
 
 if TYPE_CHECKING:
@@ -30,66 +28,6 @@ TRUST_PARTS = ("good", "bad", "spoiled", "verify")
 @click.group()
 def experiment() -> None:
     """Measure the figures of the documentation, on synthetic drives."""
-
-
-out_option = click.option(
-    "-o",
-    "--out",
-    type=PATH,
-    default="semcal_experiments",
-    show_default=True,
-    metavar="DIR",
-    help="Folder of the results and the pool.",
-)
-
-
-def _find_place(context: click.Context, parameter: click.Parameter, into: str | None) -> Place | None:
-    """Find the place before the experiment is run."""
-    from semcal_cli.experiments.page_tables import find_place
-
-    return None if into is None else find_place(into, str(context.info_name))
-
-
-into_option = click.option(
-    "--into",
-    metavar="PAGE[#NAME]",
-    callback=_find_place,
-    help="Markdown page to write the table into, too: between its lines `<!-- table: NAME -->` and "
-    "`<!-- end of table -->`.  [default NAME: that of the experiment]",
-)
-
-
-def seeds_options(num_seeds: int, help: str, first_seed: int) -> Callable[[Command], Command]:
-    """Add the options for the drives of an experiment, and for the number of parallel runs.
-
-    Args:
-        num_seeds: Default number of drives.
-        help: Help text of the number of drives.
-        first_seed: Default seed of the first drive.
-    """
-
-    def add(command: Command) -> Command:
-        for option in (
-            number_option("--jobs", default=1, help="Number of runs at a time."),
-            number_option(
-                "--first-seed", least=0, most=MAX_SEED, default=first_seed, help="Seed of the first drive."
-            ),
-            number_option("--seeds", default=num_seeds, help=help),
-        ):
-            command = option(command)
-        return command
-
-    return add
-
-
-def _print(table: str, folder: Path, into: Place | None) -> None:
-    """Print the table of an experiment, and where its files lie; write it into its place of a page."""
-    from semcal_cli.experiments.runner import read_measured
-
-    click.echo(table, nl=False)
-    click.echo(f"written to {folder}", err=True)
-    if into is not None:
-        into.write(table, read_measured(folder))
 
 
 @experiment.command()
@@ -151,7 +89,7 @@ def accuracy(
     run = accuracy.Experiment(Pool(out / "pool"), chosen, band)
     with experiment_progress(jobs) as watcher:
         results = runner.run_cases(cases, run, accuracy.Result, folder, jobs, watcher)
-    _print(accuracy.write_accuracy(results, jobs, folder), folder, into)
+    print_table(accuracy.write_accuracy(results, jobs, folder), folder, into)
 
 
 @experiment.command()
@@ -187,7 +125,7 @@ def jointly(
     with experiment_progress(jobs) as watcher:
         run = jointly.Experiment(Pool(out / "pool"))
         results = runner.run_cases(chosen, run, jointly.Result, folder, jobs, watcher)
-    _print(jointly.write_jointly(results, jobs, folder), folder, into)
+    print_table(jointly.write_jointly(results, jobs, folder), folder, into)
 
 
 @experiment.command()
@@ -231,7 +169,7 @@ def trust(
             jobs,
             watcher,
         )
-    _print(trust_rates.write_trust(findings, jobs, folder), folder, into)
+    print_table(trust_rates.write_trust(findings, jobs, folder), folder, into)
 
 
 def _rivals_command(name: str, help: str) -> None:
@@ -272,7 +210,7 @@ def _rivals_command(name: str, help: str) -> None:
             )
         rmtree(scratch, ignore_errors=True)
         found = rivals.complete(findings, settings)
-        _print(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder, into)
+        print_table(write_rivals(name, found, jobs, folder, is_mended=not unmended), folder, into)
 
 
 _rivals_command(
@@ -319,7 +257,7 @@ def gradient(seeds: int, first_seed: int, jobs: int, out: Path, into: Place | No
             watcher,
         )
     rmtree(folder / "drives", ignore_errors=True)
-    _print(gradient.write_gradient(findings, jobs, folder), folder, into)
+    print_table(gradient.write_gradient(findings, jobs, folder), folder, into)
 
 
 @experiment.command()
@@ -387,7 +325,7 @@ def table(
         progress("reading frames")
         data = load(spec, CalibrationConfig(max_frames=max_frames))
         found = compare(data, T_reference, initial_pose, frame, progress)
-    _print(write_table(found, frame, folder), folder, into)
+    print_table(write_table(found, frame, folder), folder, into)
 
 
 @experiment.command()
@@ -452,4 +390,4 @@ def speed(
             1,
             watcher,
         )
-    _print(speed.markdown(speed.write_speed(timings, folder)), folder, into)
+    print_table(speed.markdown(speed.write_speed(timings, folder)), folder, into)

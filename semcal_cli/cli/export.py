@@ -41,17 +41,19 @@ def rerun(
 
     check_installed("semcal export rerun", "rerun", "view")
     from semcal_cli.formats import read_extrinsic
-    from semcal_cli.report.rerun_file import poses_of, write_rerun
+    from semcal_cli.report.rerun_file import begun_cameras, poses_of, write_rerun
     from semcal_cli.result.applied import apply_result
 
     whole = read_drive(drive, max_points)
     given = [] if calibration is None else [drive_file(calibration)]
     check_outputs([whole.path, *map(whole.resolve, whole.files()), *given], [output])
     poses = {} if whole.T_camera_lidar is None else {"reference": np.array(whole.T_camera_lidar)}
+    cameras = dict.fromkeys(poses, whole.camera)
     console = make_console(quiet)
     if calibration is not None:
         extrinsic = read_extrinsic(calibration)
         poses |= poses_of(extrinsic)
+        cameras |= begun_cameras(extrinsic, whole)
         applied = apply_result(extrinsic.record, whole, str(calibration))
         for change in applied.changes:
             console.print(labelled(*change), markup=False)
@@ -59,6 +61,6 @@ def rerun(
     spec = whole.model_copy(update={"frames": tuple(evenly_spaced(whole.frames, max_frames))})
     with progress_line(console) as progress:
         progress("reading frames")
-        write_rerun(spec, poses, output)
-    cameras = f", cameras {', '.join(poses)}" if poses else ""
-    console.print(f"wrote {output}: {len(spec.frames)} frames{cameras}", markup=False)
+        write_rerun(spec, poses, output, cameras)
+    names = f", cameras {', '.join(poses)}" if poses else ""
+    console.print(f"wrote {output}: {len(spec.frames)} frames{names}", markup=False)

@@ -72,7 +72,7 @@ def overlay(
     from semcal_cli.drive.reading import load_points
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.report.overlay import Overlays
-    from semcal_cli.result.applied import apply_result
+    from semcal_cli.result.applied import apply_result, seen_as
     from semcal_cli.rig.document import find_rig
 
     by = by or ("class" if against is None else "agreement")
@@ -88,12 +88,14 @@ def overlay(
     spec = read_drive(drive, max_points)
     frames = evenly_spaced(spec.frames, max_frames)
     check_image_folder(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
-    applied = apply_result(extrinsics[str(calibration)].record, spec, str(calibration))
+    seen = {name: apply_result(found.record, spec, name) for name, found in extrinsics.items()}
     console = make_console(quiet)
-    for change in applied.changes:
-        console.print(labelled(*change), markup=False)
-    spec = applied.drive.model_copy(update={"frames": tuple(frames)})
+    for each in seen.values():
+        for change in each.changes:
+            console.print(labelled(*change), markup=False)
+    spec = seen.pop(str(calibration)).drive.model_copy(update={"frames": tuple(frames)})
     # Pixels of one cue share no information with points of another: the first one is shown.
     observations = load_points(spec) if by in WITHOUT_LABELS else load_cues(spec, cues[:1], is_raw=True)
-    for path in Overlays(spec, observations, poses, by).write_all(output):
+    others = {name: seen_as(observations, spec, each.drive) for name, each in seen.items()}
+    for path in Overlays(spec, observations, poses, by, others).write_all(output):
         console.print(str(path), markup=False)

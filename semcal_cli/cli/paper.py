@@ -9,14 +9,8 @@ import click
 
 from semcal_cli.baselines.config import PaperConfig
 from semcal_cli.cli.options import Command, FiniteRange, number_option, with_options
-from semcal_cli.config import (
-    LABELS,
-    MINE_WITH_VECTORS,
-    InitializationConfig,
-    MineConfig,
-    Optimizer,
-    PyramidConfig,
-)
+from semcal_cli.config import LABELS, InitializationConfig, PyramidConfig
+from semcal_cli.refinement.mine_config import MINE_WITH_VECTORS, MineConfig, Optimizer
 
 FIELDS = {
     "mine_units": "num_hidden",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from semcal_cli.datasets.files import pick
-from semcal_cli.drive.document import DISTORTION_COUNTS, PARAMETERS
+from semcal_cli.drive.lenses import DISTORTION_COUNTS, PARAMETERS
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.messages import describe

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from semcal_cli.drive.document import DISTORTION_COUNTS, PARAMETERS, Camera, CameraModel
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.lenses import DISTORTION_COUNTS, PARAMETERS, CameraModel
 from semcal_cli.errors import InputError
 
 OF_K = {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}

@@ -53,7 +53,7 @@ class Member:
     left_out: str | None
     """Reason why the drive cannot be used; None if it can."""
     camera: str | None = None
-    """Hash of the camera's lens and image size: see `provenance.camera_hash`."""
+    """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
     topic: str | None = None
     """Entry of `left_out` in docs/troubleshooting.md, if it has one."""
 
@@ -145,7 +145,7 @@ def _read_single(path: Path) -> tuple[Path, Member]:
     stamp = None
     with suppress(InputError):  # The drive may be elsewhere by now.
         stamp = first_stamp(read_drive(path.parent / found.input.drive))
-    camera = camera_hash(found.input.camera)
+    camera = camera_hash(found.used_camera)
     topic = _topic(found.status, found.topics)
     return path, Member(str(path), stamp, found.pose, covariance, left_out, camera, topic)
 

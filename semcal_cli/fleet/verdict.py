@@ -93,5 +93,8 @@ def notes(used: Sequence[Member], order: Order) -> tuple[str, ...]:
         found.append("drives have no stamps in seconds since 1970 that differ: ordered by name")
     num_cameras = len({member.camera for member in used if member.camera is not None})
     if num_cameras > 1:
-        found.append(f"drives have {num_cameras:,} cameras that differ in picture size, intrinsics or lens")
+        found.append(
+            f"drives have {num_cameras:,} cameras, given or estimated, that differ in picture size, intrinsics or "
+            "lens: the pose that they agree on belongs to none of them; set one in all drives and calibrate them again"
+        )
     return tuple(found)

@@ -35,6 +35,7 @@ from semcal_cli.formats import (
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
 from semcal_cli.formats.lenses import UnnamedLensError
+from semcal_cli.formats.setting import tell_clock
 from semcal_cli.geometry.poses import Pose, as_transform
 from semcal_cli.result.calibration import Calibration
 
@@ -265,7 +266,8 @@ def convert_file(
 def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> Format:
     """Replace the transform in a user's file, and leave every byte outside its values as it is.
 
-    Intrinsics of the options are set, too, where the file has some. Of a file without a transform they alone are set.
+    Intrinsics of the options are set, too, where the file has some, and the offset of the clock in a drive. Of a file
+    without a transform the intrinsics alone are set.
 
     Returns:
         The format of the file.
@@ -294,6 +296,8 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
         raise InputError(f"{path}: found what is nested too deep, needed a file with a transform") from None
     if content != source.content:
         write_bytes(content, path)
+    if format is not semcal.FORMAT:
+        tell_clock(of_file, is_set=False)
     return format
 
 

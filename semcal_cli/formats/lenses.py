@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from semcal_cli.drive.document import DISTORTION_COUNTS, Camera, CameraModel
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
 from semcal_cli.errors import InputError
 
 ROS_MODELS = {

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from pydantic import model_validator
 
-from semcal_cli.drive.document import Camera, Drive, drive_file
+from semcal_cli.drive.document import MAX_OFFSET_S, Camera, Drive, drive_file
 from semcal_cli.errors import InputError, MisplacedError
 from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import (
@@ -27,7 +27,7 @@ from semcal_cli.files.validation import (
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
 from semcal_cli.formats.lenses import with_count
-from semcal_cli.formats.setting import check_size, tell
+from semcal_cli.formats.setting import check_size, tell, tell_clock
 from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -146,8 +146,11 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         raise InputError(f"{options.file}: {error}") from None
     if DRIVE not in document:
         document.setdefault(TRANSFORM, 1)
-    elif options.intrinsics is not None:
+    if DRIVE in document and options.intrinsics is not None:
         _set_camera(document["camera"], options.intrinsics, options)
+    if DRIVE in document and options.time_offset_s is not None:
+        _set_clock(document, options.time_offset_s, options)
+    tell_clock(options, is_set=DRIVE in document)
     document["T_camera_lidar"] = T_camera_lidar.tolist()
 
 
@@ -166,6 +169,16 @@ def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -
     if camera.parameters:
         block["parameters"] = dict(camera.parameters)
     tell(options, camera)
+
+
+def _set_clock(document: dict[str, Any], time_offset_s: float, options: FormatOptions) -> None:
+    """Replace the offset of the camera's clock in a drive, which holds those of some size only."""
+    if abs(time_offset_s) > MAX_OFFSET_S:
+        raise InputError(
+            f"{options.file}: time_offset_s: found {time_offset_s:g} to be set, needed {-MAX_OFFSET_S:g} to "
+            f"{MAX_OFFSET_S:g}: correct image_stamp by it instead"
+        )
+    document["time_offset_s"] = time_offset_s
 
 
 def _is_bare(source: Source) -> bool:

@@ -1,4 +1,7 @@
-"""Intrinsics that are set in a file of the user's: the camera must be the one of the file, and what was set is said."""
+"""Intrinsics and a clock that are set in a file of the user's.
+
+The camera must be the one of the file, and what was set is said.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe
 from semcal_cli.formats.format import FormatOptions
 from semcal_cli.formats.lenses import pixels_of
+from semcal_cli.result.camera_words import offset_words
 
 
 def check_size(options: FormatOptions, camera: Camera, sides: Sequence[object]) -> None:
@@ -37,3 +41,14 @@ def tell(options: FormatOptions, camera: Camera) -> None:
         pixels = zip(("fx", "fy", "cx", "cy"), pixels_of(camera), strict=True)
         figures = ", ".join(f"{name} {value:.6g}" for name, value in pixels)
         options.on_intrinsics(f"set the intrinsics in {options.file}: {figures}")
+
+
+def tell_clock(options: FormatOptions, *, is_set: bool) -> None:
+    """Say whether the offset of the camera's clock was set, if there is one."""
+    if options.time_offset_s is None or options.on_intrinsics is None:
+        return
+    offset = offset_words(options.time_offset_s)
+    if is_set:
+        options.on_intrinsics(f"set the clock in {options.file}: {offset}")
+    else:
+        options.on_intrinsics(f"left out the clock, which {options.file} has no place for: {offset}")

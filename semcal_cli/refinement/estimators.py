@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 
-from semcal_cli.config import MINE_WITH_VECTORS, ExactConfig, MineConfig, RefinementConfig
+from semcal_cli.config import ExactConfig, RefinementConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.extras import check_torch, torch_import
 from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.mine_config import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.refinement.pyramid import LevelOptimizer
 from semcal_cli.refinement.several_starts import SeveralStarts
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,12 +16,21 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
 from semcal_cli.files.messages import listed
-from semcal_cli.formats import read_extrinsic, read_transform
+from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.overlay import Overlays
-from semcal_cli.result.applied import apply_result
+from semcal_cli.result.applied import apply_result, as_begun, seen_as
 from semcal_cli.result.calibration import Calibration, InputFrame
 from semcal_cli.result.provenance import describe_input
+
+
+class Before(NamedTuple):
+    """Another transform to compare with."""
+
+    caption: str
+    T_camera_lidar: Pose
+    drive: Drive
+    """The drive with the camera and the clock that the transform belongs to."""
 
 
 @dataclass(frozen=True)
@@ -32,10 +42,12 @@ class ReportInput:
     T_camera_lidar: Pose
     record: Calibration | None
     """Calibration that semcal wrote with the transform; None if the file holds nothing else."""
-    before: tuple[str, Pose] | None
-    """Caption and pose of another transform to compare with."""
+    before: Before | None
+    """Another transform to compare with."""
     drive: Drive
     """The drive of the frames, with the camera and the clock that were estimated together with the transform."""
+    begun: Drive
+    """The drive with the camera and the clock that the calibration began with."""
     changes: tuple[tuple[str, str], ...]
     """What of the drive that has replaced: `camera` or `clock`, and what is used instead of what."""
     observations: Observations
@@ -49,12 +61,20 @@ class ReportInput:
         """Images of evenly spaced frames: before, if there is a transform to compare with, and after."""
         indices = evenly_spaced(range(len(self.drive.frames)), max_frames)
         frames = tuple(self.drive.frames[index] for index in indices)
-        before = {} if self.before is None else {self.before[0]: self.before[1]}
+        poses, others = {}, {}
+        if self.before is not None:
+            poses[self.before.caption] = self.before.T_camera_lidar
+            others[self.before.caption] = self.seen_as(self.before.drive).of_frames(indices)
         return Overlays(
             self.drive.model_copy(update={"frames": frames}),
             self.observations.of_frames(indices),
-            before | {self.name: self.T_camera_lidar},
+            poses | {self.name: self.T_camera_lidar},
+            others=others,
         )
+
+    def seen_as(self, other: Drive) -> Observations:
+        """Give the observations as the camera and the clock of another copy of the drive see them."""
+        return seen_as(self.observations, self.drive, other)
 
 
 def read_report_input(drive: Drive, calibration: Path, against: Path | None = None) -> ReportInput:
@@ -69,7 +89,11 @@ def read_report_input(drive: Drive, calibration: Path, against: Path | None = No
         InputError: a file is missing, wrong, or leaves something open.
         CalibrationError: one side's labels carry a single class.
     """
-    before = None if against is None else (str(against), read_transform(against))
+    before = None
+    if against is not None:
+        other = read_extrinsic(against)
+        seen = apply_result(other.record, drive, str(against)).drive
+        before = Before(str(against), other.T_camera_lidar, seen)
     found = read_extrinsic(calibration)
     return make_report_input(drive, str(calibration), found.T_camera_lidar, found.record, before)
 
@@ -79,7 +103,7 @@ def make_report_input(
     name: str,
     T_camera_lidar: Pose,
     record: Calibration | None,
-    before: tuple[str, Pose] | None = None,
+    before: Before | None = None,
 ) -> ReportInput:
     """Read the frames that a transform was computed from, or else those that differ most.
 
@@ -88,14 +112,15 @@ def make_report_input(
         name: Name of the transform.
         T_camera_lidar: (4, 4).
         record: Calibration that semcal wrote with the transform, if there is one.
-        before: Caption and pose to compare with; None takes the record's first stage, if it is another one.
+        before: Transform to compare with; None takes the record's first stage, if it is another one.
 
     Raises:
         InputError: a file is missing or wrong.
         CalibrationError: one side's labels carry a single class.
     """
+    begun = as_begun(record, drive)
     if before is None and record is not None:
-        before = _first_stage(record)
+        before = _first_stage(record, begun)
     drive, changes = apply_result(record, drive, name)
     used, notices = (None, []) if record is None else _used(drive, record)
     is_of_record = used is not None and record is not None and record.used_camera == drive.camera
@@ -109,6 +134,7 @@ def make_report_input(
         record=record,
         before=before,
         drive=used,
+        begun=begun,
         changes=changes,
         observations=unrolled(load_cues(used, cues), T_camera_lidar),
         is_of_record=is_of_record,
@@ -116,11 +142,11 @@ def make_report_input(
     )
 
 
-def _first_stage(record: Calibration) -> tuple[str, Pose] | None:
+def _first_stage(record: Calibration, begun: Drive) -> Before | None:
     stage = next(iter(record.stages.values()), None)
     if stage is None or stage.T_camera_lidar == record.T_camera_lidar:
         return None
-    return "the first stage", np.array(stage.T_camera_lidar)
+    return Before("the first stage", np.array(stage.T_camera_lidar), begun)
 
 
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Literal, NamedTuple, TypeAlias
@@ -87,11 +87,16 @@ def points_in_image(points: npt.NDArray[np.float32], T_camera_lidar: Pose, camer
     return Seen(seen, projected.pixels[seen], ranges[seen], projected.is_hidden[seen])
 
 
-def seen_in_frame(observations: Observations, frame: int, T_camera_lidar: Pose) -> Seen:
-    """Find the points of a frame that its picture shows at a pose (4, 4), each on the line that is exposed then."""
-    return points_in_image(
-        points_at(observations, frame, T_camera_lidar), T_camera_lidar, observations.camera
-    )
+class View(NamedTuple):
+    """A pose, and the observations as the camera and the clock see them that it belongs to."""
+
+    observations: Observations
+    T_camera_lidar: Pose
+
+    def seen_in_frame(self, frame: int) -> Seen:
+        """Find the points of a frame that its picture shows, each on the line that is exposed then."""
+        points = points_at(self.observations, frame, self.T_camera_lidar)
+        return points_in_image(points, self.T_camera_lidar, self.observations.camera)
 
 
 def draw_legend(names: Sequence[str], palette: Colors, width: int) -> Image:
@@ -145,6 +150,13 @@ class Overlays:
     by: Coloring = "class"
     """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's are
     found together more often than by chance at the last pose; or the segment of the sweep that it is part of."""
+    others: Mapping[str, Observations] = field(default_factory=dict)
+    """The same frames by the captions of poses that belong to another camera or clock: see `applied.seen_as`."""
+
+    @property
+    def views(self) -> dict[str, View]:
+        """Each pose with what it belongs to, by caption."""
+        return {name: View(self.others.get(name, self.observations), T) for name, T in self.poses.items()}
 
     def write_all(self, folder: Path) -> Iterator[Path]:
         """Write the PNG of every frame into a folder, which is made, and give each path when it is written.
@@ -179,7 +191,7 @@ class Overlays:
         """Name a frame, how many of its points agree at the pose of a caption, and the pose."""
         observations, words = self.observations, [self.frame_names[frame]]
         if observations.point_class_names and observations.image_class_names:
-            seen = seen_in_frame(observations, frame, self.poses[caption])
+            seen = self.views[caption].seen_in_frame(frame)
             kinds = kinds_of(observations, frame, seen, self.together)
             agreeing, judged = (kinds == AGREES).sum(), (kinds <= DISAGREES).sum()
             words += [f"{100.0 * agreeing / judged:.1f} % agree"] if judged else []
@@ -199,8 +211,8 @@ class Overlays:
         background = _background(self.drive, observations, frame)
         images: dict[str, Image] = {}
         legend: Legend = {}
-        for caption, T in self.poses.items():
-            seen = seen_in_frame(observations, frame, T)
+        for caption, view in self.views.items():
+            seen = view.seen_in_frame(frame)
             pixels, colors, named = self._colored(frame, seen)
             images[caption] = _draw_dots(background, pixels, colors)
             legend |= named
@@ -239,7 +251,7 @@ class Overlays:
     @cached_property
     def together(self) -> npt.NDArray[np.bool_]:
         """Classes of points and of pixels that go together at the last pose."""
-        return goes_together(self.observations, list(self.poses.values())[-1])
+        return goes_together(*list(self.views.values())[-1])
 
 
 def _by_class(

@@ -95,7 +95,9 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     observations, T, record = report.observations, report.T_camera_lidar, report.record
     agreement = _core.agreement(observations.core, T)
     made_by = record.settings.versions if record else versions()
-    before = None if report.before is None else _agreement(observations, report.before[1])
+    before = None
+    if report.before is not None:
+        before = _agreement(report.seen_as(report.before.drive), report.before.T_camera_lidar)
     progress("drawing points on pictures")
     pictures = make_pictures(report.overlays(MAX_FRAMES))
     progress("following the mutual information along six axes")
@@ -105,7 +107,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     progress("drawing the registration")
     registration = None
     if record is not None and report.is_of_record:
-        registration = RegistrationPictures.of_record(observations, record)
+        registration = RegistrationPictures.of_record(report.seen_as(report.begun), record)
     progress("writing the page")
     return ENVIRONMENT.get_template("report/page.html").render(
         style=source("page.css"),

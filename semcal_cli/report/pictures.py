@@ -116,14 +116,12 @@ def make_pictures(overlays: Overlays) -> Pictures:
     Raises:
         InputError: an image is missing or wrong.
     """
-    observations, poses = overlays.observations, list(overlays.poses.values())
+    observations, views = overlays.observations, list(overlays.views.values())
     together = overlays.together
     numbers = range(observations.num_frames)
     with ThreadPoolExecutor() as pool:
-        projected = list(
-            pool.map(lambda number: frame_points(observations, number, poses, together), numbers)
-        )
-        moved_px = _moved_px(projected) if len(poses) > 1 else None
+        projected = list(pool.map(lambda number: frame_points(views, number, together), numbers))
+        moved_px = _moved_px(projected) if len(views) > 1 else None
         if moved_px is not None and moved_px[1] < SEEN_PX:
             projected = [replace(points, poses=points.poses[-1:]) for points in projected]
         best = _best(projected)

@@ -10,15 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.drive.observations import Observations
-from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.overlay import (
     AGREES,
     DISAGREES,
     HIDDEN,
+    View,
     depth_levels,
     kinds_of,
-    seen_in_frame,
 )
 
 NOT_SEEN = 255
@@ -98,19 +96,17 @@ class FramePoints:
         }
 
 
-def frame_points(
-    observations: Observations, frame: int, poses: Sequence[Pose], together: npt.NDArray[np.bool_]
-) -> FramePoints:
+def frame_points(views: Sequence[View], frame: int, together: npt.NDArray[np.bool_]) -> FramePoints:
     """Project the points of a frame.
 
     Args:
-        observations: Points and label images.
+        views: Poses, and the same points and label images as their cameras see them.
         frame: Number of the frame, from 0.
-        poses: T_camera_lidar (4, 4) each.
         together: Classes of points (rows) and of pixels that go together, as `goes_together` tells.
     """
+    observations = views[-1].observations
     cloud = observations.clouds[frame]
-    seen = [seen_in_frame(observations, frame, T) for T in poses]
+    seen = [view.seen_in_frame(frame) for view in views]
     # Farthest first at the last pose, after what only another pose shows.
     order = seen[-1].indices
     for each in seen[:-1]:

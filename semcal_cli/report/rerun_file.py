@@ -25,6 +25,7 @@ from semcal_cli.files.writing import write_bytes
 from semcal_cli.formats import Extrinsic
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import palettes
+from semcal_cli.result.applied import as_begun
 
 LIDAR = "lidar"
 """Entity of the LiDAR's frame, under which all others stand."""
@@ -50,7 +51,18 @@ def poses_of(extrinsic: Extrinsic) -> dict[str, Pose]:
     return found | {"result": calibration.pose}
 
 
-def write_rerun(drive: Drive, poses: Mapping[str, Pose], path: Path) -> None:
+def begun_cameras(extrinsic: Extrinsic, drive: Drive) -> dict[str, Camera]:
+    """Give the camera that a calibration began with to each of its poses before intrinsics were estimated."""
+    calibration = extrinsic.record
+    if calibration is None or calibration.camera is None or not calibration.camera.is_kept:
+        return {}
+    camera = as_begun(calibration, drive).camera
+    return {name: camera for name in poses_of(extrinsic) if name not in ("stage_joint", "result")}
+
+
+def write_rerun(
+    drive: Drive, poses: Mapping[str, Pose], path: Path, cameras: Mapping[str, Camera] | None = None
+) -> None:
     """Write a `.rrd`, as a whole or not at all.
 
     Points have the colour of their class if all frames have labels of points and of pictures, else of their height.
@@ -60,6 +72,7 @@ def write_rerun(drive: Drive, poses: Mapping[str, Pose], path: Path) -> None:
         drive: The drive, whose frames are all written.
         poses: T_camera_lidar (4, 4), metres, by the name of the camera; the picture hangs on the last. May be empty.
         path: File to write; its suffix is .rrd.
+        cameras: Cameras of poses that belong to another one than that of the drive, by the same names.
 
     Raises:
         InputError: the suffix is another one, a file of the drive is missing or wrong, or nothing can be written.
@@ -76,7 +89,7 @@ def write_rerun(drive: Drive, poses: Mapping[str, Pose], path: Path) -> None:
     memory = stream.memory_recording()
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
     for name, T in poses.items():
-        _log_camera(stream, name, T, drive.camera)
+        _log_camera(stream, name, T, (cameras or {}).get(name, drive.camera))
     colors = _ClassColors(stream, observations)
     entity = _entity(list(poses)[-1]) if poses else "camera"  # without a pose, pictures lie in no space
     for index, frame in enumerate(drive.frames):

@@ -16,11 +16,14 @@ from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict, linked
+from semcal_cli.result.applied import seen_as
 from semcal_cli.result.axes import CHECK_NAMES
 from semcal_cli.result.provenance import versions
 from semcal_cli.verification import Verification
 
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
+FOUND = "found on this drive"
+"""Caption of the estimate."""
 BEYOND, FARTHEST = 1.25, 6.0
 """Multiple of the farthest offset that bars reach to either side, and largest multiple of what is allowed."""
 
@@ -44,11 +47,10 @@ def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialP
     """Put the transform that was verified and the one that was found beside each other, on evenly spaced frames."""
     indices = evenly_spaced(range(len(data.drive.frames)), MAX_FRAMES)
     few = data.of_frames(indices)
-    poses = {
-        initial_pose.name: initial_pose.T_camera_lidar,
-        "found on this drive": found.T_camera_lidar,
-    }
-    return Overlays(few.drive, few.first_cue, poses, "agreement")
+    poses = {initial_pose.name: initial_pose.T_camera_lidar, FOUND: found.T_camera_lidar}
+    of_estimate = few.drive.model_copy(update={"time_offset_s": found.time_offset_s})
+    others = {FOUND: seen_as(few.first_cue, few.drive, of_estimate)}
+    return Overlays(few.drive, few.first_cue, poses, "agreement", others)
 
 
 def write_verification(

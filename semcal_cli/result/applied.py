@@ -1,10 +1,16 @@
-"""A drive as a result sees it: with the camera and the clock that were estimated together with its transform."""
+"""A drive as a result sees it: with the camera and the clock that were estimated together with its transform.
+
+The poses of a result before that estimate belong to the camera and the clock that it began with.
+"""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
-from semcal_cli.drive.document import Drive
+from semcal_cli.drive.delay import delayed, twists_per_s
+from semcal_cli.drive.document import Camera, Drive
+from semcal_cli.drive.observations import Observations
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera_words import camera_differences, offset_words
 
@@ -31,7 +37,7 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
         return Applied(drive)
     applied, changes = record.applied_to(drive), list[tuple[str, str]]()
     found, own = applied.camera, drive.camera
-    if (found.model, found.width, found.height) != (own.model, own.width, own.height):
+    if not _is_of_same_pictures(found, own):
         applied = applied.model_copy(update={"camera": own, "time_offset_s": drive.time_offset_s})
         kind = f"{found.model} of {found.width} x {found.height} pixels"
         changes.append(("camera", f"that of {drive.path}: the one of {name} is {kind}"))
@@ -41,3 +47,39 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
         drives = f"drive: {1000.0 * drive.time_offset_s:.1f} ms"
         changes.append(("clock", f"that of {name}: {offset_words(applied.time_offset_s)} ({drives})"))
     return Applied(applied, tuple(changes))
+
+
+def as_begun(record: Calibration | None, drive: Drive) -> Drive:
+    """Give a drive the camera that a result began with, to which its poses before the joint estimate belong.
+
+    The clock is that of the drive, because a result does not hold the one that it began with.
+
+    Args:
+        record: The result; None, or one that kept no other camera, leaves the drive as it is.
+        drive: The drive, which may have another camera by now.
+    """
+    if record is None or record.camera is None or not record.camera.is_kept:
+        return drive
+    begun, own = record.input.camera, drive.camera
+    if not _is_of_same_pictures(begun, own):
+        return drive
+    shutter = {"readout_s": own.readout_s, "direction": own.direction}
+    return drive.model_copy(update={"camera": begun.model_copy(update=shutter)})
+
+
+def seen_as(observations: Observations, own: Drive, other: Drive) -> Observations:
+    """Give observations of a drive as another camera of the same pictures sees them, by another clock.
+
+    Args:
+        observations: Points and pictures as the drive's camera and clock see them.
+        own: The drive.
+        other: The same drive with another camera and another offset of the clock.
+    """
+    if own.camera != other.camera:
+        observations = replace(observations, camera=other.camera)
+    later_s = other.time_offset_s - own.time_offset_s
+    return delayed(observations, later_s) if later_s and twists_per_s(observations) else observations
+
+
+def _is_of_same_pictures(a: Camera, b: Camera) -> bool:
+    return (a.model, a.width, a.height) == (b.model, b.width, b.height)

@@ -54,8 +54,8 @@ class RefinedCamera(StrictModel):
     joint_covariance: (
         Annotated[tuple[Annotated[tuple[JointEntry, ...], length(7, 32)], ...], length(7, 32)] | None
     )
-    """Covariance of the pose's twist xi, in metres and radians, and of the intrinsics in their order; null if it could
-    not be computed."""
+    """Covariance of the pose's twist xi, in metres and radians, of the intrinsics in their order, and last of the
+    offset of the clock in seconds, if it was estimated and is determined; null if it could not be computed."""
 
     @model_validator(mode="after")
     def _check_names_and_shape(self) -> RefinedCamera:
@@ -94,3 +94,9 @@ class Clock(StrictModel):
     drive."""
     meaning: str
     """The offset in words, without its interval."""
+    joint_covariance: (
+        Annotated[tuple[Annotated[tuple[JointEntry, ...], length(7, 7)], ...], length(7, 7)] | None
+    ) = None
+    """Covariance of the pose's twist xi, in metres and radians, and last of the offset in seconds, whatever the
+    intrinsics are if these were estimated, too; null if the offset is not determined. Absent in files that do not state
+    it."""

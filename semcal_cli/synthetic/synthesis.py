@@ -15,7 +15,8 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.config import SYNTH_MIN_BASELINE_M, Lens, SynthConfig
 from semcal_cli.drive.camera import core_camera
-from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera, CameraModel
+from semcal_cli.drive.document import DRIVE_FILE, RIG_FILE, Camera
+from semcal_cli.drive.lenses import CameraModel
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.writing import write_text

@@ -30,7 +30,7 @@ from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import over_chance, picture_of
+from semcal_cli.report.overlay import View, over_chance, picture_of
 from semcal_cli.report.pictures import color_tables, legends
 from semcal_cli.report.points import frame_points, packed
 from semcal_cli.report.words import verdict_of
@@ -190,7 +190,7 @@ class Session:
                 "mutual_information": agreement.mutual_information,
                 "agreement": agreement.label_agreement,
             }
-        found = frame_points(observations, frame, [T], together)
+        found = frame_points([View(observations, T)], frame, together)
         few = found.thinned(MAX_POINTS)
         shown = few.packed(observations.camera.width, observations.camera.height)
         levels = self._intensities[frame]
