@@ -53,11 +53,8 @@ def undetermined(uncertainty: Uncertainty, advice: str | None = None) -> tuple[F
         return ()
     needed = f"needed {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
     sentence = f"the pose is determined only {', '.join(found)} (95 %), {needed}"
-    return (
-        Finding(
-            "wide-interval", sentence, advice or "add frames with objects near and far, from a moving car"
-        ),
-    )
+    finding = Finding("wide-interval", sentence, "add frames with objects near and far, from a moving car")
+    return (finding if advice is None else finding._replace(advice=advice),)
 
 
 def estimate_uncertainty(
