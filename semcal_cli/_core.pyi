@@ -69,7 +69,7 @@ __all__ = [
     "estimate_up",
     "fisher_limit",
     "held_out_gain",
-    "information_around",
+    "information_along",
     "information_gains",
     "look_up_classes",
     "maximise",
@@ -756,10 +756,16 @@ def held_out_gain(
 def agreement(observations: Observations, t_camera_lidar: _Float64) -> Agreement:
     """Compare points and label images at a pose."""
 
-def information_around(
-    observations: Observations, anchor: _Float64, poses: Sequence[_Float64]
-) -> list[float]:
-    """Mutual information at each pose, nats, of the points that are visible at the anchor."""
+def information_along(
+    observations: Observations, anchor: _Float64, ways: Sequence[tuple[Sequence[float], Sequence[float]]]
+) -> list[list[float]]:
+    """Mutual information along ways from a pose, nats, of the points that are visible there.
+
+    Args:
+        observations: Labelled points and label images.
+        anchor: (4, 4), T_camera_lidar.
+        ways: Twist (6,) on the left of the anchor, and the factors of it at the samples.
+    """
 
 def project_points(camera: Camera, points: _Float32, t_camera_lidar: _Float64) -> Projected:
     """Project points (N, 3), metres, LiDAR frame, and tell which of them nearer ones hide."""

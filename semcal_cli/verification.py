@@ -179,6 +179,9 @@ def _estimate(
 ) -> Stages:
     config = RefinementConfig(jointly=jointly)
     stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
+    if stages.joint is not None:
+        # The transform is judged with the clock that the drive has, and the clock beside it.
+        stages = replace(stages, joint=replace(stages.joint, left_open=None))
     # An estimate with findings that starts at the transform is made again from nothing.
     return assess(data, stages, config, on_event, with_label_bleed=False, with_remedies=not is_nearby)
 

@@ -17,6 +17,8 @@ from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.report.plots import FRAMES_BOX, frames_plots
@@ -55,6 +57,12 @@ def paired(raw: RawDrive, folder: Path) -> tuple[Finding, ...]:
 
 def names(raw: RawDrive) -> list[str]:
     return [f"{frame.name}.bin" for frame in raw.frames]
+
+
+def motion(T_camera_lidar: Pose, T_reference: Pose) -> np.ndarray:
+    """Motion (6,) of the camera along and about its axes, metres and degrees."""
+    error = compare_poses(T_camera_lidar, T_reference)
+    return np.array([*(CM * x for x in error.camera_center_xyz_cm), *(-x for x in error.rotation_xyz_deg)])
 
 
 def frames_with_other_pictures(raw: RawDrive, original: RawDrive) -> list[str]:
@@ -214,8 +222,7 @@ def test_each_frame_has_its_own_offset(knocked: RawDrive, knocked_drive: Path, o
         parts = check_frames(data.observations, before, names(knocked)).parts
         assert len(parts) == 2
     found = frame_offsets(data.observations, before, parts)
-    truth = compare_poses(after, before)
-    moved = np.array([*(CM * x for x in truth.camera_center_xyz_cm), *(-x for x in truth.rotation_xyz_deg)])
+    moved = motion(after, before)
     expected = np.array([np.zeros(6)] * knocked.knock + [moved] * (8 - knocked.knock))
     assert (np.abs(found.offsets - expected) <= found.half_widths_95).mean() > 0.9
     assert found.half_widths_95[:, 3:].max() < 0.5
@@ -226,6 +233,16 @@ def test_each_frame_has_its_own_offset(knocked: RawDrive, knocked_drive: Path, o
     else:
         assert not found.of_parts.any()
         assert not found.is_within[knocked.knock :].all(axis=1).any()
+
+
+def test_frames_are_found_from_degrees_away(
+    knocked: RawDrive, knocked_drive: Path, rng: np.random.Generator
+) -> None:
+    """Where the labels are too far off for the blocks of a near start, coarser ones are taken."""
+    observations, truth = load(knocked_drive).observations, knocked.truths[0]
+    T_far = displaced(truth, 6.0, 0.6, rng)
+    found = frame_offsets(observations.of_frames(range(knocked.knock)), T_far)
+    assert (np.abs(found.offsets - motion(truth, T_far)) <= found.half_widths_95).mean() > 0.9
 
 
 def test_offsets_are_drawn_at_their_frames(knocked: RawDrive, knocked_drive: Path) -> None:

@@ -198,7 +198,9 @@ def test_curves_are_those_of_the_camera_moved_along_its_axes(report: ReportInput
             R = Rotation.from_rotvec(np.radians(offset) * np.eye(3)[axis - 3]).as_matrix() @ R
         moved = np.eye(4)
         moved[:3, :3], moved[:3, 3] = R, -R @ center
-        (at,) = _core.information_around(report.observations.core, T, [moved])
+        motion = moved @ np.linalg.inv(T)
+        twist = [*motion[:3, 3], *Rotation.from_matrix(motion[:3, :3]).as_rotvec()]
+        ((at,),) = _core.information_along(report.observations.core, T, [(twist, [1.0])])
         assert curve.nats[-3] == pytest.approx(at, abs=1e-9)
         in_the_middle = _core.agreement(report.observations.core, T).mutual_information
         assert curve.nats[len(curve.nats) // 2] == pytest.approx(in_the_middle, abs=1e-6)

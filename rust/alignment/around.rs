@@ -1,44 +1,232 @@
-//! The mutual information at poses around one, of the points that are visible there: what a curve shows.
+//! The mutual information along ways from a pose, of the points that are visible there: what a curve shows.
 
 use std::sync::Arc;
 
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Point2, Vector3, Vector6};
 use rayon::prelude::*;
 
 use super::level::Level;
-use super::sample::Counted;
+use super::sample::{Counted, Sample};
+use crate::camera::RUN;
+use crate::classes::NO_CLASS;
+use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
+use crate::pyramid::Sampled;
+use crate::se3;
 
-/// The mutual information in full resolution at each of the poses, nats, of the points that are visible at the anchor.
+/// Numbers of pixels to each side of a point that are tried, to find how far it may move within one class.
+const RADII: [usize; 5] = [2, 4, 8, 16, 32];
+/// Pixels by which a point on its way may be farther off than its share of the whole way: projections are not linear.
+const MARGIN_PX: f64 = 1.0;
+/// Number of frames whose histograms are in memory together.
+const FRAMES_AT_ONCE: usize = 16;
+
+/// A way from a pose.
+#[derive(Clone, Debug)]
+pub struct Way {
+    /// Twist on the left of the pose, metres and radians.
+    pub twist: Vector6<f64>,
+    /// Multiples of the twist at the samples.
+    pub offsets: Vec<f64>,
+}
+
+impl Way {
+    fn pose(&self, anchor: &Isometry3<f64>, offset: f64) -> Isometry3<f64> {
+        se3::exp(&(self.twist * offset)) * anchor
+    }
+}
+
+/// The mutual information in full resolution at each sample of the ways, nats, of the points that are visible at the
+/// anchor.
 ///
-/// Points count with the weights that they have there, so that nothing but the pose changes along a curve.
-pub fn information_around(
+/// Points count with the weights that they have there, so that nothing but the pose changes along a way.
+pub fn information_along(
     observations: &Arc<Observations>,
     anchor: &Isometry3<f64>,
-    poses: &[Isometry3<f64>],
-) -> Vec<f64> {
+    ways: &[Way],
+) -> Vec<Vec<f64>> {
     let level = Level::new(Arc::clone(observations), 1, 0, usize::MAX);
     let samples = level.samples(anchor, Counted::Visible);
-    poses.par_iter().map(|pose| level.information(&level.joint(&samples, pose))).collect()
+    let none = |way: &Way| vec![level.empty_joint(); way.offsets.len()];
+    let mut joints: Vec<Vec<JointHistogram>> = ways.iter().map(none).collect();
+    // All samples of a frame one after another, while its label image is in the cache.
+    let frames: Vec<&[Sample]> = samples.chunk_by(|a, b| a.frame == b.frame).collect();
+    for frames in frames.chunks(FRAMES_AT_ONCE) {
+        let found: Vec<Vec<Vec<JointHistogram>>> =
+            frames.par_iter().map(|samples| level.joints_along(samples, anchor, ways)).collect();
+        for of_frame in &found {
+            let pairs = joints.iter_mut().flatten().zip(of_frame.iter().flatten());
+            pairs.for_each(|(joint, more)| joint.merge(more));
+        }
+    }
+    let information = |joint: &JointHistogram| level.information(joint);
+    joints.iter().map(|of_way| of_way.iter().map(information).collect()).collect()
+}
+
+/// What surrounds a point at the anchor.
+#[derive(Clone, Copy, Debug)]
+struct Amid {
+    /// Where the point lies.
+    pixel: Point2<f32>,
+    /// The only class near by; [`NO_CLASS`] where there are several.
+    class: u8,
+    /// Pixels by which the point may move within it.
+    radius_px: f32,
+}
+
+impl Amid {
+    const OTHERS: Self = Self { pixel: Point2::new(0.0, 0.0), class: NO_CLASS, radius_px: 0.0 };
+}
+
+/// Points by how far along a way they first leave their class.
+struct Leaving {
+    /// The offsets' lengths, shortest first.
+    lengths: Vec<f64>,
+    /// Indices of the points that lie among several classes from each of the lengths on, and not before.
+    moving: Vec<Vec<u32>>,
+    /// Pairs of the points that lie amid one class at each of the lengths.
+    constant: Vec<JointHistogram>,
+}
+
+impl Level {
+    fn amid(&self, sample: &Sample, place: Option<(Vector3<f64>, Point2<f64>)>) -> Amid {
+        let Some((_, pixel)) = place else { return Amid::OTHERS };
+        let map = &self.maps[sample.frame as usize];
+        let Sampled::Uniform(class) = map.at(&pixel) else { return Amid::OTHERS };
+        let within = RADII.into_iter().take_while(|&radius| map.is_amid_one_class(&pixel, radius));
+        let of_radius = |radius| Amid { pixel: pixel.cast(), class, radius_px: radius as f32 };
+        within.last().map_or(Amid::OTHERS, of_radius)
+    }
+
+    /// The joint histograms of the samples of one frame at each sample of the ways.
+    fn joints_along(
+        &self,
+        samples: &[Sample],
+        anchor: &Isometry3<f64>,
+        ways: &[Way],
+    ) -> Vec<Vec<JointHistogram>> {
+        let here = self.projection(anchor);
+        let amid: Vec<Amid> = samples.iter().map(|sample| self.amid(sample, here(sample))).collect();
+        let of_way = |way: &Way| {
+            let leaving = self.leaving(samples, &amid, anchor, way);
+            let joint = |&offset: &f64| {
+                let longest = leaving.lengths.partition_point(|&length| length < offset.abs());
+                let mut joint = leaving.constant[longest].clone();
+                let pose = way.pose(anchor, offset);
+                let projection = self.projection(&pose);
+                for indices in &leaving.moving[..=longest] {
+                    self.add_at(&mut joint, samples, indices, &projection);
+                }
+                joint
+            };
+            way.offsets.iter().map(joint).collect()
+        };
+        ways.iter().map(of_way).collect()
+    }
+
+    fn leaving(&self, samples: &[Sample], amid: &[Amid], anchor: &Isometry3<f64>, way: &Way) -> Leaving {
+        let mut lengths: Vec<f64> = way.offsets.iter().map(|offset| offset.abs()).collect();
+        lengths.sort_by(f64::total_cmp);
+        let farthest = lengths.last().copied().unwrap_or(0.0);
+        let ends = [-farthest, farthest].map(|offset| way.pose(anchor, offset));
+        let ends = ends.each_ref().map(|pose| self.projection(pose));
+        // The number of lengths at which a point is amid its class: less than its share of the way to the ends.
+        let count = |(sample, amid): (&Sample, &Amid)| {
+            let allowed_px = f64::from(amid.radius_px) - MARGIN_PX;
+            if allowed_px <= 0.0 {
+                return 0;
+            }
+            let gone_px = |(_, pixel): (_, Point2<f64>)| (pixel - amid.pixel.cast()).amax();
+            let most_px = ends.each_ref().map(|end| end(sample).map_or(f64::INFINITY, gone_px));
+            let reach = farthest * allowed_px / most_px[0].max(most_px[1]);
+            lengths.partition_point(|&length| length <= reach)
+        };
+        let counts = samples.iter().zip(amid).map(count);
+        let mut moving = vec![Vec::new(); lengths.len()];
+        let mut constant = vec![self.empty_joint(); lengths.len()];
+        for (index, count) in counts.enumerate() {
+            if let Some(moving) = moving.get_mut(count) {
+                moving.push(index as u32);
+            }
+            if count > 0 {
+                self.add(&mut constant[count - 1], &samples[index], &Sampled::Uniform(amid[index].class));
+            }
+        }
+        // Those that are amid one class at some length are so at all shorter ones.
+        for length in (1..lengths.len()).rev() {
+            let (shorter, longer) = constant.split_at_mut(length);
+            shorter[length - 1].merge(&longer[0]);
+        }
+        Leaving { lengths, moving, constant }
+    }
+
+    /// Adds samples where a pose projects them.
+    fn add_at(
+        &self,
+        joint: &mut JointHistogram,
+        samples: &[Sample],
+        indices: &[u32],
+        projection: impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)>,
+    ) {
+        let mut projected = Vec::with_capacity(RUN);
+        for run in indices.chunks(RUN) {
+            projected.clear();
+            projected.extend(run.iter().map(|&index| projection(&samples[index as usize])));
+            for (&index, place) in run.iter().zip(&projected) {
+                let sample = &samples[index as usize];
+                if let Some((_, pixel)) = place {
+                    self.add(joint, sample, &self.maps[sample.frame as usize].at(pixel));
+                }
+            }
+        }
+    }
+
+    #[inline]
+    fn add(&self, joint: &mut JointHistogram, sample: &Sample, sampled: &Sampled) {
+        let &Sample { class, frame, point, weight, .. } = sample;
+        self.observations.for_rows(frame as usize, point as usize, class, |row| {
+            sampled.add_to(joint.row_mut(row), f64::from(weight));
+        });
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use nalgebra::Vector6;
-
-    use super::super::scene::scene;
+    use super::super::scene::{scene, segmented};
     use super::*;
     use crate::agreement::measure;
-    use crate::se3;
 
     #[test]
     fn at_the_anchor_it_is_the_agreement_and_beside_the_truth_it_is_less() {
         let observations = scene(0.0);
-        let beside = |by: f64| se3::exp(&Vector6::new(0.0, 0.0, 0.0, by, 0.0, 0.0));
-        let poses = [0.0, 0.01, -0.01].map(beside);
-        let found = information_around(&observations, &poses[0], &poses);
-        let there = measure(&observations, &poses[0]).joint.mutual_information();
-        assert!((found[0] - there).abs() < 1e-6, "{found:?} {there}");
-        assert!(found[1] < found[0] && found[2] < found[0], "{found:?}");
+        let anchor = Isometry3::identity();
+        let way = Way { twist: Vector6::new(0.0, 0.0, 0.0, 1.0, 0.0, 0.0), offsets: vec![-0.01, 0.0, 0.01] };
+        let found = &information_along(&observations, &anchor, &[way])[0];
+        let there = measure(&observations, &anchor).joint.mutual_information();
+        assert!((found[1] - there).abs() < 1e-6, "{found:?} {there}");
+        assert!(found[0] < found[1] && found[2] < found[1], "{found:?}");
+    }
+
+    #[test]
+    fn points_amid_one_class_count_as_if_they_were_looked_up_anew() {
+        let anchor = se3::exp(&Vector6::new(0.02, -0.01, 0.03, 0.004, -0.003, 0.005));
+        for observations in [scene(0.2), segmented(3)] {
+            let level = Level::new(Arc::clone(&observations), 1, 0, usize::MAX);
+            let samples = level.samples(&anchor, Counted::Visible);
+            let ways: Vec<Way> = (0..6)
+                .map(|axis| {
+                    let offsets = vec![-0.1, -0.03, -0.001, 0.0, 0.01, 0.05, 0.1];
+                    Way { twist: Vector6::ith(axis, 1.0), offsets }
+                })
+                .collect();
+            let found = information_along(&observations, &anchor, &ways);
+            for (way, found) in ways.iter().zip(found) {
+                for (&offset, found) in way.offsets.iter().zip(found) {
+                    let joint = level.joint(&samples, &way.pose(&anchor, offset));
+                    // The order of the sums differs.
+                    assert!((found - level.information(&joint)).abs() < 1e-9, "{way:?} {offset} {found}");
+                }
+            }
+        }
     }
 }

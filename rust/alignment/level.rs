@@ -142,7 +142,7 @@ impl Level {
     }
 
     /// A sample in the camera frame, and its pixel.
-    fn projection(
+    pub(super) fn projection(
         &self,
         pose: &Isometry3<f64>,
     ) -> impl Fn(&Sample) -> Option<(Vector3<f64>, Point2<f64>)> + Sync {

@@ -32,7 +32,7 @@ mod variables;
 mod view;
 
 pub use anchored::{Anchored, MiniBatch};
-pub use around::information_around;
+pub use around::{Way, information_along};
 pub use ascent::{Aligned, AlignmentConfig, Ascended, align, ascend};
 pub use information::{SquareInformation, information, information_gains};
 pub use joint::{JointConfig, JointMaximum, maximise};

@@ -12,7 +12,7 @@ use super::poses::{isometry, matrix};
 use super::threads::detached;
 use crate::alignment::{
     self, Aligned, AlignmentConfig, Ascended, Counted, JointConfig, JointMaximum, MAX_VARIABLES,
-    PolishConfig, Polished, Sensitivity, SensitivityConfig, Variables,
+    PolishConfig, Polished, Sensitivity, SensitivityConfig, Variables, Way,
 };
 use crate::camera::{Camera, Intrinsic};
 use crate::observation::Observations;
@@ -265,15 +265,16 @@ pub(super) fn counted(visible_only: bool) -> Counted {
 }
 
 #[pyfunction]
-pub(super) fn information_around(
+pub(super) fn information_along(
     py: Python<'_>,
     observations: &PyObservations,
     anchor: PyReadonlyArray2<f64>,
-    poses: Vec<PyReadonlyArray2<f64>>,
-) -> PyResult<Vec<f64>> {
+    ways: Vec<([f64; 6], Vec<f64>)>,
+) -> PyResult<Vec<Vec<f64>>> {
     let anchor = isometry(&anchor)?;
-    let poses = poses.iter().map(isometry).collect::<PyResult<Vec<_>>>()?;
-    Ok(detached(py, || alignment::information_around(&observations.0, &anchor, &poses)))
+    let ways: Vec<Way> =
+        ways.into_iter().map(|(twist, offsets)| Way { twist: twist.into(), offsets }).collect();
+    Ok(detached(py, || alignment::information_along(&observations.0, &anchor, &ways)))
 }
 
 #[pyfunction]

@@ -30,7 +30,7 @@ mod _core {
     use super::agreement::{PyAgreement, PyHeldOutGain, agreement, held_out_gain};
     #[pymodule_export]
     use super::alignment::{
-        PyAligned, PyAscended, PyJointMaximum, PyPolished, PySensitivity, align, ascend, information_around,
+        PyAligned, PyAscended, PyJointMaximum, PyPolished, PySensitivity, align, ascend, information_along,
         information_gains, maximise, polish, segment_information, sensitivity,
     };
     #[pymodule_export]

@@ -51,8 +51,8 @@ MAX_SCATTER_OF_SEGMENTS = 1.4
 to 1.24 times what chance exceeds."""
 MAX_PARTS = 4
 """Largest number of parts of a drive."""
-FARTHEST_COARSE_DEG = 4.0
-"""Coarsest block of the refinement of a part, which may lie several degrees off."""
+FAR_PYRAMID = PyramidConfig(coarsest_block_deg=4.0)
+"""Pyramid of the refinement of a part, which may lie several degrees off."""
 
 
 @dataclass(frozen=True)
@@ -199,12 +199,16 @@ def _fit_both(
     return None if before is None or after is None else (before, after)
 
 
-def fit_part(observations: Observations, frames: range, T_start: Pose) -> Part | None:
+def fit_part(
+    observations: Observations,
+    frames: range,
+    T_start: Pose,
+    pyramid: PyramidConfig = FAR_PYRAMID,
+) -> Part | None:
     """Refine and polish the pose of some frames; None if they do not determine one."""
     few = observations.of_frames(frames)
     try:
         estimator = ExactEstimator(few, ExactConfig(), seed=0)
-        pyramid = PyramidConfig(coarsest_block_deg=FARTHEST_COARSE_DEG)
         T = refine(few, T_start, estimator, pyramid).T_camera_lidar
     except SemcalError:
         return None

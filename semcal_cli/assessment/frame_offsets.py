@@ -1,7 +1,8 @@
 """Offset of each frame's own pose from the result, with its interval.
 
 Each frame is refined and polished on its own. One Newton step from the pose of all would be cheaper, but far off: fine
-blocks of pixels do not feel borders that lie farther away than their size.
+blocks of pixels do not feel borders that lie farther away than their size. The refinement begins with blocks of several
+degrees only where coarser blocks than those of a near start tell that the frame's own pose is farther away than these.
 """
 
 from __future__ import annotations
@@ -13,13 +14,26 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.disagreement import fit_part
+from semcal_cli.assessment.disagreement import FAR_PYRAMID, Part, fit_part
+from semcal_cli.assessment.sensitivity import sensitivity
+from semcal_cli.config import PyramidConfig, SensitivityConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
+from semcal_cli.refinement.pyramid import pyramid_factors
 from semcal_cli.result.parts import DrivePart
 
 Vectors = npt.NDArray[np.float64]
+
+NEAR_PYRAMID = PyramidConfig()
+"""Pyramid of the refinement of a frame whose own pose is near."""
+FAR_BLOCKS = 0.5
+"""Distance from which a frame's own pose is not near, in blocks twice as wide as the widest of `NEAR_PYRAMID`. On 20
+frames of a clean drive, poses of all frames were 0.2 of these blocks off in the median, as one step of Newton's method
+tells, and 0.4 in nine of ten frames. From starts 0.1 degrees off it was 1.6 in the median, and from starts 0.5 to 3
+degrees off, from where these blocks hardly feel the borders, at least 4 in nine of ten."""
+MAX_POINTS = 20_000
+"""Points of a frame, in all directions, that tell whether its own pose is near."""
 
 
 @dataclass(frozen=True)
@@ -63,15 +77,29 @@ def frame_offsets(
     offsets, half_widths = np.full((2, len(starts), 6), np.nan)
     with ThreadPoolExecutor() as pool:
         frames = range(len(starts))
-        found = list(
-            pool.map(lambda frame: fit_part(observations, range(frame, frame + 1), starts[frame]), frames)
-        )
+        found = list(pool.map(lambda frame: _fit_frame(observations, frame, starts[frame]), frames))
     for frame, fitted in enumerate(found):
         if fitted is not None:
             offsets[frame] = _offsets([fitted.T_camera_lidar], T_camera_lidar)[0]
             half_widths[frame] = fitted.uncertainty.half_widths
     of_parts = _offsets(starts, T_camera_lidar) if parts else np.zeros_like(offsets)
     return FrameOffsets(offsets, half_widths, of_parts)
+
+
+def _fit_frame(observations: Observations, frame: int, T_start: Pose) -> Part | None:
+    """Find the pose of one frame; None if its labels do not determine one."""
+    pyramid = NEAR_PYRAMID if _is_near(observations.of_frames([frame]), T_start) else FAR_PYRAMID
+    return fit_part(observations, range(frame, frame + 1), T_start, pyramid)
+
+
+def _is_near(observations: Observations, T_start: Pose) -> bool:
+    """Whether Newton's method, on blocks that feel borders farther away, would take only a short step."""
+    factor = 2 * pyramid_factors(observations.camera, NEAR_PYRAMID)[0]
+    around = sensitivity(observations, T_start, SensitivityConfig(factor=factor, max_points=MAX_POINTS))
+    if around is None or not around.is_determined:
+        return False
+    step = around.influences.sum(axis=0)
+    return float(step @ around.motions @ step) <= (FAR_BLOCKS * factor) ** 2
 
 
 def _offsets(poses: Sequence[Pose], T_reference: Pose) -> Vectors:

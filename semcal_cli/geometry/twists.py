@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from semcal_cli.geometry.poses import Pose, Vector, camera_center, cross_matrix
+from semcal_cli.geometry.poses import Pose, Vector, camera_center, cross_matrix, rotation_difference
 
 Twist = NDArray[np.float64]
 """(6,) translation first, then a rotation vector, metres and radians."""
@@ -81,11 +81,9 @@ def local_coordinates(poses: Sequence[Pose], T_reference: Pose) -> NDArray[np.fl
 
     With the camera's centre c, rho = -R_ref (c - c_ref) and phi = log(R R_ref^T).
     """
-    from scipy.spatial.transform import Rotation
-
     T, R_reference = np.asarray(poses), T_reference[:3, :3]
     centers = -np.einsum("nji,nj->ni", T[:, :3, :3], T[:, :3, 3])
-    turns = Rotation.from_matrix(T[:, :3, :3] @ R_reference.T).as_rotvec()
+    turns = [rotation_difference(pose, T_reference) for pose in T]
     return np.hstack([(camera_center(T_reference) - centers) @ R_reference.T, turns])
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,6 @@ from semcal_cli import _core
 from semcal_cli.assessment.priors import EXACT
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.result.axes import AXIS_NAMES
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -63,14 +63,13 @@ def information_curves(
     if uncertainty is not None:
         sigmas = [*uncertainty.sigma_camera_center_m, *uncertainty.sigma_rotation_deg]
     offsets = [_offsets(axis, sigma) for axis, sigma in enumerate(sigmas)]
-    poses = [_moved(T_camera_lidar, axis, offset) for axis in range(6) for offset in offsets[axis].tolist()]
-    nats = iter(_core.information_around(observations.of_classes.core, T_camera_lidar, poses))
+    ways = [(_twist(axis), of_axis.tolist()) for axis, of_axis in enumerate(offsets)]
+    nats = _core.information_along(observations.of_classes.core, T_camera_lidar, ways)
     curves = []
     for axis, (name, sigma) in enumerate(zip(AXIS_NAMES, sigmas, strict=True)):
         scale, unit = (100.0, "cm") if axis < 3 else (1.0, "deg")
-        of_axis = np.array([next(nats) for _ in offsets[axis]])
         of_unit = None if sigma is None else scale * sigma
-        curves.append(Curve(name, unit, scale * offsets[axis], of_axis, of_unit))
+        curves.append(Curve(name, unit, scale * offsets[axis], np.array(nats[axis]), of_unit))
     return curves
 
 
@@ -83,9 +82,9 @@ def _offsets(axis: int, sigma: float | None) -> npt.NDArray[np.float64]:
     return np.sort(np.concatenate([wide[np.abs(wide) > near], np.linspace(-near, near, NUM_NEAR)]))
 
 
-def _moved(T_camera_lidar: Pose, axis: int, offset: float) -> Pose:
-    """Move the camera's centre along one of its axes, in metres, or turn the camera about one, in degrees."""
-    twist = np.zeros(6)
+def _twist(axis: int) -> list[float]:
+    """Twist that moves the camera's centre by a metre along one of its axes, or turns the camera by a degree."""
+    twist = [0.0] * 6
     # The centre moves against the translation of a twist.
-    twist[axis] = -offset if axis < 3 else np.radians(offset)
-    return apply_twist(T_camera_lidar, twist)
+    twist[axis] = -1.0 if axis < 3 else math.radians(1.0)
+    return twist

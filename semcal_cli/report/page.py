@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -98,18 +99,20 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
     before = None
     if report.before is not None:
         before = _agreement(report.seen_as(report.before.drive), report.before.T_camera_lidar)
-    progress("drawing points on pictures")
-    pictures = make_pictures(report.overlays(MAX_FRAMES))
-    progress("following the mutual information along six axes")
-    curves = information_curves(observations, T, record.uncertainty if record else None)
-    progress("calibrating each frame on its own")
-    of_frames = _of_frames(report)
-    progress("drawing the registration")
-    registration = None
-    if record is not None and report.is_of_record:
-        registration = RegistrationPictures.of_record(report.seen_as(report.begun), record)
+    # What is mostly Python takes the time in which something else is in the core or in an encoder.
+    with ThreadPoolExecutor(1) as pool:
+        template = pool.submit(ENVIRONMENT.get_template, "report/page.html")
+        progress("drawing points on pictures")
+        pictures = make_pictures(report.overlays(MAX_FRAMES))
+        progress("following the mutual information along six axes")
+        curves = information_curves(observations, T, record.uncertainty if record else None)
+        registration = pool.submit(_registration, report)
+        cloud = pool.submit(frame_cloud, report)
+        progress("calibrating each frame on its own")
+        of_frames = _of_frames(report)
+        progress("drawing the registration")
     progress("writing the page")
-    return ENVIRONMENT.get_template("report/page.html").render(
+    return template.result().render(
         style=source("page.css"),
         script=source("copy.js", "picture.js", "pictures.js", "cloud.js", "page.js"),
         report=report,
@@ -123,7 +126,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         notations=notations(T),
         files=files(T, record.used_camera if record and record.camera else None),
         pictures=pictures,
-        registration=None if registration is None else data_uri(registration.draw(0), MAX_BYTES),
+        registration=registration.result(),
         classes=class_agreements(observations, agreement, before),
         plots=plots(curves),
         box=BOX,
@@ -136,7 +139,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         polish=polish_sentence(record) if record else None,
         stages=_stage_rows(record) if record else [],
         hypotheses=_hypothesis_rows(record) if record else [],
-        cloud=asdict(frame_cloud(report)),
+        cloud=asdict(cloud.result()),
         options=document_text(record.settings.options, "yaml") if record else "",
         version=made_by.get("semcal", ""),
         versions=made_by,
@@ -147,6 +150,14 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
 def _agreement(observations: Observations, T_camera_lidar: Pose) -> _core.Agreement:
     """Compare labels at another pose than that of the report, where a rolling shutter sees points on other lines."""
     return _core.agreement(unrolled(observations, T_camera_lidar).core, T_camera_lidar)
+
+
+def _registration(report: ReportInput) -> str | None:
+    """Draw the registration of the first frame, as a data URI; None if the calibration had none."""
+    if report.record is None or not report.is_of_record:
+        return None
+    found = RegistrationPictures.of_record(report.seen_as(report.begun), report.record)
+    return None if found is None else data_uri(found.draw(0), MAX_BYTES)
 
 
 def _of_frames(report: ReportInput) -> OfFrames | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import io
 import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -11,6 +12,8 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 import numpy.typing as npt
+import PIL.Image
+import PIL.WebPImagePlugin
 
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
@@ -37,7 +40,8 @@ MAX_POINTS = 24_000
 BEST_SHARES = 3
 """Shares of the bytes that the best picture gets, which stands first and large."""
 MAX_COLUMNS, MIN_COLUMNS = 1280, 64
-QUALITY = 60
+QUALITY, EFFORT = 60, 2
+"""Settings of WebP's encoder."""
 SHRINK = 0.95
 """Factor on the width of an image; its bytes fall a little slower than its pixels."""
 SEEN_PX = 2.0
@@ -245,5 +249,8 @@ def _webp(image: Image, columns: int) -> bytes:
     height, width = image.shape[:2]
     size = (columns, max(1, round(columns * height / width)))
     small = image if columns == width else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    _, content = cv2.imencode(".webp", small, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
-    return content.tobytes()
+    content = io.BytesIO()
+    # OpenCV has no choice of the effort, and takes twice the time for five per cent fewer bytes.
+    pillow = PIL.Image.fromarray(cv2.cvtColor(small, cv2.COLOR_BGR2RGB))
+    pillow.save(content, "WEBP", quality=QUALITY, method=EFFORT)
+    return content.getvalue()
