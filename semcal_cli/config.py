@@ -243,16 +243,22 @@ class JointConfig:
     """Largest distance between camera and LiDAR."""
 
 
+FOCAL_SIGMA = 0.02
+"""Standard deviation of focal lengths, as a share of them, that nothing else is stated of."""
+CENTER_SIGMA_PX = 10.0
+"""The same of the principal point, in pixels."""
+
+
 @dataclass(frozen=True)
 class JointlyConfig:
     """What is estimated beside the pose, and what is known of it before."""
 
     intrinsics: tuple[str, ...] = ()
     """Names of the intrinsics, as fx, cy or k1."""
-    focal_sigma: float = 0.02
-    """Standard deviation of focal lengths, as a share of them."""
-    center_sigma_px: float = 10.0
-    """Standard deviation of the principal point, in pixels."""
+    focal_sigma: float | None = None
+    """Standard deviation of focal lengths, as a share of them; None is what the drive states, else `FOCAL_SIGMA`."""
+    center_sigma_px: float | None = None
+    """Standard deviation of the principal point, pixels; None is what the drive states, else `CENTER_SIGMA_PX`."""
     lens_sigma: float = 0.1
     """Standard deviation of the numbers of the lens, such as k1, xi or w."""
     tangential_sigma: float = 0.005

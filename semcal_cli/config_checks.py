@@ -37,7 +37,8 @@ def check_config(config: CalibrationConfig) -> None:
     _check_range("edge_band_px", refinement.edge_band_px, 0)
     jointly = refinement.jointly
     for name in ("focal_sigma", "center_sigma_px", "lens_sigma", "tangential_sigma", "delay_sigma_s"):
-        _check_range(name, getattr(jointly, name), LEAST_SIGMA, MOST_SIGMA)
+        if (sigma := getattr(jointly, name)) is not None:
+            _check_range(name, sigma, LEAST_SIGMA, MOST_SIGMA)
 
 
 def check_limits(limits: Limits) -> None:

@@ -10,7 +10,7 @@ from semcal_cli.assessment.intrinsics import (
     implausible_intrinsics,
     intrinsics_cost,
     notes_on_intrinsics,
-    shift_by_intrinsics,
+    shift_by,
     wrong_intrinsics,
 )
 from semcal_cli.assessment.priors import Prior
@@ -33,9 +33,9 @@ def polished(street_observations: Observations, street_truth: Pose) -> Pose:
 
 @pytest.fixture(scope="module")
 def shift(street_observations: Observations, polished: Pose) -> Matrix:
-    found = shift_by_intrinsics(around_intrinsics(street_observations, polished))
+    found = shift_by(around_intrinsics(street_observations, polished))
     assert found is not None
-    return found
+    return found[:, :4]
 
 
 def changed(camera: Camera, by: np.ndarray) -> Camera:
@@ -70,7 +70,7 @@ def test_stated_errors_of_k_widen_the_interval(
     assert of_intrinsics is not None
     np.testing.assert_allclose(of_intrinsics, 4.0 * shift @ shift.T)
     alone = estimate_uncertainty(street_observations, polished)
-    wide = estimate_uncertainty(street_observations, polished, of_intrinsics=of_intrinsics)
+    wide = estimate_uncertainty(street_observations, polished, of_others=of_intrinsics)
     assert alone is not None
     assert wide is not None
     np.testing.assert_allclose(wide.covariance, np.array(alone.covariance) + of_intrinsics)
@@ -79,7 +79,7 @@ def test_stated_errors_of_k_widen_the_interval(
     most = np.minimum(np.array(alone.degrees_of_freedom) / share**2, MANY)
     np.testing.assert_allclose(wide.degrees_of_freedom, most, rtol=1e-9)
     # Known errors alone make the interval, of a normal distribution.
-    huge = estimate_uncertainty(street_observations, polished, of_intrinsics=1e6 * of_intrinsics)
+    huge = estimate_uncertainty(street_observations, polished, of_others=1e6 * of_intrinsics)
     assert huge is not None
     np.testing.assert_allclose(
         huge.half_width_95_camera_center_m, 1.96 * np.array(huge.sigma_camera_center_m), rtol=1e-3
@@ -89,7 +89,7 @@ def test_stated_errors_of_k_widen_the_interval(
 def test_more_frames_do_not_reduce_what_k_costs(
     street_observations: Observations, polished: Pose, shift: Matrix
 ) -> None:
-    one = shift_by_intrinsics(around_intrinsics(street_observations.of_frames([1]), polished))
+    one = shift_by(around_intrinsics(street_observations.of_frames([1]), polished))
     assert one is not None
     camera = street_observations.camera
     costs = [intrinsics_cost(each, camera).together for each in (one, shift)]

@@ -1,13 +1,15 @@
 """Intrinsics and the offset of the clock, estimated together with the pose."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from semcal_cli.assessment.assess import _with_stated
+from semcal_cli.assessment.assess import _with_others
 from semcal_cli.assessment.joint import Joint, estimate_jointly
+from semcal_cli.assessment.joint_fit import Variables
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
@@ -192,6 +194,41 @@ def test_the_interval_holds_what_stays_open_of_the_intrinsics(
     assert (off < half_widths(open_)[3:]).all()
 
 
+def test_what_was_found_and_not_kept_is_in_the_interval(synthetic_eight: LoadedDrive, truth: Pose) -> None:
+    """The pose may be off by what stays uncertain and by what was found of it; by nothing where K is known exactly."""
+    names = ("cx", "cy")
+    known, free = (
+        estimate_jointly(
+            synthetic_eight.observations, truth, JointlyConfig(names, center_sigma_px=px), PolishConfig()
+        )
+        for px in (1e-9, 20.0)
+    )
+    assert not known.is_kept
+    assert not free.is_kept
+    assert known.left_open is not None
+    assert free.left_open is not None
+    assert np.sqrt(np.diag(known.left_open)).max() < 1e-9
+    assert free.camera is not None
+    cy = free.camera.intrinsics["cy"]
+    assert cy.sigma is not None
+    assert abs(cy.found - cy.given) > 0.5 * cy.sigma
+    # A picture that lies lower by some pixels looks like a pitch by as many.
+    pitch_rad = math.hypot(cy.sigma, cy.found - cy.given) / intrinsic_value(
+        synthetic_eight.observations.camera, "fy"
+    )
+    assert math.sqrt(free.left_open[3, 3]) == pytest.approx(pitch_rad, rel=0.15)
+
+
+def test_a_drive_states_how_well_its_camera_is_known(observed: Observations) -> None:
+    stated = IntrinsicsSigma(fx=0.5, cx=0.4)
+    camera = observed.camera.model_copy(update={"intrinsics_sigma": stated})
+    variables = Variables(K_NAMES, with_delay=False)
+    fy = intrinsic_value(camera, "fy")
+    assert variables.sigmas(camera, JointlyConfig()) == pytest.approx([0.5, 0.02 * fy, 0.4, 10.0])
+    asked = JointlyConfig(focal_sigma=0.01, center_sigma_px=3.0)
+    assert variables.sigmas(camera, asked) == pytest.approx([0.01 * fy, 0.01 * fy, 3.0, 3.0])
+
+
 def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) -> None:
     steady = (12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frames)
@@ -266,10 +303,10 @@ def test_a_parked_rig_tells_intrinsics_and_no_clock(observed: Observations, trut
 
 def test_stated_errors_of_what_was_not_estimated_stay_in_the_interval() -> None:
     alone = Uncertainty.from_covariance(np.eye(4), 1e-6 * np.eye(6), np.full(6, 10.0))
-    both = _with_stated(alone, np.eye(4), 3e-6 * np.eye(6))
+    both = _with_others(alone, np.eye(4), 3e-6 * np.eye(6))
     assert both.sigma_camera_center_m == pytest.approx([2e-3] * 3)
     assert both.degrees_of_freedom == pytest.approx([160.0] * 6)
-    assert _with_stated(alone, np.eye(4), np.zeros((6, 6))) is alone
+    assert _with_others(alone, np.eye(4), np.zeros((6, 6))) is alone
 
 
 def test_stated_errors_of_replaced_intrinsics_go() -> None:

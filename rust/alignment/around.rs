@@ -68,14 +68,14 @@ pub fn information_along(
 struct Amid {
     /// Where the point lies.
     pixel: Point2<f32>,
-    /// The only class near by; [`NO_CLASS`] where there are several.
+    /// The only class nearby; [`NO_CLASS`] where there are several.
     class: u8,
     /// Pixels by which the point may move within it.
     radius_px: f32,
 }
 
 impl Amid {
-    const OTHERS: Self = Self { pixel: Point2::new(0.0, 0.0), class: NO_CLASS, radius_px: 0.0 };
+    const AMONG_SEVERAL: Self = Self { pixel: Point2::new(0.0, 0.0), class: NO_CLASS, radius_px: 0.0 };
 }
 
 /// Points by how far along a way they first leave their class.
@@ -90,12 +90,12 @@ struct Leaving {
 
 impl Level {
     fn amid(&self, sample: &Sample, place: Option<(Vector3<f64>, Point2<f64>)>) -> Amid {
-        let Some((_, pixel)) = place else { return Amid::OTHERS };
+        let Some((_, pixel)) = place else { return Amid::AMONG_SEVERAL };
         let map = &self.maps[sample.frame as usize];
-        let Sampled::Uniform(class) = map.at(&pixel) else { return Amid::OTHERS };
+        let Sampled::Uniform(class) = map.at(&pixel) else { return Amid::AMONG_SEVERAL };
         let within = RADII.into_iter().take_while(|&radius| map.is_amid_one_class(&pixel, radius));
         let of_radius = |radius| Amid { pixel: pixel.cast(), class, radius_px: radius as f32 };
-        within.last().map_or(Amid::OTHERS, of_radius)
+        within.last().map_or(Amid::AMONG_SEVERAL, of_radius)
     }
 
     /// The joint histograms of the samples of one frame at each sample of the ways.

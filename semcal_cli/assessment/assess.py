@@ -17,7 +17,7 @@ from semcal_cli.assessment.intrinsics import (
     covariance_of_intrinsics,
     intrinsics_cost,
     notes_on_intrinsics,
-    shift_by_intrinsics,
+    shift_by,
     wrong_intrinsics,
 )
 from semcal_cli.assessment.joint import Joint
@@ -96,7 +96,7 @@ def assess(
     around = effect.around if checked is observations else around_intrinsics(checked, T_camera_lidar)
 
     def uncertain() -> Uncertainty | None:
-        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, effect.known)
+        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, effect.of_stated)
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
@@ -118,9 +118,8 @@ def assess(
         notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
     if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
-    return Assessment(
-        found, (*findings, *undetermined(found, None if joint is None else joint.advice)), notes, frames.parts
-    )
+    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint))
+    return Assessment(found, (*findings, *too_wide), notes, frames.parts)
 
 
 def assess_rejected(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
@@ -139,7 +138,7 @@ class _EffectOfIntrinsics(NamedTuple):
     """What intrinsics that are off do to the pose."""
 
     around: Sensitivity | None
-    known: Matrix | None
+    of_stated: Matrix | None
     """(6, 6) covariance of the pose by stated errors of the intrinsics; None if none are stated."""
     cost: IntrinsicsCost | None
 
@@ -152,7 +151,7 @@ class _EffectOfIntrinsics(NamedTuple):
         `stated` is the camera with the errors that are stated and that no estimate replaces.
         """
         around = around_intrinsics(observations, T_camera_lidar)
-        shift = shift_by_intrinsics(around)
+        shift = shift_by(around)
         cost = None if shift is None else intrinsics_cost(shift, observations.camera, label_gain)
         return cls(around, covariance_of_intrinsics(shift, stated), cost)
 
@@ -163,17 +162,18 @@ def _uncertainty(
     config: PolishConfig,
     fused: Fused | None,
     joint: Joint | None,
-    known: Matrix | None,
+    of_stated: Matrix | None,
 ) -> Uncertainty | None:
     """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
+    of_others = of_stated
     if joint is not None and joint.left_open is not None:
-        known = joint.left_open if known is None else known + joint.left_open
+        of_others = joint.left_open if of_stated is None else of_stated + joint.left_open
     if joint is not None and joint.uncertainty is not None:
-        return _with_stated(joint.uncertainty, T_camera_lidar, known)
+        return _with_others(joint.uncertainty, T_camera_lidar, of_others)
     if fused is not None:
         return fused.uncertainty
     return estimate_uncertainty(
-        observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_intrinsics=known
+        observations, T_camera_lidar, edge_band_px=config.edge_band_px, of_others=of_others
     )
 
 
@@ -182,15 +182,24 @@ def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
     return with_intrinsics(camera, {name: intrinsic_value(camera, name) for name in found.intrinsics})
 
 
-def _with_stated(found: Uncertainty, T_camera_lidar: Pose, known: Matrix | None) -> Uncertainty:
+def _with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
     """Add the covariance (6, 6) by errors of what stays as the drive says."""
-    if known is None or not known.any():
+    if of_others is None or not of_others.any():
         return found
     covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)
-    wider = 1.0 + np.diag(known) / np.diag(covariance)
+    wider = 1.0 + np.diag(of_others) / np.diag(covariance)
     return Uncertainty.from_covariance(
-        T_camera_lidar, covariance + known, np.minimum(freedom * wider**2, MANY)
+        T_camera_lidar, covariance + of_others, np.minimum(freedom * wider**2, MANY)
     )
+
+
+def _advice(found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None) -> str | None:
+    """Say what to do about an interval that only what stays open beside the pose makes too wide; None of any other."""
+    if joint is None or joint.left_open is None:
+        return None
+    covariance = np.array(found.covariance) - joint.left_open
+    alone = Uncertainty.from_covariance(T_camera_lidar, covariance, np.array(found.degrees_of_freedom))
+    return None if undetermined(alone) else joint.advice
 
 
 def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:

@@ -88,7 +88,9 @@ def frame_offsets(
 
 def _fit_frame(observations: Observations, frame: int, T_start: Pose) -> Part | None:
     """Find the pose of one frame; None if its labels do not determine one."""
-    pyramid = NEAR_PYRAMID if _is_near(observations.of_frames([frame]), T_start) else FAR_PYRAMID
+    # Segments, whose information has no sharp top, climb the same blocks as in a calibration.
+    is_near = not observations.has_segments and _is_near(observations.of_frames([frame]), T_start)
+    pyramid = NEAR_PYRAMID if is_near else FAR_PYRAMID
     return fit_part(observations, range(frame, frame + 1), T_start, pyramid)
 
 

@@ -20,7 +20,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.intrinsics import (
     around_intrinsics,
     covariance_of_intrinsics,
-    shift_by_intrinsics,
+    shift_by,
 )
 from semcal_cli.assessment.measurement import Measurement, measure, silent
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
@@ -176,9 +176,7 @@ def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix |
     camera = observations.camera
     if camera.intrinsics_sigma is None:
         return None
-    return covariance_of_intrinsics(
-        shift_by_intrinsics(around_intrinsics(observations, T_camera_lidar)), camera
-    )
+    return covariance_of_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
 
 
 def _known(T_camera_lidar: Pose, priors: Sequence[Prior]) -> _Known:

@@ -60,16 +60,16 @@ def around_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Sensi
     return sensitivity(observations, T_camera_lidar, AROUND_INTRINSICS, VARIABLES)
 
 
-def shift_by_intrinsics(around: Sensitivity | None) -> Matrix | None:
-    """Compute by how much the optimum of the pose moves for each unit of the intrinsics.
+def shift_by(around: Sensitivity | None) -> Matrix | None:
+    """Compute by how much the optimum of the pose moves for each unit of the variables after it.
 
     Directions in which the mutual information does not fall stay where they are.
 
     Args:
-        around: The sensitivity to the pose and n intrinsics.
+        around: The sensitivity to the pose and n variables, such as intrinsics.
 
     Returns:
-        (6, n) twist in metres and radians on the left of the pose, by a unit of each intrinsic; None if the mutual
+        (6, n) twist in metres and radians on the left of the pose, by a unit of each variable; None if the mutual
         information falls in no direction.
     """
     if around is None:
@@ -87,7 +87,7 @@ def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | N
     """Compute the covariance (6, 6) of the pose by errors of the intrinsics; None if none are stated.
 
     Args:
-        shift: (6, n) result of `shift_by_intrinsics`, first by fx, fy, cx and cy.
+        shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
         camera: The camera, which states the errors.
     """
     stated = camera.intrinsics_sigma
@@ -101,7 +101,7 @@ def intrinsics_cost(shift: Matrix, camera: Camera, label_gain: Matrix | None = N
     """State how far the pose moves by intrinsics that are a little off.
 
     Args:
-        shift: (6, n) result of `shift_by_intrinsics`, first by fx, fy, cx and cy.
+        shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
         camera: The camera.
         label_gain: (6, 6) gain from a twist of the labels' optimum to a twist of the pose; identity if not given.
     """

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by_intrinsics
+from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by
 from semcal_cli.assessment.joint_fit import Fit, Variables, finish, fit_determined, seen_by
 from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.assessment.sensitivity import Matrix, sensitivity
@@ -49,22 +49,24 @@ class Joint(StageResult):
     uncertainty: Uncertainty | None
     """Uncertainty of the pose together with the other variables; None if the estimate is not kept."""
     left_open: Matrix | None
-    """(6, 6) covariance that adds to that of the pose, by what the variables may be off that stay as the drive says;
-    None if all are kept."""
+    """(6, 6) covariance that adds to that of the pose, by what variables may be off that stay as the drive says and are
+    not part of the uncertainty; None if there are none, or if the labels determine no pose."""
     is_kept: bool
     """Whether the pose belongs to the estimate."""
     notes: tuple[str, ...]
     """Sentences about what is not determined or not kept."""
 
     @property
-    def advice(self) -> str | None:
-        """What to do where the pose is uncertain by a variable that was asked for; None if all are determined."""
+    def advice(self) -> str:
+        """What to do where what stays as the drive says makes the pose uncertain."""
+        more, without = [], []
+        if self.camera is not None and not self.is_kept:
+            more.append("record objects near and far in all parts of the pictures")
+            without.append("--refine-intrinsics if K is right")
         if self.clock is not None and not self.clock.is_determined:
-            return "drive at different speeds, and turn, or calibrate without --estimate-delay if the clocks agree"
-        if self.camera is not None and not all(x.is_determined for x in self.camera.intrinsics.values()):
-            more = "record objects near and far in all parts of the pictures"
-            return f"{more}, or calibrate without --refine-intrinsics if K is right"
-        return None
+            more.append("drive at different speeds, and turn")
+            without.append("--estimate-delay if the clocks agree")
+        return f"{' and '.join(more)}, or calibrate without {' and without '.join(without)}"
 
 
 def estimate_jointly(
@@ -141,7 +143,10 @@ def _left_open(
     """Compute the covariance (6, 6) of a pose by what variables may be off that stay as the drive says.
 
     Those that are not determined may be off by what was known of them; the others, of an estimate that is not kept, by
-    their uncertainty and by what was found: the second moment about the drive's value.
+    their uncertainty and by what was found: the second moment about the drive's value. The two are taken as independent
+    of each other. On twelve development drives each of one frame through a narrow lens, of one frame, and of flat
+    scenes, 76, 100 and 99 % of all values lie within their intervals, and 69, 98 and 98 % with the fit's covariance of
+    both. Intrinsics that are kept are held while the clock moves the pose.
 
     Args:
         fit: The fit.
@@ -156,7 +161,7 @@ def _left_open(
     around = sensitivity(
         observations, T, AROUND_INTRINSICS, asked.of_core(camera), asked.twists(observations)
     )
-    shift = shift_by_intrinsics(around)
+    shift = shift_by(around)
     if shift is None:
         return None
     about = np.diag(asked.sigmas(camera, config) ** 2)

@@ -62,7 +62,7 @@ def estimate_uncertainty(
     T_camera_lidar: Pose,
     *,
     edge_band_px: int = EDGE_BAND_PX,
-    of_intrinsics: Matrix | None = None,
+    of_others: Matrix | None = None,
 ) -> Uncertainty | None:
     """Estimate the uncertainty of a polished pose.
 
@@ -70,7 +70,8 @@ def estimate_uncertainty(
         observations: The observations that the pose was polished on.
         T_camera_lidar: (4, 4), metres.
         edge_band_px: Width of the edge band in the settings of the polish.
-        of_intrinsics: (6, 6) covariance of the pose by errors of the intrinsics, if they are stated.
+        of_others: (6, 6) covariance of the pose by what stays as the drive says: stated errors of the intrinsics, and
+            what is left open of those and of the clock that were to be estimated.
 
     Returns:
         The uncertainty; None if the labels do not determine the pose.
@@ -81,10 +82,10 @@ def estimate_uncertainty(
     if around is None or not around.is_determined:
         return None
     covariance, degrees_of_freedom = around.sandwich()
-    if of_intrinsics is not None:
-        wider = 1.0 + np.diag(of_intrinsics) / np.diag(covariance)
+    if of_others is not None:
+        wider = 1.0 + np.diag(of_others) / np.diag(covariance)
         degrees_of_freedom = np.minimum(degrees_of_freedom * wider**2, MANY)
-        covariance = covariance + of_intrinsics
+        covariance = covariance + of_others
     return Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom)
 
 

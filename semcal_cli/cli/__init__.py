@@ -118,8 +118,11 @@ def run(arguments: Sequence[str]) -> Ending:
 def _limit_arenas() -> None:
     """Let threads share arenas of memory, one for each core.
 
-    Each thread keeps what it has freed in its own: of a calibration of one pair, that is a quarter of the peak.
+    Each thread keeps what it has freed in its own: of a calibration of one pair, that is a quarter of the peak. What
+    the environment says counts more.
     """
+    if "MALLOC_ARENA_MAX" in os.environ:
+        return
     import ctypes
 
     # Other C libraries have no such thing; Windows cannot even be asked.

@@ -76,7 +76,7 @@ REFINEMENT_OPTIONS = (
         nargs=2,
         metavar="PERCENT PX",
         help="How well the drive's intrinsics are known: standard deviations of the focal lengths and of the principal "
-        "point.  [default: 2 10]",
+        "point.  [default: `intrinsics_sigma` of the drive, or 2 10]",
     ),
     click.option(
         "--estimate-delay",

@@ -141,6 +141,8 @@ def _what_intervals_include(record: Calibration) -> str:
     """Say which errors of K are part of the intervals."""
     if record.camera is not None and record.camera.is_kept:
         return "K was estimated together with the pose, and the intervals include what is not known of it"
+    if record.camera is not None:
+        return "K was to be estimated and stays, and the intervals include what the frames leave open of it"
     if record.input.camera.intrinsics_sigma:
         return "the intervals include the stated errors of K"
     return "the intervals take K as right, unless the drive states intrinsics_sigma"
