@@ -177,7 +177,8 @@ def fit_determined(
         left_open = fit.left_open(observations.camera, config)
         if not left_open:
             return fit
-        variables = variables.without(left_open)
+        # A clock that is open loosens the others, which the data may determine without it.
+        variables = variables.without([DELAY] if DELAY in left_open else left_open)
 
 
 def _on_telling_blocks(fit: Fit, camera: Camera, config: JointlyConfig, polish: PolishConfig) -> Fit:
