@@ -13,7 +13,7 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 from conftest import NAMES
-from refined import clock, refined_camera, spoiled, with_camera
+from refined import GIVEN_S, LATER_S, clock, refined_camera, spoiled, with_camera
 
 import semcal_cli
 from semcal_cli.cli import semcal
@@ -23,7 +23,7 @@ from semcal_cli.drive.loading import load
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report import read_report_input
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences
-from semcal_cli.result.applied import apply_result
+from semcal_cli.result.applied import apply_result, as_begun
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
@@ -210,6 +210,18 @@ def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> N
     assert applied.changes == (("clock", line),)
     unknown = record.model_copy(update={"camera": None, "clock": clock(is_determined=False)})
     assert apply_result(unknown, drive, "c.yaml") == (drive, ())
+
+
+def test_stages_are_shown_by_the_clock_that_they_were_found_with(record: Calibration, street: Path) -> None:
+    """Also after `convert --into`, which gives the drive the clock of the result; an older file does not tell it."""
+    late = record.model_copy(update={"camera": None, "clock": clock()})
+    drive = moving(read_drive(street)).model_copy(update={"time_offset_s": LATER_S})
+    assert as_begun(late, drive).time_offset_s == GIVEN_S
+    for is_older in (
+        clock().model_copy(update={"given_s": None}),
+        clock().model_copy(update={"is_kept": False}),
+    ):
+        assert as_begun(late.model_copy(update={"clock": is_older}), drive) == drive
 
 
 def test_export_uses_it_for_the_poses_that_belong_to_it(

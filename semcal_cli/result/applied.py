@@ -50,21 +50,24 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
 
 
 def as_begun(record: Calibration | None, drive: Drive) -> Drive:
-    """Give a drive the camera that a result began with, to which its poses before the joint estimate belong.
+    """Give a drive the camera and the clock that a result began with: those of its poses before the joint estimate.
 
-    The clock is that of the drive, because a result does not hold the one that it began with.
+    The clock is that of the drive where the result does not hold the one that it began with.
 
     Args:
-        record: The result; None, or one that kept no other camera, leaves the drive as it is.
-        drive: The drive, which may have another camera by now.
+        record: The result; None, or one that kept neither another camera nor another clock, leaves the drive as it is.
+        drive: The drive, which may have another camera and another clock by now.
     """
-    if record is None or record.camera is None or not record.camera.is_kept:
+    if record is None or not _is_of_same_pictures(record.input.camera, drive.camera):
         return drive
-    begun, own = record.input.camera, drive.camera
-    if not _is_of_same_pictures(begun, own):
-        return drive
-    shutter = {"readout_s": own.readout_s, "direction": own.direction}
-    return drive.model_copy(update={"camera": begun.model_copy(update=shutter)})
+    changes: dict[str, object] = {}
+    if record.camera is not None and record.camera.is_kept:
+        shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
+        changes["camera"] = record.input.camera.model_copy(update=shutter)
+    clock = record.clock
+    if clock is not None and clock.is_kept and clock.given_s is not None:
+        changes["time_offset_s"] = clock.given_s
+    return drive.model_copy(update=changes)
 
 
 def seen_as(observations: Observations, own: Drive, other: Drive) -> Observations:

@@ -13,6 +13,8 @@ from semcal_cli.files.messages import listed, mismatch
 from semcal_cli.files.validation import Figure, StrictModel, Width, length
 
 JointEntry = Annotated[float, Field(ge=-1e40, le=1e40)]
+Offset = Annotated[float, Field(ge=-2.0, le=2.0)]
+"""Offset of two clocks, in seconds: of what a drive may say, with as much again."""
 
 
 class Intrinsic(StrictModel):
@@ -80,9 +82,11 @@ class RefinedCamera(StrictModel):
 class Clock(StrictModel):
     """Offset of the camera's clock that was estimated together with the pose."""
 
-    time_offset_s: Annotated[float, Field(ge=-2.0, le=2.0)]
+    time_offset_s: Offset
     """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It takes the
     place of the drive's own offset, which it contains."""
+    given_s: Offset | None = None
+    """Offset that the drive had when the calibration began, in seconds. Absent in files that do not state it."""
     sigma_s: Width | None
     """Standard error of the estimate; null if it is not determined."""
     half_width_95_s: Width | None
