@@ -210,9 +210,26 @@ class Calibration(StrictModel):
         return np.array(self.T_camera_lidar)
 
     @property
+    def has_found_camera(self) -> bool:
+        """Whether the transform belongs to a camera that was estimated together with it."""
+        return self.camera is not None and self.camera.is_kept
+
+    @property
+    def has_found_clock(self) -> bool:
+        """Whether the transform belongs to an offset of the clock that was estimated together with it."""
+        return self.clock is not None and self.clock.is_kept
+
+    @property
     def used_camera(self) -> Camera:
         """Camera that the transform belongs to: the estimate, or that of the drive."""
         return self.input.camera if self.camera is None or not self.camera.is_kept else self.camera.found
+
+    @property
+    def used_offset_s(self) -> float | None:
+        """Offset of the clock that the transform belongs to: the estimate, or that of the drive; None if not known."""
+        if self.clock is None:
+            return None
+        return self.clock.time_offset_s if self.clock.is_kept else self.clock.given_s
 
     def applied_to(self, drive: Drive) -> Drive:
         """Give a drive the camera and the clock that were estimated together with the transform."""
