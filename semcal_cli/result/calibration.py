@@ -198,11 +198,28 @@ class Calibration(StrictModel):
             raise mismatch(
                 f"topics: {len(self.topics)} of them", f"one for each of {len(self.reasons)} reasons"
             )
+        self._check_camera()
         stated = self.pose
         check_forms(stated, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
         if (T := orthonormal(stated)) is not stated:
             vars(self).update(pose_forms(T))
         return self
+
+    def _check_camera(self) -> None:
+        """Check that what was estimated together with the pose is of the input, and of one size."""
+        if self.camera is None:
+            return
+        found, given = (
+            f"{each.model} of {each.width} x {each.height} pixels"
+            for each in (self.camera.found, self.input.camera)
+        )
+        if found != given:
+            raise ValueError(f"camera.found: {mismatch(found, f'{given}, as in input.camera')}")
+        with_clock = self.clock is not None and self.clock.is_determined
+        rows, count = self.camera.joint_covariance, 6 + len(self.camera.intrinsics) + with_clock
+        if rows is not None and len(rows) != count:
+            needed = f"{count}: six of the pose, one for each intrinsic{', one of the clock' if with_clock else ''}"
+            raise ValueError(f"camera.joint_covariance: {mismatch(f'{len(rows)} rows', needed)}")
 
     @property
     def pose(self) -> Pose:
