@@ -48,8 +48,10 @@ def result_with(*keys: str | int, value: object) -> Callable[[Path], object]:
 
     def make(folder: Path) -> None:
         path, camera = folder / "c.json", read_drive(folder / "drive").camera
+        record = make_calibration(POSE)
         estimated = {"camera": refined_camera(camera, camera.zoomed(1.01)), "clock": clock()}
-        write_calibration(make_calibration(POSE).model_copy(update=estimated), path)
+        estimated["input"] = record.input.model_copy(update={"camera": camera})
+        write_calibration(record.model_copy(update=estimated), path)
         document = json.loads(path.read_text())
         place: Any = document
         for key in keys[:-1]:
@@ -204,6 +206,13 @@ OPTIONS: dict[str, Hostile] = {
     ),
 }
 
+
+def diagonal(count: int, value: float = 1.0) -> list[list[float]]:
+    """Makes a diagonal matrix, which is a covariance unless a value is below zero."""
+    return [[value if row == column else 0.0 for column in range(count)] for row in range(count)]
+
+
+UNKNOWN_CLOCK = clock(is_determined=False).model_dump()
 OF_FX = ("camera", "intrinsics", "fx")
 READ: dict[str, Hostile] = {
     "a camera that is none": read_back(r"camera: found 5, needed a mapping$", "camera", value=5),
@@ -240,7 +249,7 @@ READ: dict[str, Hostile] = {
         value=[[0.0] * 6] * 6,
     ),
     "a covariance that is not square": read_back(
-        r"camera: found a joint_covariance of 9 rows with 8 to 8 entries, needed as many as rows$",
+        r"camera\.joint_covariance: found 9 rows with 8 to 8 entries, needed as many as rows$",
         *("camera", "joint_covariance"),
         value=[[0.0] * 8] * 9,
     ),
@@ -260,6 +269,69 @@ READ: dict[str, Hostile] = {
     ),
     "a clock without a meaning": read_back(
         r"clock\.meaning: found nothing, needed text$", "clock", "meaning", value=None
+    ),
+}
+
+READ |= {
+    "a camera of other pictures than the input": read_back(
+        r"camera\.found: found plumb_bob of 1 x \d+ pixels, needed plumb_bob of \d+ x \d+ pixels, as in input\.camera$",
+        *("camera", "found", "width"),
+        value=1,
+    ),
+    "a camera without intrinsics": read_back(
+        r"camera\.intrinsics: found a mapping of 0, needed at least 1$", "camera", "intrinsics", value={}
+    ),
+    "a covariance of fewer variables": read_back(
+        r"camera\.joint_covariance: found 9 rows, needed 10: six of the pose, one for each intrinsic, one of the "
+        r"clock$",
+        *("camera", "joint_covariance"),
+        value=diagonal(9),
+    ),
+    **{
+        f"a covariance of {key} {name}": read_back(
+            rf"{key}\.joint_covariance: found {line}$", key, "joint_covariance", value=value
+        )
+        for key, count in (("camera", 10), ("clock", 7))
+        for name, value, line in (
+            ("with a variance below zero", diagonal(count, -1.0), "a variance of -1, needed at least 0"),
+            (
+                "that is not symmetric",
+                [[1.0] * count, *diagonal(count)[1:]],
+                "entries that differ by 1 across the diagonal, needed a symmetric matrix",
+            ),
+            (
+                "beyond all correlation",
+                [[2.0 - float(i == j) for j in range(count)] for i in range(count)],
+                "an eigenvalue of -1, needed a positive semidefinite matrix",
+            ),
+        )
+    },
+    "a clock that is determined without a sigma": read_back(
+        r"clock: found one that is determined with sigma_s None and half_width_95_s 0\.0012, needed both if it is "
+        r"determined, and none if not$",
+        *("clock", "sigma_s"),
+        value=None,
+    ),
+    "a clock that is not determined, with an interval": read_back(
+        r"clock: found one that is not determined with sigma_s 0\.0006 and half_width_95_s 0\.0012, needed both if "
+        r"it is determined, and none if not$",
+        *("clock", "is_determined"),
+        value=False,
+    ),
+    "a clock that is kept and not determined": read_back(
+        r"clock: found a clock that is kept and not determined, needed one that is determined$",
+        "clock",
+        value=UNKNOWN_CLOCK | {"is_kept": True},
+    ),
+    "a covariance of a clock that is not determined": read_back(
+        r"clock: found a joint_covariance of a clock that is not determined, needed null$",
+        "clock",
+        value=UNKNOWN_CLOCK | {"joint_covariance": diagonal(7)},
+    ),
+    "a clock whose meaning has two lines": read_back(
+        r"clock\.meaning: found 'late\\nor \\x1b\[31mearly', needed one line of text$",
+        *("clock", "meaning"),
+        value="late\nor \x1b[31mearly",
     ),
 }
 

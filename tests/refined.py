@@ -7,7 +7,7 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
 
 GAIN, GAIN_SIGMA = 0.0123, 0.001
-LATER_S = 0.0231
+GIVEN_S, LATER_S = 0.005, 0.0231
 
 
 def spoiled(camera: Camera, scale: float = 1.03) -> Camera:
@@ -56,6 +56,7 @@ def clock(*, is_determined: bool = True) -> Clock:
         )
     return Clock(
         time_offset_s=LATER_S,
+        given_s=GIVEN_S,
         sigma_s=0.0006,
         half_width_95_s=0.0012,
         is_determined=True,

@@ -239,6 +239,53 @@ def test_a_file_of_another_camera_is_left_alone(
     assert path.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("  width: 640   # full size\n", "", "camera.width: found nothing, needed a value"),
+        ("  K: [", "  K: 5  # [", "camera.K: found 5, needed a list"),
+        ("  K: [", "  distortion: abcde\n  K: [", "camera.distortion: found 'abcde', needed a list"),
+        ("  K: [", "  distortion:\n  K: [", "camera.distortion: found nothing, needed a list"),
+        ("camera:\n", "camera: 5\nlidar:\n", "camera: found 5, needed a mapping"),
+        ("frames:\n", "time_offset_s: late\nframes:\n", "time_offset_s: found 'late', needed a number"),
+        (
+            "frames:\n- points: points/000000.bin\n",
+            "frames: []\n",
+            "frames: found a list of 0, needed at least 1",
+        ),
+    ],
+)
+def test_what_is_no_drive_is_left_alone(
+    old: str, new: str, said: str, refined: Calibration, tmp_path: Path
+) -> None:
+    """Whatever is set in it; what is wrong is named by its key."""
+    path, source = tmp_path / "drive.yaml", tmp_path / "c.yaml"
+    text = filled(DRIVE_OF_THE_USER, refined.input.camera)
+    assert old in text
+    path.write_text(text.replace(old, new))
+    before = path.read_bytes()
+    for record in (
+        refined.model_copy(update={"clock": clock()}),
+        refined.model_copy(update={"camera": None}),
+    ):
+        write_calibration(record, source)
+        found = run("convert", source, "--into", path)
+        assert (str(found.exception), found.output) == (f"{path}: {said}", "")
+        assert path.read_bytes() == before
+
+
+def test_a_drive_of_another_camera_is_told(rejected_file: Path, refined: Calibration, tmp_path: Path) -> None:
+    path, given = tmp_path / "drive.yaml", refined.input.camera
+    path.write_text(filled(DRIVE_OF_THE_USER, spoiled(given)))
+    found = run("convert", rejected_file, "--into", path)
+    pairs = zip(("fx", "fy"), (given.K[0][0], given.K[1][1]), strict=True)
+    figures = ", ".join(f"{name} {1.03 * value:.6g} ({rejected_file}: {value:.6g})" for name, value in pairs)
+    *_, last = found.stderr.splitlines()
+    assert last == f"the transform belongs to another camera than the drive has, that of {path}: {figures}"
+    path.write_text(filled(DRIVE_OF_THE_USER, given))
+    assert "belongs" not in run("convert", rejected_file, "--into", path).stderr
+
+
 def test_a_camera_info_needs_a_camera_that_was_found(
     made: Path, refined: Calibration, tmp_path: Path
 ) -> None:

@@ -154,6 +154,7 @@ def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive) -> None:
     assert alone is not None
     assert added is not None
     assert added.time_offset_s == pytest.approx(alone.time_offset_s + 0.3)
+    assert (alone.given_s, added.given_s) == (0.0, 0.3)
 
 
 def test_one_speed_straight_on_tells_no_offset(moving: LoadedDrive) -> None:

@@ -130,7 +130,9 @@ def test_a_verdict_is_not_carried_to_other_data(made: Path, street: Path) -> Non
     )
     report = read_report_input(drive.model_copy(update={"camera": camera}), made / "c.yaml")
     assert verdict(report).title == "Not assessed here"
-    assert report.notices == ("The camera is not the one that the calibration was computed with.",)
+    given = drive.camera.K
+    figures = f"fx 300 ({made / 'c.yaml'}: {given[0][0]:.6g}), fy 300 ({made / 'c.yaml'}: {given[1][1]:.6g})"
+    assert report.notices == (f"The camera is that of {drive.path}: {figures}.",)
 
 
 def test_frames_that_are_listed_again_are_read_once(made: Path, street: Path) -> None:

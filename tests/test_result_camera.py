@@ -13,7 +13,7 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 from conftest import NAMES
-from refined import clock, refined_camera, spoiled, with_camera
+from refined import GIVEN_S, LATER_S, clock, refined_camera, spoiled, with_camera
 
 import semcal_cli
 from semcal_cli.cli import semcal
@@ -23,8 +23,10 @@ from semcal_cli.drive.loading import load
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report import read_report_input
 from semcal_cli.report.words import camera_sentences, uncertainty_sentences
-from semcal_cli.result.applied import apply_result
+from semcal_cli.result.applied import apply_result, as_begun
 from semcal_cli.result.calibration import Calibration, read_calibration, write_calibration
+from semcal_cli.result.camera_words import camera_differences
+from semcal_cli.result.provenance import camera_hash
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
 
@@ -188,7 +190,13 @@ def test_a_camera_of_other_pictures_is_not_used(record: Calibration, drive: Path
     applied = apply_result(record, small, "c.yaml")
     assert applied.drive.camera == small.camera
     kind = f"plumb_bob of {right.width} x {right.height} pixels"
-    assert applied.changes == (("camera", f"that of {small.path}: the one of c.yaml is {kind}"),)
+    line = f"that of {small.path}: the one of c.yaml is {kind}"
+    assert applied.changes == (("camera", line),)
+    late = record.model_copy(update={"clock": clock()})
+    applied = apply_result(late, moving(small), "c.yaml")
+    assert applied.drive == moving(small)
+    own = f"that of {small.path}: pictures are 5.0 ms later than their stamps say (c.yaml: 23.1 ms)"
+    assert applied.changes == (("camera", line), ("clock", own))
 
 
 def test_a_drive_that_has_the_camera_by_now_is_left_as_it_is(record: Calibration, street: Path) -> None:
@@ -197,19 +205,74 @@ def test_a_drive_that_has_the_camera_by_now_is_left_as_it_is(record: Calibration
     assert apply_result(None, drive, "c.yaml") == (drive, ())
 
 
+def test_a_transform_of_another_camera_is_said_to_be_one(
+    wrong_drive: Path, made: Path, right: Camera, tmp_path: Path
+) -> None:
+    """A result that estimated no camera belongs to the one of its own drive, which stays unused on another drive."""
+    plain, file = made / "c.yaml", wrong_drive / "drive.yaml"
+    pairs = zip(("fx", "fy"), (right.K[0][0], right.K[1][1]), strict=True)
+    figures = ", ".join(f"{name} {1.03 * value:.6g} ({plain}: {value:.6g})" for name, value in pairs)
+    line, page = f"camera           that of {file}: {figures}\n", tmp_path / "page.html"
+    for command in (("overlay", "-o", tmp_path / "o"), ("verify", "--report", page), ("report", "-o", page)):
+        found = run(command[0], wrong_drive, plain, *command[1:])
+        assert line in found.stderr
+        if page in command:
+            assert f"The camera is that of {file}: {figures}." in page.read_text()
+
+
+def test_a_page_says_whose_camera_is_that_of_the_other_transform(
+    wrong_drive: Path, file: Path, made: Path, right: Camera, tmp_path: Path
+) -> None:
+    other = tmp_path / "b.yaml"
+    shutil.copy(made / "c.yaml", other)
+    found = run("report", wrong_drive, other, "--against", file, "-o", tmp_path / "r.html")
+    assert said(right, file) in found.stderr
+    notice = said(right, file).removeprefix("camera").strip()
+    assert f"In pictures of {file}, the camera is {notice}." in (tmp_path / "r.html").read_text()
+
+
+def test_zeros_that_a_lens_ends_with_make_it_no_other_one(right: Camera) -> None:
+    shorter, longer, other = (
+        right.model_copy(update={"distortion": distortion})
+        for distortion in ((0.1, 0.0, 0.0, 0.0), (0.1, 0.0, 0.0, 0.0, 0.0), (0.1, 0.0, 0.0, 0.0, 0.2))
+    )
+    assert camera_differences(shorter, longer, "B") == []
+    assert camera_differences(shorter, other, "B") == ["another distortion"]
+    assert camera_hash(shorter) == camera_hash(longer) != camera_hash(other)
+
+
 def moving(drive: Drive) -> Drive:
     return drive.model_copy(update={"motion": Motion(speed_m_s=8.0), "time_offset_s": 0.005})
 
 
 def test_the_clock_of_the_result_is_used(record: Calibration, street: Path) -> None:
-    late = record.model_copy(update={"camera": None, "clock": clock()})
     drive = moving(read_drive(street))
+    given = record.input.model_copy(update={"camera": drive.camera})
+    late = record.model_copy(update={"camera": None, "clock": clock(), "input": given})
     applied = apply_result(late, drive, "c.yaml")
     assert applied.drive.time_offset_s == 0.0231
     line = "that of c.yaml: pictures are 23.1 ms later than their stamps say (drive: 5.0 ms)"
     assert applied.changes == (("clock", line),)
-    unknown = record.model_copy(update={"camera": None, "clock": clock(is_determined=False)})
+    unknown = late.model_copy(update={"clock": clock(is_determined=False)})
     assert apply_result(unknown, drive, "c.yaml") == (drive, ())
+    rejected = clock().model_copy(update={"is_kept": False})
+    assert apply_result(late.model_copy(update={"clock": rejected}), drive, "c.yaml") == (drive, ())
+    on_time = drive.model_copy(update={"time_offset_s": 0.0})
+    line = f"that of {drive.path}: stamps of pictures are right (c.yaml: 5.0 ms)"
+    found = apply_result(late.model_copy(update={"clock": rejected}), on_time, "c.yaml")
+    assert found == (on_time, (("clock", line),))
+
+
+def test_stages_are_shown_by_the_clock_that_they_were_found_with(record: Calibration, street: Path) -> None:
+    """Also after `convert --into`, which gives the drive the clock of the result; an older file does not tell it."""
+    late = record.model_copy(update={"camera": None, "clock": clock()})
+    drive = moving(read_drive(street)).model_copy(update={"time_offset_s": LATER_S})
+    assert as_begun(late, drive).time_offset_s == GIVEN_S
+    for is_older in (
+        clock().model_copy(update={"given_s": None}),
+        clock().model_copy(update={"is_kept": False}),
+    ):
+        assert as_begun(late.model_copy(update={"clock": is_older}), drive) == drive
 
 
 def test_export_uses_it_for_the_poses_that_belong_to_it(

@@ -224,6 +224,7 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
     if not fit.variables.with_delay:
         return Clock(
             time_offset_s=before_s,
+            given_s=before_s,
             sigma_s=None,
             half_width_95_s=None,
             is_determined=False,
@@ -234,6 +235,7 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
     places = [*range(6), fit.places[-1]]
     return Clock(
         time_offset_s=offset_s,
+        given_s=before_s,
         sigma_s=float(fit.sigmas[-1]),
         half_width_95_s=float(fit.half_widths[-1]),
         is_determined=True,

@@ -6,9 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
+from pydantic import AfterValidator
+
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.files.documents import read_document
+from semcal_cli.files.messages import describe, mismatch
 from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
 from semcal_cli.result.calibration import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash
@@ -82,6 +85,12 @@ class Outcome:
     """File of the result, relative to the folder of the batch."""
 
 
+def _check_hash(text: str) -> str:
+    if not text.strip():
+        raise mismatch(describe(text), "the hash of a camera")
+    return text
+
+
 class OutcomeLine(StrictModel):
     """An outcome that is read from a file, checked."""
 
@@ -94,7 +103,7 @@ class OutcomeLine(StrictModel):
     T_camera_lidar: Transform | None
     covariance: CovarianceEntries | None
     mutual_information_nats: Figure | None
-    camera: str | None
+    camera: Annotated[str, AfterValidator(_check_hash)] | None
     result: FileName | None
 
 

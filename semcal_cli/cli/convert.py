@@ -14,6 +14,7 @@ from semcal_cli.cli.options import INPUT_FILE, PATH, Command, file_or_stdout
 if TYPE_CHECKING:
     from semcal_cli.formats.format import FormatOptions
     from semcal_cli.geometry.poses import Pose
+    from semcal_cli.result.calibration import Calibration
 
 DIRECTIONS = ("lidar-to-camera", "camera-to-lidar")
 FRAMES = ("optical", "body")
@@ -75,23 +76,25 @@ def _list_formats(ctx: click.Context, param: click.Parameter, is_asked: bool) ->
         ctx.exit()
 
 
-def _transform_in(path: Path, options: FormatOptions) -> Pose | None:
-    """Read the transform that a file has before it is set; None if it has none that can be read."""
-    from semcal_cli.errors import InputError
+def _transform_in(path: Path, options: FormatOptions) -> Pose | str:
+    """Read the transform that a file has before it is set, or say why there is none."""
+    from semcal_cli.errors import InputError, MisplacedError
     from semcal_cli.formats import read_transform
 
     try:
         return read_transform(path, None, options)
+    except MisplacedError:
+        return "which had none"
     except InputError:
-        return None
+        return "which had none that could be read"
 
 
-def _change(path: Path, before: Pose | None, T_camera_lidar: Pose) -> str:
+def _change(path: Path, before: Pose | str, T_camera_lidar: Pose) -> str:
     """Say what was set, and how far that moves the camera."""
     from semcal_cli.geometry.pose_error import compare_poses
 
-    if before is None:
-        return f"set the transform in {path}, which had none that could be read"
+    if isinstance(before, str):
+        return f"set the transform in {path}, {before}"
     error = compare_poses(T_camera_lidar, before)
     return f"set the transform in {path}: moved {error.rotation_deg:.3f} degrees, {error.camera_center_cm:.2f} cm"
 
@@ -116,8 +119,23 @@ def _put_into(
     before = _transform_in(into, written)
     if put_transform(found.T_camera_lidar, into, options).has_transform:
         lines.insert(0, _change(into, before, found.T_camera_lidar))
+    if found.record is not None:
+        lines += _what_stays(found.record, source, into)
     for line in lines:
         click.echo(line, err=True)
+
+
+def _what_stays(record: Calibration, source: Path, into: Path) -> list[str]:
+    """Say which of a drive's camera and clock differs from that of the transform that was set in it."""
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.formats.format import Source
+    from semcal_cli.formats.semcal import DRIVE
+    from semcal_cli.result.applied import apply_result
+
+    if DRIVE not in Source.read(into).mapping:
+        return []
+    changes = apply_result(record, read_drive(into), str(source)).changes
+    return [f"the transform belongs to another {label} than the drive has, {line}" for label, line in changes]
 
 
 @click.command()

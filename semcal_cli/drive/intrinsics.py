@@ -52,6 +52,12 @@ def with_all_coefficients(camera: Camera, names: tuple[str, ...]) -> Camera:
     return camera.model_copy(update={"distortion": (*camera.distortion, *missing)})
 
 
+def without_last_zeros(camera: Camera) -> Camera:
+    """Leave out the zeros that a lens ends with, so that equal lenses have equal coefficients."""
+    count = max((place for place, value in enumerate(camera.distortion, 1) if value), default=0)
+    return camera.model_copy(update={"distortion": camera.distortion[:count]})
+
+
 def intrinsic_value(camera: Camera, name: str) -> float:
     """Give the value of an intrinsic; 0 for a coefficient that the lens leaves out."""
     if name in OF_K:

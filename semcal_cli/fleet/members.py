@@ -166,9 +166,11 @@ def _checked(covariance: npt.NDArray[np.float64], where: str) -> npt.NDArray[np.
     Raises:
         InputError: the matrix is not a plausible covariance.
     """
+    if (variance := np.diag(covariance).min()) < 0.0:
+        raise InputError(f"{where}: found a variance of {variance:.3g}, needed at least 0")
     with np.errstate(over="ignore"):  # Numbers that overflow are refused below.
         symmetric: npt.NDArray[np.float64] = 0.5 * (covariance + covariance.T)
-    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    sigmas = np.sqrt(np.diag(covariance))
     for kind, found, (least, most) in (
         ("m", sigmas[:3].tolist(), SIGMAS_M),
         ("rad", sigmas[3:].tolist(), SIGMAS_RAD),

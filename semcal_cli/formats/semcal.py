@@ -146,12 +146,25 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         raise InputError(f"{options.file}: {error}") from None
     if DRIVE not in document:
         document.setdefault(TRANSFORM, 1)
-    if DRIVE in document and options.intrinsics is not None:
+        document["T_camera_lidar"] = T_camera_lidar.tolist()
+        tell_clock(options, is_set=False)
+    else:
+        _put_into_drive(document, T_camera_lidar.tolist(), options)
+
+
+def _put_into_drive(document: dict[str, Any], rows: list[list[float]], options: FormatOptions) -> None:
+    """Replace the transform, the intrinsics and the clock of a drive, which must be one before and after."""
+    assert options.file is not None
+    validate(Drive, {**document, "T_camera_lidar": rows}, options.file)
+    if options.intrinsics is not None:
         _set_camera(document["camera"], options.intrinsics, options)
-    if DRIVE in document and options.time_offset_s is not None:
+    if options.time_offset_s is not None:
         _set_clock(document, options.time_offset_s, options)
-    tell_clock(options, is_set=DRIVE in document)
-    document["T_camera_lidar"] = T_camera_lidar.tolist()
+    document["T_camera_lidar"] = rows
+    validate(Drive, document, options.file)
+    if options.intrinsics is not None:
+        tell(options, options.intrinsics)
+    tell_clock(options, is_set=True)
 
 
 def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
@@ -168,7 +181,6 @@ def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -
         block["distortion"] = list(camera.distortion)
     if camera.parameters:
         block["parameters"] = dict(camera.parameters)
-    tell(options, camera)
 
 
 def _set_clock(document: dict[str, Any], time_offset_s: float, options: FormatOptions) -> None:

@@ -31,6 +31,13 @@ class Before(NamedTuple):
     T_camera_lidar: Pose
     drive: Drive
     """The drive with the camera and the clock that the transform belongs to."""
+    changes: tuple[tuple[str, str], ...] = ()
+    """Where these and the drive's own differ: `camera` or `clock`, and what is used instead of what."""
+
+    @property
+    def notices(self) -> list[str]:
+        """The differences as sentences."""
+        return [f"In pictures of {self.caption}, the {label} is {line}." for label, line in self.changes]
 
 
 @dataclass(frozen=True)
@@ -49,7 +56,8 @@ class ReportInput:
     begun: Drive
     """The drive with the camera and the clock that the calibration began with."""
     changes: tuple[tuple[str, str], ...]
-    """What of the drive that has replaced: `camera` or `clock`, and what is used instead of what."""
+    """Where these and those of the other transform differ from the drive's own: `camera` or `clock`, and what is used
+    instead of what."""
     observations: Observations
     """Points and pictures; with a rolling shutter, each point at the moment of its line at the transform."""
     is_of_record: bool
@@ -92,8 +100,8 @@ def read_report_input(drive: Drive, calibration: Path, against: Path | None = No
     before = None
     if against is not None:
         other = read_extrinsic(against)
-        seen = apply_result(other.record, drive, str(against)).drive
-        before = Before(str(against), other.T_camera_lidar, seen)
+        seen = apply_result(other.record, drive, str(against))
+        before = Before(str(against), other.T_camera_lidar, *seen)
     found = read_extrinsic(calibration)
     return make_report_input(drive, str(calibration), found.T_camera_lidar, found.record, before)
 
@@ -121,11 +129,13 @@ def make_report_input(
     begun = as_begun(record, drive)
     if before is None and record is not None:
         before = _first_stage(record, begun)
+    others = () if before is None else before.changes
     drive, changes = apply_result(record, drive, name)
     used, notices = (None, []) if record is None else _used(drive, record)
-    is_of_record = used is not None and record is not None and record.used_camera == drive.camera
-    if used is not None and not is_of_record:
-        notices.append("The camera is not the one that the calibration was computed with.")
+    staying = apply_result(record, drive, name).sentences
+    is_of_record = used is not None and not staying
+    notices += staying
+    notices += [] if before is None else before.notices
     cues = _cues(record)
     used = used or choose_frames(drive, cues, MAX_FRAMES)
     return ReportInput(
@@ -135,7 +145,7 @@ def make_report_input(
         before=before,
         drive=used,
         begun=begun,
-        changes=changes,
+        changes=(*others, *changes),
         observations=unrolled(load_cues(used, cues), T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),

@@ -16,7 +16,7 @@ from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict, linked
-from semcal_cli.result.applied import seen_as
+from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.axes import CHECK_NAMES
 from semcal_cli.result.provenance import versions
 from semcal_cli.verification import Verification
@@ -96,13 +96,13 @@ def write_verification(
 
 
 def _camera_notices(data: LoadedDrive, initial_pose: InitialPose) -> list[str]:
-    """Say whether the camera is the one that was estimated together with the transform."""
+    """Say whether the camera is the one that was estimated together with the transform, and what is of the drive."""
     record = initial_pose.record
-    if record is None or record.camera is None or not record.camera.is_kept:
-        return []
-    if data.drive.camera != record.used_camera:
-        return [f"The camera is that of {data.drive.path}: {initial_pose.name} has one of other pictures."]
-    return [f"The camera is that of {initial_pose.name}, estimated together with the transform."]
+    staying = apply_result(record, data.drive, initial_pose.name)
+    if record is None or not record.has_found_camera or "camera" in dict(staying.changes):
+        return staying.sentences
+    found = f"The camera is that of {initial_pose.name}, estimated together with the transform."
+    return [found, *staying.sentences]
 
 
 def _reach(checks: Sequence[Check]) -> float:

@@ -16,17 +16,23 @@ from semcal_cli.result.camera_words import camera_differences, offset_words
 
 
 class Applied(NamedTuple):
-    """A drive with the camera and the clock of a result, and what they have changed."""
+    """A drive with the camera and the clock of a result, and where these and the drive's own differ."""
 
     drive: Drive
     changes: tuple[tuple[str, str], ...] = ()
-    """A label and a line for each change: `camera` or `clock`, and what is used instead of what."""
+    """A label and a line for each difference: `camera` or `clock`, and what is used instead of what."""
+
+    @property
+    def sentences(self) -> list[str]:
+        """The differences as sentences."""
+        return [f"The {label} is {line}." for label, line in self.changes]
 
 
 def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied:
     """Give a drive the camera and the clock that a result estimated together with its transform.
 
-    A camera with another lens or picture size is of other pictures, so the drive keeps its own then.
+    An estimated camera with another lens or picture size is of other pictures, so the drive keeps its own then, with
+    its clock. It also keeps both if the result estimated none, or did not keep them.
 
     Args:
         record: The result; None, or one without a camera and a clock, leaves the drive as it is.
@@ -35,36 +41,52 @@ def apply_result(record: Calibration | None, drive: Drive, name: str) -> Applied
     """
     if record is None:
         return Applied(drive)
-    applied, changes = record.applied_to(drive), list[tuple[str, str]]()
-    found, own = applied.camera, drive.camera
-    if not _is_of_same_pictures(found, own):
-        applied = applied.model_copy(update={"camera": own, "time_offset_s": drive.time_offset_s})
-        kind = f"{found.model} of {found.width} x {found.height} pixels"
-        changes.append(("camera", f"that of {drive.path}: the one of {name} is {kind}"))
-    elif found != own:
-        changes.append(("camera", f"that of {name}: {', '.join(camera_differences(found, own, 'drive'))}"))
-    if drive.motion is not None and applied.time_offset_s != drive.time_offset_s:
-        drives = f"drive: {1000.0 * drive.time_offset_s:.1f} ms"
-        changes.append(("clock", f"that of {name}: {offset_words(applied.time_offset_s)} ({drives})"))
-    return Applied(applied, tuple(changes))
+    applied = record.applied_to(drive) if _fits(record, drive) else drive
+    changes = {"camera": _camera_line(record, drive, name), "clock": _clock_line(record, drive, name)}
+    return Applied(applied, tuple((label, line) for label, line in changes.items() if line is not None))
+
+
+def _camera_line(record: Calibration, drive: Drive, name: str) -> str | None:
+    """Say whose camera is used if that of the result's transform is another one than the drive's."""
+    used, own = record.used_camera, drive.camera
+    if not _is_of_same_pictures(used, own):
+        kind = f"{used.model} of {used.width} x {used.height} pixels"
+        return f"that of {drive.path}: the one of {name} is {kind}"
+    if record.has_found_camera:
+        differences, whose = camera_differences(record.applied_to(drive).camera, own, "drive"), name
+    else:
+        differences, whose = camera_differences(own, used, name), str(drive.path)
+    return f"that of {whose}: {', '.join(differences)}" if differences else None
+
+
+def _clock_line(record: Calibration, drive: Drive, name: str) -> str | None:
+    """Say whose clock is used if that of the result's transform is known, and another one than the drive's."""
+    used_s, own_s = record.used_offset_s, drive.time_offset_s
+    if drive.motion is None or used_s is None or used_s == own_s:
+        return None
+    if record.has_found_clock and _fits(record, drive):
+        return f"that of {name}: {offset_words(used_s)} (drive: {_in_ms(own_s)})"
+    return f"that of {drive.path}: {offset_words(own_s)} ({name}: {_in_ms(used_s)})"
 
 
 def as_begun(record: Calibration | None, drive: Drive) -> Drive:
-    """Give a drive the camera that a result began with, to which its poses before the joint estimate belong.
+    """Give a drive the camera and the clock that a result began with: those of its poses before the joint estimate.
 
-    The clock is that of the drive, because a result does not hold the one that it began with.
+    The clock is that of the drive where the result does not hold the one that it began with.
 
     Args:
-        record: The result; None, or one that kept no other camera, leaves the drive as it is.
-        drive: The drive, which may have another camera by now.
+        record: The result; None, or one that kept neither another camera nor another clock, leaves the drive as it is.
+        drive: The drive, which may have another camera and another clock by now.
     """
-    if record is None or record.camera is None or not record.camera.is_kept:
+    if record is None or not _fits(record, drive):
         return drive
-    begun, own = record.input.camera, drive.camera
-    if not _is_of_same_pictures(begun, own):
-        return drive
-    shutter = {"readout_s": own.readout_s, "direction": own.direction}
-    return drive.model_copy(update={"camera": begun.model_copy(update=shutter)})
+    changes: dict[str, object] = {}
+    if record.has_found_camera and _is_of_same_pictures(record.input.camera, drive.camera):
+        shutter = {"readout_s": drive.camera.readout_s, "direction": drive.camera.direction}
+        changes["camera"] = record.input.camera.model_copy(update=shutter)
+    if record.has_found_clock and record.clock is not None and record.clock.given_s is not None:
+        changes["time_offset_s"] = record.clock.given_s
+    return drive.model_copy(update=changes)
 
 
 def seen_as(observations: Observations, own: Drive, other: Drive) -> Observations:
@@ -79,6 +101,15 @@ def seen_as(observations: Observations, own: Drive, other: Drive) -> Observation
         observations = replace(observations, camera=other.camera)
     later_s = other.time_offset_s - own.time_offset_s
     return delayed(observations, later_s) if later_s and twists_per_s(observations) else observations
+
+
+def _fits(record: Calibration, drive: Drive) -> bool:
+    """Whether the camera that a result estimated, if it kept one, is of the drive's pictures."""
+    return not record.has_found_camera or _is_of_same_pictures(record.used_camera, drive.camera)
+
+
+def _in_ms(time_offset_s: float) -> str:
+    return f"{1000.0 * time_offset_s:.1f} ms"
 
 
 def _is_of_same_pictures(a: Camera, b: Camera) -> bool:

@@ -198,11 +198,28 @@ class Calibration(StrictModel):
             raise mismatch(
                 f"topics: {len(self.topics)} of them", f"one for each of {len(self.reasons)} reasons"
             )
+        self._check_camera()
         stated = self.pose
         check_forms(stated, self.T_lidar_camera, self.translation_m, self.quaternion_xyzw)
         if (T := orthonormal(stated)) is not stated:
             vars(self).update(pose_forms(T))
         return self
+
+    def _check_camera(self) -> None:
+        """Check that what was estimated together with the pose is of the input, and of one size."""
+        if self.camera is None:
+            return
+        found, given = (
+            f"{each.model} of {each.width} x {each.height} pixels"
+            for each in (self.camera.found, self.input.camera)
+        )
+        if found != given:
+            raise ValueError(f"camera.found: {mismatch(found, f'{given}, as in input.camera')}")
+        with_clock = self.clock is not None and self.clock.is_determined
+        rows, count = self.camera.joint_covariance, 6 + len(self.camera.intrinsics) + with_clock
+        if rows is not None and len(rows) != count:
+            needed = f"{count}: six of the pose, one for each intrinsic{', one of the clock' if with_clock else ''}"
+            raise ValueError(f"camera.joint_covariance: {mismatch(f'{len(rows)} rows', needed)}")
 
     @property
     def pose(self) -> Pose:
@@ -210,9 +227,26 @@ class Calibration(StrictModel):
         return np.array(self.T_camera_lidar)
 
     @property
+    def has_found_camera(self) -> bool:
+        """Whether the transform belongs to a camera that was estimated together with it."""
+        return self.camera is not None and self.camera.is_kept
+
+    @property
+    def has_found_clock(self) -> bool:
+        """Whether the transform belongs to an offset of the clock that was estimated together with it."""
+        return self.clock is not None and self.clock.is_kept
+
+    @property
     def used_camera(self) -> Camera:
         """Camera that the transform belongs to: the estimate, or that of the drive."""
         return self.input.camera if self.camera is None or not self.camera.is_kept else self.camera.found
+
+    @property
+    def used_offset_s(self) -> float | None:
+        """Offset of the clock that the transform belongs to: the estimate, or that of the drive; None if not known."""
+        if self.clock is None:
+            return None
+        return self.clock.time_offset_s if self.clock.is_kept else self.clock.given_s
 
     def applied_to(self, drive: Drive) -> Drive:
         """Give a drive the camera and the clock that were estimated together with the transform."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from semcal_cli.drive.document import Camera
+from semcal_cli.drive.intrinsics import without_last_zeros
 from semcal_cli.result.camera import Clock, Intrinsic, RefinedCamera
 from semcal_cli.result.intervals import figure
 
@@ -88,7 +89,7 @@ def offset_words(time_offset_s: float) -> str:
 
 
 def camera_differences(found: Camera, other: Camera, whose: str) -> list[str]:
-    """List what a camera has that another one has not.
+    """List what a camera has that another one has not; how well it is known makes it no other one.
 
     Args:
         found: The camera.
@@ -97,8 +98,9 @@ def camera_differences(found: Camera, other: Camera, whose: str) -> list[str]:
     """
     pairs = zip(IN_PIXELS, _pixels(found), _pixels(other), strict=True)
     differences = [f"{name} {a:.6g} ({whose}: {b:.6g})" for name, a, b in pairs if a != b]
-    names = [name for name in Camera.model_fields if name != "K"]
-    return differences + [f"another {name}" for name in names if getattr(found, name) != getattr(other, name)]
+    names = [name for name in Camera.model_fields if name not in ("K", "intrinsics_sigma")]
+    a, b = map(without_last_zeros, (found, other))
+    return differences + [f"another {name}" for name in names if getattr(a, name) != getattr(b, name)]
 
 
 def _pixels(camera: Camera) -> tuple[float, float, float, float]:

@@ -10,6 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 from semcal_cli.drive.document import Camera, Drive, drive_file
+from semcal_cli.drive.intrinsics import without_last_zeros
 from semcal_cli.files.reading import hash_file
 from semcal_cli.result.calibration import Input, InputFrame
 
@@ -77,8 +78,9 @@ def _sha256(path: Path, known: dict[str, str]) -> str:
 
 
 def camera_hash(camera: Camera) -> str:
-    """Hash a camera's image size, intrinsics and lens to 16 hexadecimal digits."""
-    return hashlib.sha256(camera.model_dump_json().encode()).hexdigest()[:16]
+    """Hash a camera's image size, intrinsics and lens, without the zeros it ends with, to 16 digits."""
+    document = without_last_zeros(camera).model_dump_json()
+    return hashlib.sha256(document.encode()).hexdigest()[:16]
 
 
 def versions() -> dict[str, str]:

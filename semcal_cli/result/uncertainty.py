@@ -26,7 +26,12 @@ AXES = ("sideways", "up and down", "along the optical axis")
 ROTATIONS = ("in pitch", "in yaw", "in roll")
 
 
-def _check_covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+def check_covariance(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    """Check that a square matrix is symmetric and positive semidefinite, but for round-off.
+
+    Raises:
+        ValueError: it is not.
+    """
     covariance = np.array(rows)
     tolerance = COVARIANCE_TOLERANCE * np.abs(covariance).max()
     if (skew := np.abs(covariance - covariance.T).max()) > tolerance:
@@ -42,7 +47,7 @@ Variance = Annotated[float, Field(ge=-MAX_VARIANCE, le=MAX_VARIANCE)]
 CovarianceEntries: TypeAlias = Annotated[
     tuple[Annotated[tuple[Variance, ...], length(6, 6)], ...], length(6, 6)
 ]
-Covariance: TypeAlias = Annotated[CovarianceEntries, AfterValidator(_check_covariance)]
+Covariance: TypeAlias = Annotated[CovarianceEntries, AfterValidator(check_covariance)]
 
 
 class PoseChange(StrictModel):
