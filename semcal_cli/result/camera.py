@@ -85,7 +85,8 @@ class RefinedCamera(StrictModel):
         | None
     )
     """Covariance of the pose's twist xi, in metres and radians, of the intrinsics in their order, and last of the
-    offset of the clock in seconds, if it was estimated and is determined; null if it could not be computed."""
+    offset of the clock in seconds, if it was estimated and is determined; null if it could not be computed. It is about
+    the pose of the estimate, which is the transform only if it is kept."""
 
     @model_validator(mode="after")
     def _check_names(self) -> RefinedCamera:
@@ -130,8 +131,8 @@ class Clock(StrictModel):
         | None
     ) = None
     """Covariance of the pose's twist xi, in metres and radians, and last of the offset in seconds, whatever the
-    intrinsics are if these were estimated, too; null if the offset is not determined. Absent in files that do not state
-    it."""
+    intrinsics are if these were estimated, too; null if the offset is not determined. It is about the pose of the
+    estimate, which is the transform only if it is kept. Absent in files that do not state it."""
 
     @model_validator(mode="after")
     def _check_determined(self) -> Clock:
