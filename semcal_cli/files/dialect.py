@@ -165,6 +165,8 @@ def reason(error: Exception, num_lines: int = 0) -> str:
             return "nested too deeply"
         case json.JSONDecodeError():
             return f"line {num_lines + error.lineno}: {error.msg}"
+        case yaml.MarkedYAMLError(problem="exceeded maximum nesting depth"):  # from PyYAML 6.0.4 on
+            return "nested too deeply"
         case yaml.MarkedYAMLError():
             line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
             return line + ", ".join(filter(None, (error.context, error.problem)))
