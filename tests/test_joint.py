@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from semcal_cli.assessment.assess import _with_others
 from semcal_cli.assessment.joint import Joint, estimate_jointly
 from semcal_cli.assessment.joint_fit import Variables
+from semcal_cli.assessment.uncertainty import with_others
 from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
@@ -304,10 +304,10 @@ def test_a_parked_rig_tells_intrinsics_and_no_clock(observed: Observations, trut
 
 def test_stated_errors_of_what_was_not_estimated_stay_in_the_interval() -> None:
     alone = Uncertainty.from_covariance(np.eye(4), 1e-6 * np.eye(6), np.full(6, 10.0))
-    both = _with_others(alone, np.eye(4), 3e-6 * np.eye(6))
+    both = with_others(alone, np.eye(4), 3e-6 * np.eye(6))
     assert both.sigma_camera_center_m == pytest.approx([2e-3] * 3)
     assert both.degrees_of_freedom == pytest.approx([160.0] * 6)
-    assert _with_others(alone, np.eye(4), np.zeros((6, 6))) is alone
+    assert with_others(alone, np.eye(4), np.zeros((6, 6))) is alone
 
 
 def test_stated_errors_of_replaced_intrinsics_go() -> None:

@@ -22,12 +22,11 @@ from semcal_cli.assessment.intrinsics import (
 )
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.label_alignment import check_label_alignment
-from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
-from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined
+from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, with_intrinsics
@@ -169,7 +168,7 @@ def _uncertainty(
     if joint is not None and joint.left_open is not None:
         of_others = joint.left_open if of_stated is None else of_stated + joint.left_open
     if joint is not None and joint.uncertainty is not None:
-        return _with_others(joint.uncertainty, T_camera_lidar, of_others)
+        return with_others(joint.uncertainty, T_camera_lidar, of_others)
     if fused is not None:
         return fused.uncertainty
     return estimate_uncertainty(
@@ -180,17 +179,6 @@ def _uncertainty(
 def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
     """Leave out the stated errors of intrinsics that were estimated: the estimate tells how far they may be off."""
     return with_intrinsics(camera, {name: intrinsic_value(camera, name) for name in found.intrinsics})
-
-
-def _with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
-    """Add the covariance (6, 6) by errors of what stays as the drive says."""
-    if of_others is None or not of_others.any():
-        return found
-    covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)
-    wider = 1.0 + np.diag(of_others) / np.diag(covariance)
-    return Uncertainty.from_covariance(
-        T_camera_lidar, covariance + of_others, np.minimum(freedom * wider**2, MANY)
-    )
 
 
 def _advice(found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None) -> str | None:

@@ -185,8 +185,8 @@ def _on_telling_blocks(fit: Fit, camera: Camera, config: JointlyConfig, polish: 
     """Take the covariance on the finest blocks of pixels that leave the fewest variables open.
 
     In full resolution the mutual information is rough along what is hardly determined, and its curvature there depends
-    on where in a pixel the points land. On twelve development drives of one frame, variables stayed open by that alone
-    in five more runs; with the blocks, 100 % of what was told of them lay within its intervals.
+    on where in a pixel the points land. On twelve development drives of one frame nothing was determined in ten by
+    single pixels alone, and in two by these blocks; 103 of 103 values lay within their intervals.
     """
     found = [fit]
     for factor in BLOCKS_PX[1:]:

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
@@ -31,8 +32,6 @@ from semcal_cli.refinement.polish import newton
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directions
 
-MANY = 1e6
-"""Degrees of freedom beyond which Student's t is the normal distribution."""
 BLEED_FRAMES = 2
 """Number of frames from which the effect of bleeding labels is computed; all frames show the same effect."""
 MAX_HALF_WIDTH_M = 0.25
@@ -82,11 +81,20 @@ def estimate_uncertainty(
     if around is None or not around.is_determined:
         return None
     covariance, degrees_of_freedom = around.sandwich()
-    if of_others is not None:
-        wider = 1.0 + np.diag(of_others) / np.diag(covariance)
-        degrees_of_freedom = np.minimum(degrees_of_freedom * wider**2, MANY)
-        covariance = covariance + of_others
-    return Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom)
+    return with_others(
+        Uncertainty.from_covariance(T_camera_lidar, covariance, degrees_of_freedom), T_camera_lidar, of_others
+    )
+
+
+def with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
+    """Add the covariance (6, 6) of the pose (4, 4) by errors of what stays as the drive says."""
+    if of_others is None or not of_others.any():
+        return found
+    covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)
+    wider = 1.0 + np.diag(of_others) / np.diag(covariance)
+    return Uncertainty.from_covariance(
+        T_camera_lidar, covariance + of_others, np.minimum(freedom * wider**2, MANY)
+    )
 
 
 def label_bleed(
