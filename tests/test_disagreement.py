@@ -9,6 +9,7 @@ import pytest
 from semcal_cli import _core
 from semcal_cli.assessment.disagreement import FrameCheck, check_frames
 from semcal_cli.assessment.frame_offsets import frame_offsets
+from semcal_cli.assessment.frame_scores import FrameScores
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import RefinementConfig
@@ -124,6 +125,19 @@ def test_frames_turned_each_by_its_own_disagree_without_parts(
 def test_nothing_is_said_of_a_good_drive(long_street: RawDrive, tmp_path: Path) -> None:
     assert compared(long_street, tmp_path) == FrameCheck()
     assert paired(long_street, tmp_path) == ()
+
+
+def test_frames_of_few_squares_are_outliers_by_chance_no_more_often(rng: np.random.Generator) -> None:
+    """Squares of all frames scatter alike about zero; a frame with four of them knows its scatter badly."""
+    counts, alpha, num_drives = np.array([25] * 19 + [4]), 0.01, 1000
+    frames = np.repeat(np.arange(len(counts)), counts)
+    found = np.zeros(len(counts))
+    for _ in range(num_drives):
+        squares = rng.normal(size=(len(frames), 6))
+        found += FrameScores.of_squares(squares - squares.mean(axis=0), frames, len(counts)).outliers(alpha)
+    *many, few = (found / num_drives).tolist()
+    assert few < alpha
+    assert 0.3 * alpha < np.mean(many) < alpha
 
 
 def test_one_frame_is_not_compared(long_street: RawDrive, tmp_path: Path) -> None:

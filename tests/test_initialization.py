@@ -138,6 +138,15 @@ def test_a_runner_up_says_something_else(street_observations: Observations) -> N
     assert found.findings == ()
 
 
+def test_a_runner_up_is_left_where_those_near_the_best_end_there(street_observations: Observations) -> None:
+    """After the first level, the best other pose is 13 degrees away, and ascends to the best one."""
+    config = InitializationConfig()
+    one_each = dataclasses.replace(config.alignment, num_kept=(1,) * len(config.alignment.num_kept))
+    found = initialize(street_observations, dataclasses.replace(config, alignment=one_each), seed=0)
+    assert found.runner_up_margin is not None
+    assert found.findings == ()
+
+
 def test_a_scene_that_looks_the_same_both_ways_is_not_clear(street_observations: Observations) -> None:
     """Each sweep is doubled by its own half turn, so that two opposite mountings explain the pictures alike."""
     half_turn = np.float32([-1.0, -1.0, 1.0])

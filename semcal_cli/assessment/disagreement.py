@@ -109,7 +109,7 @@ class _Suspicion:
     apart: float
     """Distance of the scores before and after the likeliest change, in standard errors."""
     allowed_apart: float
-    """Largest allowed `apart`, and distance of the score of one frame from zero."""
+    """Largest allowed `apart`."""
     scatter: float
     """Cochran's Q over its degrees of freedom."""
     allowed: float
@@ -127,12 +127,12 @@ def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | N
         return None
     count = observations.num_frames
     num_squares = min(scores.num_squares for scores in scored)
+    alpha = ALPHA / (len(blocks_px) * count)
     # Two frames, one at either side of a change, have this many squares.
-    limit = joint_quantile(ALPHA / (len(blocks_px) * count), 2.0 * num_squares / count)
+    limit = joint_quantile(alpha, 2.0 * num_squares / count)
     splits = max((scores.splits() for scores in scored), key=np.max)
     place = int(np.argmax(splits)) + 1 if splits.max() > limit else None
-    squares = np.max([scores.squares for scores in scored], axis=0)
-    outliers = tuple(np.flatnonzero(squares > limit).tolist())
+    outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
     scatter = max(scores.heterogeneity for scores in scored) / (6.0 * (count - 1))
     widest = MAX_SCATTER_OF_SEGMENTS if observations.has_segments else MAX_SCATTER
     allowed = widest * _scatter_by_chance(count, num_squares)

@@ -7,12 +7,13 @@ blocks of pixels: a block feels borders of labels that are about its own size aw
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
@@ -41,8 +42,28 @@ class FrameScores:
     """(F, 6) share of each frame in the gradient, less what the optimum of all frames explains, nats."""
     covariances: Matrices
     """(F, 6, 6) covariance of the share of each frame in the gradient."""
-    num_squares: int
-    """Number of squares of all images that have labelled points."""
+    counts: npt.NDArray[np.integer]
+    """(F,) number of squares of each frame's image that have labelled points."""
+
+    @classmethod
+    def of_squares(cls, squares: Vectors, frames: npt.NDArray[np.integer], num_frames: int) -> FrameScores:
+        """Sum the scores (N, 6) of squares of images over the frames (N,) that they belong to."""
+        scores, counts = np.zeros((num_frames, 6)), np.bincount(frames, minlength=num_frames)
+        covariances = np.zeros((num_frames, 6, 6))
+        for frame in np.flatnonzero(counts > 1).tolist():
+            of_frame = squares[frames == frame]
+            centred = of_frame - of_frame.mean(axis=0)
+            scores[frame] = of_frame.sum(axis=0)
+            covariances[frame] = centred.T @ centred * len(of_frame) / (len(of_frame) - 1)
+        typical = covariances.mean(axis=0) * (counts / counts.mean())[:, None, None]
+        # A frame without points has neither a score nor a scatter, and must not divide by zero.
+        typical[counts == 0] = covariances.mean(axis=0)
+        return cls(scores, SHRINKAGE * typical + (1.0 - SHRINKAGE) * covariances, counts)
+
+    @property
+    def num_squares(self) -> int:
+        """Number of squares of all images that have labelled points."""
+        return int(self.counts.sum())
 
     @property
     def num_frames(self) -> int:
@@ -58,6 +79,12 @@ class FrameScores:
     def heterogeneity(self) -> float:
         """Cochran's Q, with 6 (F - 1) degrees of freedom (*The combination of estimates*, 1954)."""
         return float(self.squares.sum())
+
+    def outliers(self, alpha: float) -> npt.NDArray[np.bool_]:
+        """Tell which frames (F,) have a score that chance puts as far from zero with less than this probability."""
+        # The scatter of few squares is hardly known; that of many is still shrunk to the mean of all frames.
+        counts = np.clip(self.counts, 1.0, self.num_squares / self.num_frames).tolist()
+        return self.squares > [joint_quantile(alpha, 2.0 * count) for count in counts]
 
     def splits(self) -> Vectors:
         """Compute the squared length (F - 1,) of the sum of the first 1, 2, ... scores, in its standard errors."""
@@ -86,14 +113,14 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
     num_squares, num_frames = len(around.scores), observations.num_frames
     if num_squares - num_frames < LEAST_SQUARES:
         return None
-    scores, covariances = _by_frame(around, num_frames)
-    if not _has_full_rank(covariances.mean(axis=0)):
+    found = FrameScores.of_squares(around.scores, around.parts[:, 0], num_frames)
+    if not _has_full_rank(found.covariances.mean(axis=0)):
         return None
-    step = np.linalg.solve(around.curvature, scores.sum(axis=0))
+    step = np.linalg.solve(around.curvature, found.scores.sum(axis=0))
     if step @ around.motions @ step > (MAX_STEP_BLOCKS * factor) ** 2:
         return None
     explained = around.frame_curvatures @ step
-    return FrameScores(scores - explained, covariances, num_squares)
+    return replace(found, scores=found.scores - explained)
 
 
 def _has_full_rank(covariance: Vectors) -> bool:
@@ -102,26 +129,6 @@ def _has_full_rank(covariance: Vectors) -> bool:
     if not sigmas.all():
         return False
     return bool(np.linalg.eigvalsh(covariance / np.outer(sigmas, sigmas))[0] > LEAST_RANK)
-
-
-def _by_frame(around: _core.Sensitivity, num_frames: int) -> tuple[Vectors, Matrices]:
-    """Sum the scores of each frame's squares, (F, 6), and estimate the covariances (F, 6, 6) of the sums."""
-    scores, covariances, counts = (
-        np.zeros((num_frames, 6)),
-        np.zeros((num_frames, 6, 6)),
-        np.zeros(num_frames),
-    )
-    for frame in range(num_frames):
-        squares = around.scores[around.parts[:, 0] == frame]
-        counts[frame] = len(squares)
-        if len(squares) > 1:
-            centred = squares - squares.mean(axis=0)
-            scores[frame] = squares.sum(axis=0)
-            covariances[frame] = centred.T @ centred * len(squares) / (len(squares) - 1)
-    typical = covariances.mean(axis=0) * (counts / counts.mean())[:, None, None]
-    # A frame without points has neither a score nor a scatter, and must not divide by zero.
-    typical[counts == 0] = covariances.mean(axis=0)
-    return scores, SHRINKAGE * typical + (1.0 - SHRINKAGE) * covariances
 
 
 def _squared(vectors: Vectors, covariances: Matrices) -> Vectors:

@@ -31,6 +31,10 @@ NO_OTHER = Finding(
     "add frames from other places, or give --init with a mounting measured by hand",
 )
 
+FAR_RUNNER_UPS = 2.0
+"""Times `runner_up_deg` by which one other mounting is away while poses ascend, so that one is left to compare with.
+Through a 35-degree lens, levels turn poses by up to 9 degrees."""
+
 FARTHEST_M = 1.0
 """Largest distance from a given pose of one that ground and objects lead to. Two classes hardly tell distances: with a
 35-degree lens, they led to a pose 2 m away."""
@@ -225,18 +229,18 @@ def _align(
 
 
 def _best_apart(ranked: Sequence[Candidate], num_kept: int, config: InitializationConfig) -> list[Candidate]:
-    """Drop candidates at the same pose as a better one, and keep the best ones and always a runner-up."""
+    """Drop candidates at the same pose as a better one, and keep the best ones and always a runner-up.
+
+    One near the best may end at the same pose after the next levels, so one farther away is kept as well.
+    """
     apart: list[Candidate] = []
     for candidate in ranked:
         if all(_angle_deg(candidate, better) > config.alignment.same_deg for better in apart):
             apart.append(candidate)
     kept, others = apart[:num_kept], apart[num_kept:]
-
-    def is_other_mounting(candidate: Candidate) -> bool:
-        return _angle_deg(candidate, apart[0]) >= config.runner_up_deg
-
-    if not any(map(is_other_mounting, kept)):
-        kept += [candidate for candidate in others if is_other_mounting(candidate)][:1]
+    for least_deg in (FAR_RUNNER_UPS * config.runner_up_deg, config.runner_up_deg):
+        if all(_angle_deg(candidate, apart[0]) < least_deg for candidate in kept):
+            kept += [candidate for candidate in others if _angle_deg(candidate, apart[0]) >= least_deg][:1]
     return kept
 
 
