@@ -16,6 +16,7 @@ MAY_IMPORT = {
     "config": "",
     "_core": "",
     "documentation": "",
+    "threads": "",
     "geometry": "",
     "events": "geometry",
     "files": "geometry",
@@ -47,8 +48,8 @@ MAY_IMPORT = {
     "cli": "library labelling bags view experiments schemas",
 }
 """Of each folder, and each module beside them, what it may import, with all that may be imported there. Everything may
-import the first five. The two stages, `initialization` and `refinement`, never meet but in a pose."""
-EVERYWHERE = {"errors", "extras", "config", "_core", "documentation"}
+import the first six. The two stages, `initialization` and `refinement`, never meet but in a pose."""
+EVERYWHERE = {"errors", "extras", "config", "_core", "documentation", "threads"}
 WITH_TORCH = {
     f"refinement/{name}"
     for name in (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -37,6 +36,7 @@ from semcal_cli.result.camera import RefinedCamera
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty
+from semcal_cli.threads import thread_pool
 
 NOTHING = Finding(
     "not-determined",
@@ -102,7 +102,7 @@ def assess(
         return found.model_copy(update={"label_bleed": bleed, "intrinsics_cost": effect.cost})
 
     # While one check is in Python, the core works for another one.
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         of_frames = pool.submit(compare_frames, data, T_camera_lidar, agreement)
         of_consistency = pool.submit(check_consistency, checked, T_camera_lidar)
         of_scale = pool.submit(check_scale, checked)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -28,6 +27,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import refine
 from semcal_cli.result.stage import Finding
+from semcal_cli.threads import thread_pool
 
 NUM_FRAMES = 4
 """Number of frames that are checked."""
@@ -224,7 +224,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Findi
         *(delayed(observations, delay_s) for delay_s in delays_s),
     ]
     # Each refinement is a sequence of small steps, so several run in parallel.
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         own, *others = pool.map(lambda model: _refitted(model, T_camera_lidar), models)
     if own is None:
         return []

@@ -8,7 +8,6 @@ degrees only where coarser blocks than those of a near start tell that the frame
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +21,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import camera_motions, local_coordinates
 from semcal_cli.refinement.pyramid import pyramid_factors
 from semcal_cli.result.parts import DrivePart
+from semcal_cli.threads import thread_pool
 
 Vectors = npt.NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def frame_offsets(
     if parts:
         starts = [np.array(part.T_camera_lidar) for part in parts for _ in range(part.num_frames)]
     offsets, half_widths = np.full((2, len(starts), 6), np.nan)
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         frames = range(len(starts))
         found = list(pool.map(lambda frame: _fit_frame(observations, frame, starts[frame]), frames))
     for frame, fitted in enumerate(found):

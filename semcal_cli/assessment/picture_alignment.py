@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.displacement import Displaced, find_displaced
 from semcal_cli.drive.observations import Observations
+from semcal_cli.threads import thread_pool
 
 Picture = npt.NDArray[np.uint8]
 
@@ -90,7 +90,7 @@ def _look(
         return _core.steps_at_label_borders(picture, image, reach=MAX_SHIFT_PX, tiles=(ROWS, COLUMNS))
 
     indices = list(indices)
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         steps = dict(zip(indices, pool.map(steps_of, indices), strict=True))
     found = {index: each.reshape(ROWS * COLUMNS, -1) for index, each in steps.items() if each is not None}
     if not found:

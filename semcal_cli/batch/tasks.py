@@ -45,7 +45,7 @@ class Task:
     also: tuple[str, ...] = ()
     """Files that the command reads beside those of the drive."""
     num_threads: int = 1
-    """Threads of the Rust core."""
+    """Threads of its process."""
     max_points: int = MAX_POINTS
     """Points of the largest sweep that the command reads."""
     timeout_s: float | None = None

@@ -43,10 +43,10 @@ def demo(out: Path, seed: int, threads: int | None, quiet: bool) -> None:
     from semcal_cli.formats import read_transform
     from semcal_cli.geometry.pose_error import compare_poses
     from semcal_cli.geometry.twists import displaced
-    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.pipeline import calibrate
     from semcal_cli.report.overlay import Overlays
     from semcal_cli.synthetic.synthesis import synthesize
+    from semcal_cli.threads import set_num_threads
 
     console = make_console(quiet)
     set_num_threads(threads)

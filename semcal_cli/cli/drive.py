@@ -12,8 +12,8 @@ from semcal_cli.cli.tables import labelled
 from semcal_cli.cli.terminal import Terminal
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import LoadedDrive, load
-from semcal_cli.jobs.threads import set_num_threads
 from semcal_cli.result.applied import apply_result
+from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.cli.options import RunOptions

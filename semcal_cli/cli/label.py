@@ -147,7 +147,7 @@ def label(drive: Path | None, **options: Any) -> None:
     A stopped run goes on where it was. A frame that cannot be labelled is named and left out; the exit code is then 1.
     """
     from semcal_cli.cli.terminal import Terminal
-    from semcal_cli.jobs.threads import set_num_threads
+    from semcal_cli.threads import set_num_threads
 
     set_num_threads(options["threads"])
     with Terminal(quiet=options["quiet"]) as terminal:

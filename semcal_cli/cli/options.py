@@ -154,7 +154,7 @@ seed_option = click.option(
 threads_option = number_option(
     "--threads",
     most=MAX_THREADS,
-    help="Threads of the Rust stages; all cores if not given. The result does not depend on it.",
+    help="Threads to work on; all cores if not given. The result does not depend on it.",
 )
 max_frames_option = number_option(
     "--max-frames",

@@ -50,9 +50,9 @@ def report(
     from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import drive_file, read_drive
-    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.report import read_report_input, write_report
     from semcal_cli.rig.document import find_rig
+    from semcal_cli.threads import set_num_threads
 
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig_pages import report_rig

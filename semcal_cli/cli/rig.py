@@ -21,12 +21,12 @@ from semcal_cli.files.dialect import document_text
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.writing import make_folder, write_text
-from semcal_cli.jobs.threads import set_num_threads
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.intervals import intervals
 from semcal_cli.result.provenance import hash_files
 from semcal_cli.rig.calibration import RigCalibration, combine, describe_rig
 from semcal_cli.rig.document import RESULT, Rig, read_rig
+from semcal_cli.threads import set_num_threads
 
 if TYPE_CHECKING:
     from semcal_cli.config import CalibrationConfig

@@ -44,8 +44,8 @@ def report_rig(
     from semcal_cli.cli.outputs import check_outputs, check_page
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.files.writing import write_text
-    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.rig.page import rig_page_html
+    from semcal_cli.threads import set_num_threads
 
     check_page(output)
     found, drives, read = _read(rig_file, result, against, max_points)

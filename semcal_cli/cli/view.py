@@ -81,8 +81,8 @@ def view(
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.streams import descriptor
-    from semcal_cli.jobs.threads import set_num_threads
     from semcal_cli.result.applied import apply_result
+    from semcal_cli.threads import set_num_threads
     from semcal_cli.view.server import ViewServer
 
     if "features" in cues:

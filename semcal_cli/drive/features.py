@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +23,7 @@ from semcal_cli.drive.reading import make_observations, read_clouds
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.arrays import map_array
 from semcal_cli.files.point_clouds import A_POINT, Sweeps, max_bytes
+from semcal_cli.threads import thread_pool
 
 Vectors = npt.NDArray[np.float16]
 
@@ -138,5 +138,5 @@ def _coded(
         codes, _ = vq(scaled.reshape(-1, scaled.shape[-1]).astype(np.float32), centres.astype(np.float32))
         return scaled, codes.astype(np.uint8).reshape(scaled.shape[:-1])
 
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         return list(pool.map(of_frame, vectors))

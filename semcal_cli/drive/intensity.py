@@ -9,7 +9,6 @@ The values are divided into equally frequent levels, which take the place of cla
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 
@@ -27,6 +26,7 @@ from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observat
 from semcal_cli.drive.reading import make_observations, read_clouds, read_frame_image
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.threads import thread_pool
 
 Values = npt.NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def observe_intensity(drive: Drive, config: IntensityConfig, sweeps: Sweeps | No
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
     seen = lens_mask(drive.camera)
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         grey = list(pool.map(lambda frame: _grey(drive, frame, seen, config), drive.frames))
         intensities = [
             _intensity(drive, frame, cloud) for frame, cloud in zip(drive.frames, clouds, strict=True)

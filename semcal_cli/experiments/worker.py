@@ -10,7 +10,7 @@ from typing import Any
 
 from semcal_cli.errors import SemcalError
 from semcal_cli.jobs.serving import serve
-from semcal_cli.jobs.threads import set_num_threads
+from semcal_cli.threads import set_num_threads
 
 
 def main() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.geometry.poses import Pose, Vector, camera_center
 from semcal_cli.initialization.pnp import solve_pnp
+from semcal_cli.threads import thread_pool
 
 MAX_SHARE_OUTSIDE = 0.2
 """Largest share of the points outside the field of view of the `lidar:` block."""
@@ -101,7 +101,7 @@ def register(
         return Candidate(T_camera_lidar, placement.num_pairs, num_inliers)
 
     # OpenCV solves one after the other on one core.
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         solved = list(pool.map(solve, placed.placements, samples))
     found = [each for each in solved if isinstance(each, Candidate)]
     if not found:

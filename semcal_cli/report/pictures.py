@@ -6,7 +6,6 @@ import base64
 import io
 import math
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -29,6 +28,7 @@ from semcal_cli.report.overlay import (
     picture_of,
 )
 from semcal_cli.report.points import FramePoints, frame_points
+from semcal_cli.threads import thread_pool
 
 MAX_FRAMES = 20
 MAX_PICTURE_BYTES, MAX_POINT_BYTES = 1_600_000, 1_400_000
@@ -123,7 +123,7 @@ def make_pictures(overlays: Overlays) -> Pictures:
     observations, views = overlays.observations, list(overlays.views.values())
     together = overlays.together
     numbers = range(observations.num_frames)
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         projected = list(pool.map(lambda number: frame_points(views, number, together), numbers))
         moved_px = _moved_px(projected) if len(views) > 1 else None
         if moved_px is not None and moved_px[1] < SEEN_PX:

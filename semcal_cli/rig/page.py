@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +23,7 @@ from semcal_cli.result.provenance import versions
 from semcal_cli.rig.calibration import WORST_FIRST, RigCalibration
 from semcal_cli.rig.cloud import CameraView, camera_views, rig_cloud
 from semcal_cli.rig.pairs import Pair
+from semcal_cli.threads import thread_pool
 
 FOLDER = Path(__file__).parent
 STATUSES = {
@@ -161,7 +161,7 @@ def _pictures(views: list[CameraView]) -> tuple[dict[str, str], dict[str, str]]:
         images, legend = overlays.draw(0)
         return data_uri(images[view.name], max_bytes), legend
 
-    with ThreadPoolExecutor() as pool:
+    with thread_pool() as pool:
         drawn = list(pool.map(draw, views))
     legend = {name: hex_color(color) for _, found in drawn for name, color in found.items()}
     return {view.name: uri for view, (uri, _) in zip(views, drawn, strict=True)}, legend

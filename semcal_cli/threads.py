@@ -1,0 +1,22 @@
+"""The threads of one process: those of the core, and pools for what is in Python or in other libraries."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+from semcal_cli import _core
+
+_num_threads: int | None = None
+
+
+def set_num_threads(num_threads: int | None) -> None:
+    """Let this process work on so many threads at a time; None takes all that it may use."""
+    global _num_threads
+    _num_threads = num_threads
+    if num_threads is not None:
+        _core.set_num_threads(num_threads)
+
+
+def thread_pool() -> ThreadPoolExecutor:
+    """Make a pool of as many threads, for the `with` statement."""
+    return ThreadPoolExecutor(_num_threads)
