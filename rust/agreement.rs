@@ -117,7 +117,8 @@ pub fn held_out_gain(before: HeldOut<'_>, after: HeldOut<'_>) -> HeldOutGain {
 impl HeldOutGain {
     /// The sum of the gains of independent parts.
     pub fn of_parts(gains: Vec<f64>) -> Self {
-        let (count, sum) = (gains.len() as f64, gains.iter().sum::<f64>());
+        // An empty sum of floats is minus zero.
+        let (count, sum) = (gains.len() as f64, gains.iter().fold(0.0, |sum, gain| sum + gain));
         let scatter: f64 = gains.iter().map(|gain| (gain - sum / count).powi(2)).sum();
         let sigma = if gains.len() < 2 { f64::INFINITY } else { (scatter * count / (count - 1.0)).sqrt() };
         Self { gain: sum, sigma }

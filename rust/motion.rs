@@ -42,9 +42,13 @@ impl Trajectory {
     /// Through poses of the LiDAR in a fixed frame.
     ///
     /// # Errors
-    /// There are less than two, or their times do not ascend.
+    /// There are less than two, not each has a time, or times do not ascend.
     pub fn through(stamps: &[f64], poses: &[Isometry3<f64>]) -> Result<Self> {
-        let ([start, .., end], true) = (stamps, stamps.len() == poses.len()) else {
+        if stamps.len() != poses.len() {
+            let found = format!("found {} poses at {} times", poses.len(), stamps.len());
+            return Err(Error::Input(format!("{found}, needed one at each")));
+        }
+        let [start, .., end] = stamps else {
             return Err(Error::Input(format!("found {} poses, needed at least 2", poses.len())));
         };
         let mut knots = Vec::with_capacity(stamps.len());
@@ -87,11 +91,15 @@ impl Trajectory {
         moment: f64,
     ) -> std::result::Result<Vec<[f32; 3]>, f64> {
         let to_moment = self.pose_at(moment).ok_or(moment)?.inverse();
-        let moved = |(point, &time): (&[f32; 3], &f64)| {
-            let motion = to_moment * self.pose_at(time).ok_or(time)?;
-            Ok((motion * Point3::from(*point).cast::<f64>()).cast::<f32>().into())
+        // Returns that were fired together share a time, and so do all points of a sweep that moves as a whole.
+        let none = || (f64::NAN, Isometry3::identity());
+        let moved = |(at, motion): &mut (f64, Isometry3<f64>), (point, &time): (&[f32; 3], &f64)| {
+            if *at != time {
+                (*at, *motion) = (time, to_moment * self.pose_at(time).ok_or(time)?);
+            }
+            Ok((*motion * Point3::from(*point).cast::<f64>()).cast::<f32>().into())
         };
-        points.par_iter().zip(times).with_min_len(CHUNK).map(moved).collect()
+        points.par_iter().zip(times).with_min_len(CHUNK).map_init(none, moved).collect()
     }
 }
 

@@ -77,10 +77,11 @@ impl JointHistogram {
         self.pointwise_at_least(0.0)
     }
 
-    /// The same, with `floor` for the weight of pairs and of classes that were seen less: finite, for gradients.
+    /// The same, with `floor` for the weight of pairs and of classes that were seen less, and of all pairs: finite, for
+    /// gradients, and zero where none was seen.
     pub fn pointwise_at_least(&self, floor: f64) -> Vec<f64> {
         let (rows, columns) = self.marginals();
-        let total = self.total();
+        let total = self.total().max(floor);
         let cell = |(index, &weight): (usize, &f64)| {
             let row = rows[index / self.num_image_classes].max(floor);
             let column = columns[index % self.num_image_classes].max(floor);
@@ -179,6 +180,7 @@ mod tests {
         let expected = 2f64.ln() + e * e.ln() + (1.0 - e) * (1.0 - e).ln();
         assert!((channel.mutual_information() - expected).abs() < 1e-15);
         assert_eq!(histogram([[0.0; 2]; 2]).mutual_information(), 0.0);
+        assert_eq!(histogram([[0.0; 2]; 2]).pointwise_at_least(0.1), [0.0; 4]);
     }
 
     #[test]

@@ -193,29 +193,6 @@ fn wrap(angle: f64) -> f64 {
     PI - (PI - angle).rem_euclid(TAU)
 }
 
-/// A label image in blocks of `factor` pixels, each of the class that most of its pixels have (ties go to the lowest
-/// class). Blocks cut by the border count the pixels they have.
-pub fn majority(image: &LabelImage<u8>, factor: usize) -> LabelImage<u8> {
-    let (width, height) = (image.width.div_ceil(factor), image.height.div_ceil(factor));
-    let mut ids = Vec::with_capacity(width * height);
-    let mut counts = vec![[0u32; 256]; width];
-    for row in 0..height {
-        counts.fill([0; 256]);
-        for v in row * factor..((row + 1) * factor).min(image.height) {
-            let line = &image.ids[v * image.width..(v + 1) * image.width];
-            for (u, &id) in line.iter().enumerate() {
-                counts[u / factor][usize::from(id)] += 1;
-            }
-        }
-        ids.extend(
-            counts
-                .iter()
-                .map(|c| (0..=NO_CLASS).rev().max_by_key(|&id| c[usize::from(id)]).unwrap_or(NO_CLASS)),
-        );
-    }
-    LabelImage { width, height, ids }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -274,12 +251,6 @@ mod tests {
         assert!((from_angles(placed.azimuth, placed.elevation) - middle.normalize()).norm() < 1e-9);
         let pixel = paper.pixel_map(&placed)(&middle).expect("inside");
         assert!((pixel - Point2::new(639.5, 359.5)).norm() < 1e-6);
-    }
-
-    #[test]
-    fn majority_ignores_nothing_and_breaks_ties_low() {
-        let image = LabelImage { width: 5, height: 2, ids: vec![1, 1, 3, 2, 9, 1, 2, 2, 3, 9] };
-        assert_eq!(majority(&image, 2).ids, [1, 2, 9]);
     }
 
     proptest! {

@@ -356,10 +356,13 @@ class Trajectory:
         """One twist at all times, metres and radians a second in the LiDAR frame; `stamp` is a time nearby."""
     @staticmethod
     def through(stamps: Sequence[float], poses: Sequence[_Float64]) -> Trajectory:
-        """Through poses (4, 4) of the LiDAR in a fixed frame; raises `InputError` unless times ascend."""
+        """Through two or more poses (4, 4) of the LiDAR in a fixed frame.
+
+        Raises `InputError` unless each has a time and times ascend.
+        """
     def twist_at(self, stamp: float) -> list[float]:
         """Metres and radians a second in the LiDAR frame, (6,), at a time; `ValueError` where none is known."""
-    def compensate(self, points: _Float32, times: Sequence[float] | _Float64, moment: float) -> _Float32:
+    def compensate(self, points: _Float32, times: _Float64, moment: float) -> _Float32:
         """Points (N, 3), each measured at its time (N,), as they lie in the LiDAR frame of one moment, seconds.
 
         Raises `ValueError` where the trajectory does not reach.
@@ -406,10 +409,10 @@ class HeldOutGain:
         """The sum of the gains of independent parts, with its standard error: infinite with fewer than two."""
     @property
     def gain(self) -> float:
-        """Nats."""
+        """Nats of classes; of segments, a share of their adjusted mutual information."""
     @property
     def sigma(self) -> float:
-        """Its standard error over parts of the pictures, nats; infinite if there are fewer than two."""
+        """Its standard error over parts of the pictures; infinite if there are fewer than two."""
 
 @final
 class Ascended:
@@ -434,7 +437,7 @@ class Aligned:
         """(4, 4)."""
     @property
     def mutual_information(self) -> float:
-        """Mutual information of points and blocks there, less its bias, nats."""
+        """Mutual information of points and blocks there, less its bias, nats; of segments, adjusted, a share."""
     @property
     def num_points(self) -> int:
         """Labelled points on labelled blocks there."""
@@ -585,7 +588,7 @@ def fisher_limit(alpha: float, numerator: float, denominator: float) -> float:
     """
 
 def student_quantile(probability: float, degrees_of_freedom: float) -> float:
-    """The quantile of Student's t; raises `ValueError` unless degrees of freedom are above 0."""
+    """The quantile of Student's t; needs a probability in 0 to 1, degrees of freedom above 0."""
 
 def set_num_threads(num_threads: int) -> None:
     """Set the number of threads of the core; results do not depend on it."""
@@ -695,6 +698,8 @@ def register(
 
     Raises:
         CalibrationError: no placement overlaps labelled points with labelled pixels.
+        InputError: the lens does not reach the middle of the picture.
+        ValueError: a step of the search is not above zero.
     """
 
 def sample_correspondences(
@@ -708,6 +713,9 @@ def sample_correspondences(
     """Sample, for each hypothesis, points and their pixels.
 
     They are spread over the picture and over range.
+
+    Raises:
+        InputError: the lens does not reach the middle of the picture.
     """
 
 def ascend(
@@ -841,7 +849,8 @@ def segment_information(
 ) -> list[tuple[list[int], float, float]]:
     """What segments tell of the pictures at a pose (4, 4), less what null partitions tell.
 
-    For each square of the pictures, by frame, row and column: the sum over its visible points, nats, and their weight.
+    For each square of the pictures, by frame, row and column: the sum over its visible points, and their weight. All
+    sums over all weights are the adjusted mutual information of segments, a share, or that of classes, nats.
     """
 
 def information_gains(

@@ -80,6 +80,20 @@ def test_held_out_data_reject_what_only_the_kept_data_like(
     assert polished.held_out.held_out_gain_nats < -config.max_loss * polished.held_out.held_out_sigma_nats
 
 
+@pytest.mark.parametrize("blank", [{0, 1, 3}, {2}])
+def test_frames_without_labels_test_no_polish(
+    street_observations: Observations, street_truth: Pose, blank: set[int]
+) -> None:
+    """All kept frames are blank, or all that are held out."""
+    some = street_observations.with_images(
+        image.with_classes(np.full_like(image.classes, NO_CLASS)) if index in blank else image
+        for index, image in enumerate(street_observations.images)
+    )
+    polished = polish(some, street_truth, dataclasses.replace(CONFIG, min_frames=3))
+    assert str(polished.held_out.held_out_gain_nats) == "0.0"
+    assert [finding.topic for finding in polished.findings] == ["polish-not-tested"]
+
+
 def test_threads_do_not_change_a_bit(street_observations: Observations, street_truth: Pose) -> None:
     found = []
     for num_threads in (1, 2):

@@ -22,7 +22,8 @@ const SQUARES_ACROSS: f64 = 8.0;
 /// The information of the visible points in a square of the picture of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SquareInformation {
-    /// Sum over the points, nats: of their pointwise information, less the mean of that of null partitions.
+    /// Sum over the points: of classes their pointwise information, nats; of segments what each adds to the adjusted mutual
+    /// information, a share, times the weight of all.
     pub sum: f64,
     /// Weight of the points.
     pub weight: f64,

@@ -16,7 +16,7 @@ use semcal::observation::{Frame, Observations};
 use semcal::registration::{self, RegistrationConfig};
 use semcal::spherical::{SphericalGrid, SphericalImages};
 use semcal::world::{Lidar, Renderer, Rig, ScanPattern, Shutter, UNLABELED};
-use semcal::zoom::{Placement, Zoom, Zoomed, majority};
+use semcal::zoom::{Placement, Zoom, Zoomed};
 
 const SIZE: (usize, usize) = (1280, 720);
 const CHANNELS: usize = 64;
@@ -102,7 +102,7 @@ fn one_frame(c: &mut Criterion) {
     let zoomed = Zoomed::new(&camera, Zoom::Exact).expect("a picture");
     let level = Placement { azimuth: 0.0, elevation: 0.0, roll: 0.0, scale: 1.0 };
     c.bench_function("one frame/majority of blocks of 8 pixels", |b| {
-        b.iter(|| majority(black_box(&frame.image.classes), 8));
+        b.iter(|| registration::majority(black_box(&frame.image.classes), 8));
     });
     c.bench_function("one frame/resampling of the label image onto the grid", |b| {
         b.iter(|| {

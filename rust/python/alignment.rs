@@ -162,6 +162,7 @@ pub(super) fn sensitivity(
     twists_per_s: Option<Vec<[f64; 6]>>,
 ) -> PyResult<Option<PySensitivity>> {
     let pose = isometry(&t_camera_lidar)?;
+    check_factor(config.factor, &observations.0.camera)?;
     let variables = variables(&observations.0, &intrinsics, twists_per_s)?;
     let found = detached(py, || alignment::sensitivity(&observations.0, &pose, &variables, &config));
     found.map(|found| PySensitivity::new(py, &found)).transpose()
@@ -191,6 +192,9 @@ pub(super) fn maximise(
     let camera = &observations.0.camera;
     config.factors.iter().try_for_each(|&factor| check_factor(factor, camera))?;
     check_joint(&config, variables.count() - 6)?;
+    if variables.intrinsics.contains(&Intrinsic::Radial) {
+        return Err(value_error("radial moves points as no lens does, needed intrinsics of the camera"));
+    }
     let JointMaximum { estimate, moved_px } =
         detached(py, || alignment::maximise(&observations.0, &start, &variables, &config))?;
     let value = |camera: &Camera, each: &Intrinsic| camera.intrinsic(*each).unwrap_or(0.0);

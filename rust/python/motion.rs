@@ -1,9 +1,9 @@
 //! The LiDAR's motion.
 
-use numpy::{PyArray2, PyReadonlyArray2};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::{rows, to_array2};
+use super::arrays::{borrowed_rows, to_array2};
 use super::errors::value_error;
 use super::poses::isometry;
 use super::threads::detached;
@@ -34,14 +34,14 @@ impl PyTrajectory {
         &self,
         py: Python<'py>,
         points: PyReadonlyArray2<f32>,
-        times: Vec<f64>,
+        times: PyReadonlyArray1<f64>,
         moment: f64,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let points = rows::<3, _>("points", &points)?;
+        let (points, times) = (borrowed_rows::<3, _>("points", &points)?, times.as_slice()?);
         if points.len() != times.len() {
             return Err(value_error(format!("{} points need as many times", points.len())));
         }
-        let moved = detached(py, || self.0.compensate(&points, &times, moment))
+        let moved = detached(py, || self.0.compensate(&points, times, moment))
             .map_err(|time| value_error(format!("nothing is known of the motion at {time} s")))?;
         to_array2(py, &moved)
     }

@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 
 use super::arrays::{dense_image, rows};
 use super::camera::PyCamera;
+use super::errors::value_error;
 use super::labels::PyClassShares;
 use super::segmentation::PyPartitions;
 use crate::class_shares::ClassShares;
@@ -34,9 +35,13 @@ impl PyLabelledCloud {
         shares: Option<&PyClassShares>,
         partitions: Option<&PyPartitions>,
     ) -> PyResult<Self> {
+        let (points, classes) = (rows("points", &points)?, classes.as_array().to_vec());
+        if points.len() != classes.len() {
+            return Err(value_error(format!("found {} points, {} classes", points.len(), classes.len())));
+        }
         Ok(Self {
-            points: Arc::new(rows("points", &points)?.into()),
-            classes: Arc::new(classes.as_array().to_vec()),
+            points: Arc::new(points.into()),
+            classes: Arc::new(classes),
             shares: shares.map(|shares| Arc::clone(&shares.0)),
             partitions: partitions.map(|partitions| Arc::clone(&partitions.0)),
         })

@@ -29,7 +29,7 @@ const MAX_RETURNS: usize = 20_000;
 type LabelledDirection = (Vector3<f64>, u8);
 
 /// The compared data: the labelled returns of the spherical images, and label images in cells.
-pub(super) struct Level<'a> {
+pub(super) struct Compared<'a> {
     observations: &'a Observations,
     zoomed: &'a Zoomed<'a>,
     images: Downsampled,
@@ -37,7 +37,7 @@ pub(super) struct Level<'a> {
     returns: Vec<Vec<LabelledDirection>>,
 }
 
-impl<'a> Level<'a> {
+impl<'a> Compared<'a> {
     pub fn new(
         observations: &'a Observations,
         zoomed: &'a Zoomed,

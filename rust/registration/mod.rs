@@ -18,9 +18,10 @@ use crate::observation::Observations;
 use crate::spherical::SphericalImages;
 use crate::zoom::{Placement, Zoomed};
 use exhaustive::Candidate;
-use local::Level;
+use local::Compared;
 
 pub use config::{Around, RegistrationConfig};
+pub use downsampled::majority;
 pub use hypothesis::Hypothesis;
 
 /// Number of cells across the image: in the exhaustive search, and in Powell's method.
@@ -49,10 +50,10 @@ pub fn register(
     let separation = config.separation.min(zoomed.horizontal_fov() / SEPARATIONS_ACROSS);
     let starts = separate(candidates, separation, config.num_hypotheses, of);
     let cell = config.fine_cell.min(zoomed.horizontal_fov() / CELLS_ACROSS.1);
-    let level = Level::new(observations, &zoomed, images, cell);
+    let compared = Compared::new(observations, &zoomed, images, cell);
     let reach = REACH * coarse.cell_height;
     let refined: Vec<Hypothesis> =
-        starts.par_iter().map(|start| level.refine(&start.placement, reach, config)).collect();
+        starts.par_iter().map(|start| compared.refine(&start.placement, reach, config)).collect();
     let of = |h: &Hypothesis| (h.placement, h.mutual_information);
     Ok(separate(refined, 0.5 * separation, config.num_hypotheses, of))
 }

@@ -17,19 +17,6 @@ pub struct SegmentationConfig {
     pub min_points: usize,
 }
 
-impl Default for SegmentationConfig {
-    fn default() -> Self {
-        Self {
-            ground_tolerance_m: 0.2,
-            ground_cell_m: 3.0,
-            object_gap_m: 0.25,
-            object_gap_rays: 1.5,
-            object_cell_m: 3.0,
-            min_points: 20,
-        }
-    }
-}
-
 impl SegmentationConfig {
     /// The largest gap within an object, metres, where neighbouring rays are `rays` radians apart.
     pub(super) fn gap(&self, range: f64, rays: f64) -> f64 {

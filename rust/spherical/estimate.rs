@@ -2,6 +2,9 @@
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use nalgebra::Vector3;
+use rayon::prelude::*;
+
 use super::{MAX_PIXELS, SphericalGrid, azimuth, elevation};
 use crate::error::{Error, Result};
 use crate::point_cloud::to_f64;
@@ -23,6 +26,8 @@ const MIN_CHANNELS: usize = 4;
 const MIN_COLUMNS: usize = 90;
 /// Bins with less than this share of the fullest bin's returns are empty.
 const EMPTY_BIN_SHARE: f64 = 0.02;
+/// Points that one task looks at.
+const CHUNK: usize = 4096;
 
 /// The grid of a sensor without a description, from its sweeps: that of a spinning LiDAR if the points lie in channels;
 /// else square cells, small enough for the pattern and large enough that the points fill them.
@@ -30,9 +35,14 @@ const EMPTY_BIN_SHARE: f64 = 0.02;
 /// # Errors
 /// There are no points, or they span no elevation range.
 pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
-    let mut elevations: Vec<f64> = sweeps.iter().copied().flatten().map(|p| elevation(&to_f64(p))).collect();
+    let of_point = |point: &[f32; 3]| {
+        let point = to_f64(point);
+        (elevation(&point), Filled::cell(&point))
+    };
+    let points = sweeps.par_iter().flat_map(|sweep| sweep.par_iter().with_min_len(CHUNK));
+    let (mut elevations, cells): (Vec<f64>, Vec<usize>) = points.map(of_point).unzip();
     let stray = (elevations.len() as f64 * STRAY_SHARE) as usize;
-    elevations.sort_unstable_by(f64::total_cmp);
+    elevations.par_sort_unstable_by(f64::total_cmp);
     let within = &elevations[stray..elevations.len() - stray];
     let (Some(&bottom), Some(&top)) = (within.first(), within.last()) else {
         return Err(Error::Calibration("the point clouds are empty".into()));
@@ -43,7 +53,7 @@ pub fn estimate(sweeps: &[&[[f32; 3]]]) -> Result<SphericalGrid> {
             (top - bottom).to_degrees()
         )));
     }
-    let filled = Filled::by(sweeps);
+    let filled = Filled::with(&cells);
     let per_sweep = elevations.len() as f64 / sweeps.len() as f64;
     if let Some(channels) = count_channels(within, bottom, top) {
         let columns = (per_sweep / channels as f64 / filled.share_of_turn()) as usize;
@@ -90,15 +100,17 @@ impl Filled {
     const ROWS: usize = 180;
     const COLUMNS: usize = 360;
 
-    fn by(sweeps: &[&[[f32; 3]]]) -> Self {
+    fn with(filled: &[usize]) -> Self {
         let mut cells = vec![false; Self::ROWS * Self::COLUMNS];
-        for point in sweeps.iter().copied().flatten() {
-            let point = to_f64(point);
-            let row = ((FRAC_PI_2 - elevation(&point)) / Self::SIDE) as usize;
-            let column = ((PI - azimuth(&point)) / Self::SIDE) as usize;
-            cells[row.min(Self::ROWS - 1) * Self::COLUMNS + column.min(Self::COLUMNS - 1)] = true;
-        }
+        filled.iter().for_each(|&cell| cells[cell] = true);
         Self { cells }
+    }
+
+    /// The cell of a point.
+    fn cell(point: &Vector3<f64>) -> usize {
+        let row = ((FRAC_PI_2 - elevation(point)) / Self::SIDE) as usize;
+        let column = ((PI - azimuth(point)) / Self::SIDE) as usize;
+        row.min(Self::ROWS - 1) * Self::COLUMNS + column.min(Self::COLUMNS - 1)
     }
 
     /// Number of cells filled in each row.
@@ -123,7 +135,6 @@ mod tests {
     use super::*;
     use crate::spherical::EMPTY;
     use crate::world::ScanPattern;
-    use nalgebra::Vector3;
 
     fn sweep(pattern: ScanPattern) -> Vec<[f32; 3]> {
         let ranged =
