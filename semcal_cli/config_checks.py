@@ -34,6 +34,7 @@ def check_config(config: CalibrationConfig) -> None:
     _check_range("seed", config.seed, 0, MAX_SEED)
     _check_range("max_frames", config.max_frames, 1)
     _check_range("num_seeds", config.num_seeds, 1)
+    _check_range("max_baseline_m", refinement.max_baseline_m, 0.0)
     _check_range("edge_band_px", refinement.edge_band_px, 0)
     jointly = refinement.jointly
     for name in ("focal_sigma", "center_sigma_px", "lens_sigma", "tangential_sigma", "delay_sigma_s"):

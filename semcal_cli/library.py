@@ -39,7 +39,7 @@ def verify(
         drive: A drive, its folder, its drive.yaml, or a drive loaded by `load`.
         transform: T_camera_lidar (4, 4), p_camera = T_camera_lidar @ p_lidar, metres; or a file of any known format.
         limits: Largest allowed errors; None takes the defaults.
-        config: Seed, cues and number of frames; None takes the defaults.
+        config: Seed, cues, number of frames and `refinement.max_baseline_m`; None takes the defaults.
         on_event: Called with each event of the run.
 
     Raises:
@@ -53,7 +53,8 @@ def verify(
     if initial_pose.record is not None:
         drive = _as_result_sees(drive, initial_pose.record, initial_pose.name)
     data = load(drive, config, on_event)
-    return verify_loaded(data, initial_pose, limits, config.seed, on_event)
+    max_baseline_m = config.refinement.max_baseline_m
+    return verify_loaded(data, initial_pose, limits, config.seed, on_event, max_baseline_m=max_baseline_m)
 
 
 def _as_result_sees(

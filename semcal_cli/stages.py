@@ -140,6 +140,8 @@ def settings_of(
         settings |= stage.settings
         if name == "refined" and priors:
             settings["priors"] = [prior.describe() for prior in priors]
+    if stages.joint is not None:  # One that is not kept gives no pose, but widens the interval.
+        settings |= stages.joint.settings
     if stages.repeatability is not None:
         settings["num_seeds"] = config.num_seeds
     return settings

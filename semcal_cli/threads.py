@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 from semcal_cli import _core
@@ -19,4 +20,4 @@ def set_num_threads(num_threads: int | None) -> None:
 
 def thread_pool() -> ThreadPoolExecutor:
     """Make a pool of as many threads, for the `with` statement."""
-    return ThreadPoolExecutor(_num_threads)
+    return ThreadPoolExecutor(_num_threads or len(os.sched_getaffinity(0)))

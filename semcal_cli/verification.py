@@ -8,7 +8,14 @@ import numpy as np
 
 from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
 from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
-from semcal_cli.config import InitializationConfig, JointlyConfig, Limits, RefinementConfig
+from semcal_cli.config import (
+    MAX_BASELINE_M,
+    AlignmentConfig,
+    InitializationConfig,
+    JointlyConfig,
+    Limits,
+    RefinementConfig,
+)
 from semcal_cli.drive.delay import twists_per_s
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError, InputError
@@ -18,7 +25,7 @@ from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_qua
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, initialize, refine_and_polish, start_at
 from semcal_cli.result.stage import StageResult
-from semcal_cli.stages import Stages
+from semcal_cli.stages import Stages, findings_of
 
 NEAR_DEG = 5.0
 """Rotation between transform and estimate, in degrees, beyond which all mounting directions are searched."""
@@ -85,6 +92,8 @@ def verify(
     limits: Limits | None = None,
     seed: int = 0,
     on_event: Listener = ignore,
+    *,
+    max_baseline_m: float = MAX_BASELINE_M,
 ) -> Verification:
     """Verify a transform on a drive.
 
@@ -99,6 +108,7 @@ def verify(
         limits: Largest offsets that are allowed; the defaults if not given.
         seed: Seed of every random choice.
         on_event: Called with each event.
+        max_baseline_m: Largest distance between camera and LiDAR, metres, at which the estimate is held.
 
     Raises:
         InputError: the offset of the clock is limited, and the drive gives no direction of its motion.
@@ -110,11 +120,14 @@ def verify(
             f"{data.drive.path}: motion: found no direction of motion, needed poses or a twist for --max-delay-ms"
         )
     jointly = JointlyConfig(with_delay=limits.delay_s is not None)
+    config = RefinementConfig(max_baseline_m=max_baseline_m, jointly=jointly)
     T_stated = initial_pose.T_camera_lidar
-    stages = _nearby(data, initial_pose, jointly, seed, on_event)
+    stages = _nearby(data, initial_pose, config, seed, on_event)
     if stages is None:
-        initial = initialize(data, InitializationConfig(), seed, on_event=on_event)
-        stages = _estimate(data, initial, jointly, seed, on_event)
+        search = InitializationConfig(alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
+        initial = initialize(data, search, seed, on_event=on_event)
+        stages = _estimate(data, initial, config, seed, on_event)
+    findings = findings_of(stages, config)
     uncertainty = stages.uncertainty
     estimate = stages.T_camera_lidar
     error = compare_poses(T_stated, estimate)
@@ -125,9 +138,9 @@ def verify(
     if limits.delay_s is not None:
         check, of_clock = _check_clock(data, stages, limits.delay_s)
         checks, notes = (*checks, check), tuple(note for note in notes if note not in of_clock)
-    if stages.findings or uncertainty is None:
+    if findings or uncertainty is None:
         verdict: Verdict = "inconclusive"
-        told = [(finding.topic, finding.sentence) for finding in stages.findings]
+        told = [(finding.topic, finding.sentence) for finding in findings]
     else:
         verdict = together(check.verdict for check in checks)
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
@@ -155,29 +168,28 @@ def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Che
 
 
 def _nearby(
-    data: LoadedDrive, initial_pose: InitialPose, jointly: JointlyConfig, seed: int, on_event: Listener
+    data: LoadedDrive, initial_pose: InitialPose, config: RefinementConfig, seed: int, on_event: Listener
 ) -> Stages | None:
     """Estimate the pose from the transform; None if the estimate is far from it or has findings."""
     try:
         initial = start_at(data, initial_pose, on_event)
-        stages = _estimate(data, initial, jointly, seed, on_event, is_nearby=True)
+        stages = _estimate(data, initial, config, seed, on_event, is_nearby=True)
     except CalibrationError:
         return None
     is_near = _is_near(stages.T_camera_lidar, initial_pose.T_camera_lidar, NEAR_DEG, NEAR_M)
     is_sure = stages.uncertainty is not None
-    return stages if is_near and is_sure and not stages.findings else None
+    return stages if is_near and is_sure and not findings_of(stages, config) else None
 
 
 def _estimate(
     data: LoadedDrive,
     initial: StageResult,
-    jointly: JointlyConfig,
+    config: RefinementConfig,
     seed: int,
     on_event: Listener,
     *,
     is_nearby: bool = False,
 ) -> Stages:
-    config = RefinementConfig(jointly=jointly)
     stages = refine_and_polish(data, initial, config, seed, on_event=on_event, from_afar=is_nearby)
     if stages.joint is not None:
         # The transform is judged with the clock that the drive has, and the clock beside it.

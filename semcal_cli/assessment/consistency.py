@@ -229,7 +229,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Findi
     if own is None:
         return []
     # A refinement may end at a lower top than the one that it left.
-    own = max(own, _fit(observations, T_camera_lidar))
+    own = max(own, _fit(observations, T_camera_lidar), key=lambda fit: fit.information)
     zoomed, of_delays = others[: len(changes)], others[len(changes) :]
     return [
         *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),

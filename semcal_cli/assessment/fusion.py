@@ -93,6 +93,7 @@ def fuse(
         labels = measure(around, of_intrinsics)
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
     T, fit = _iterate(observations, T_camera_lidar, priors, around, of_intrinsics, is_alone, edge_band_px)
+    far = list[Finding]()
     if fit is not None:
         # Steps are of first order, so exact axes are restored to the last digit.
         T = clamp(T, [prior.exact for prior in priors])

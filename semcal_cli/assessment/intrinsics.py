@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
+from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity, sensitivity
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.observations import Observations
@@ -28,8 +28,6 @@ two development drives, poses polished with K off by 4 pixels or 0.5 % moved by 
 of the displacement of the points, as in full resolution; the small effect of fy with 4 frames was 29 % off."""
 FOCAL_SHARE = 0.001
 """Share of the focal lengths whose cost is stated."""
-LEAST_BEND = 1e-6
-"""Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
 LEAST_FALL = 0.2
 """Smallest curvature along a change of the intrinsics in pixels, as a share of the median of the pose's six. Along some
 changes the information hardly falls, or even rises, and an undamped step is arbitrarily long."""

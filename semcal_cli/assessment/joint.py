@@ -63,7 +63,7 @@ class Joint(StageResult):
         if self.camera is not None and not self.is_kept:
             more.append("record objects near and far in all parts of the pictures")
             without.append("--refine-intrinsics if K is right")
-        if self.clock is not None and not self.clock.is_determined:
+        if self.clock is not None and not self.clock.is_kept:
             more.append("drive at different speeds, and turn")
             without.append("--estimate-delay if the clocks agree")
         return f"{' and '.join(more)}, or calibrate without {' and without '.join(without)}"

@@ -10,10 +10,8 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
+from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity
 
-LEAST_BEND = 1e-6
-"""Smallest curvature of the mutual information per pixel, as a share of the steepest direction's. Less is rounding."""
 LEAST_SPREAD = 1e-12
 """Smallest variance along a direction, as a share of that of a measurement alone. Less is rounding."""
 MANY = 1e6
@@ -84,8 +82,8 @@ def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measuremen
     scale = 1.0 / np.sqrt(np.diag(around.motions))
     bends, directions = np.linalg.eigh(around.curvature * np.outer(scale, scale))
     bend = bends > LEAST_BEND * max(bends[-1], 0.0)
-    if len(around.scores) <= len(bends) + 1:
-        return silent(len(bends))  # So few parts do not determine a covariance.
+    if not around.has_scatter:
+        return silent(len(bends))
     influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
     covariance, weighted = around.scatter(influences)
     reads = (directions[:, bend] / scale[:, None]).T

@@ -46,7 +46,7 @@ def compare(a: Path, b: Path, max_rotation_deg: float, max_translation_m: float,
     if as_json:
         click.echo(json.dumps(asdict(found) | {"same": is_same}, allow_nan=False))
     else:
-        console = Console(highlight=False, soft_wrap=True)
+        console = Console(highlight=False, soft_wrap=True, emoji=False)
         for line in _lines(found, max_rotation_deg, allowed_cm):
             console.print(line)
         style = "bold green" if is_same else "bold red"

@@ -56,4 +56,6 @@ def loaded_drive(
             applied = apply_result(initial_pose.record, spec, initial_pose.name)
             terminal.print(*(labelled(*change) for change in applied.changes))
             spec = applied.drive
-        yield load(spec, config, terminal.on_event), terminal
+        data = load(spec, config, terminal.on_event)
+        outputs.check_pictures(data.drive)
+        yield data, terminal

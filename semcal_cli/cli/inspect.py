@@ -86,7 +86,7 @@ def make_printer() -> Console:
     """Make a console on stdout that cuts lines to the width of a terminal; a pipe gets them whole."""
     from rich.console import Console
 
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, emoji=False)
     if not console.is_terminal:
         console.width = WIDE
     return console

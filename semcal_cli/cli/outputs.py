@@ -87,8 +87,6 @@ class Outputs:
             read.append(initial_pose.source)
         if self.page is not None:
             check_page(self.page)
-        if self.page is not None or self.images is not None:
-            _check_frame_images(drive)
         if self.images is not None:
             check_image_folder(self.images, MAX_IMAGES, read)
         if self.output is None or self.as_json:
@@ -103,6 +101,21 @@ class Outputs:
             write_transform(np.eye(4), None, name, replace(options, intrinsics=drive.camera))
         elif self.output is not None:
             output_format(self.output)
+
+    def check_pictures(self, drive: Drive) -> None:
+        """Check the pictures that points will be drawn on, of a drive with only the frames that are used.
+
+        Raises:
+            InputError: one is missing, or is not an image of the camera's size.
+        """
+        if self.page is None and self.images is None:
+            return
+        from semcal_cli.files.images import check_image
+
+        size = drive.camera.width, drive.camera.height
+        for frame in evenly_spaced(drive.frames, MAX_IMAGES):
+            if frame.image is not None:
+                check_image(drive.resolve(frame.image), size)
 
     def write(
         self,
@@ -192,14 +205,6 @@ def _of_part(path: Path | None, number: int) -> Path | None:
     if path is None or takes_several(path):
         return path
     return path.with_stem(f"{path.stem}_part_{number}")
-
-
-def _check_frame_images(drive: Drive) -> None:
-    """Check the images under the drawn points, if the drive has no more frames than are drawn."""
-    from semcal_cli.drive.reading import read_frame_image
-
-    for index in evenly_spaced(range(len(drive.frames)), MAX_IMAGES):
-        read_frame_image(drive, drive.frames[index])
 
 
 def check_outputs(read: Sequence[Path], outputs: Sequence[Path]) -> None:

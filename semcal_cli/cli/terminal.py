@@ -97,4 +97,4 @@ def progress_line(console: Console) -> Iterator[Callable[[str], None]]:
 
 def make_console(quiet: bool) -> Console:
     """Make a console on stderr that neither wraps nor highlights, so that a pipe gets plain lines."""
-    return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True)
+    return Console(stderr=True, quiet=quiet, highlight=False, soft_wrap=True, emoji=False)

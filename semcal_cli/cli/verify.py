@@ -28,6 +28,7 @@ from semcal_cli.cli.options import (
     cue_option,
     drive_argument,
     limit_options,
+    max_baseline_option,
     max_frames_option,
     max_points_option,
     quiet_option,
@@ -35,7 +36,7 @@ from semcal_cli.cli.options import (
     threads_option,
 )
 from semcal_cli.cli.search import read_initial_pose
-from semcal_cli.config import CalibrationConfig, Limits
+from semcal_cli.config import CalibrationConfig, Limits, RefinementConfig
 
 if TYPE_CHECKING:
     from semcal_cli.assessment.limits import Check
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     help="Also draw the points on at most 20 pictures, as the transform and as the one that was found put them.",
 )
 @inconclusive_option
+@max_baseline_option
 @seed_option
 @threads_option
 @max_frames_option
@@ -123,7 +125,14 @@ def verify(
             data,
             terminal,
         ):
-            found = check(data, initial_pose, limits, config.seed, terminal.on_event)
+            found = check(
+                data,
+                initial_pose,
+                limits,
+                config.seed,
+                terminal.on_event,
+                max_baseline_m=config.refinement.max_baseline_m,
+            )
             _illustrate(found, data, initial_pose, outputs, terminal)
     cases = [Case.of_check(check) for check in found.checks]
     seconds = perf_counter() - start
@@ -165,7 +174,8 @@ def settings_of(options: Mapping[str, Any]) -> tuple[InitialPose, CalibrationCon
         raise click.UsageError(
             "--cue features: verify compares by the exact histogram, which vectors have none of"
         )
-    config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"])
+    refinement = RefinementConfig(max_baseline_m=options["max_baseline_m"])
+    config = CalibrationConfig(options["seed"], options["cues"], options["max_frames"], refinement=refinement)
     delay_ms = options["max_delay_ms"]
     limits = Limits(
         options["max_rotation_deg"],
@@ -197,7 +207,7 @@ def _print(found: Verification, as_json: bool) -> None:
         for line in wrapped("", sentence, indent=0):
             click.echo(line)
     worst = offsets_in_all(found.checks)[0]
-    console = Console(highlight=False, soft_wrap=True)
+    console = Console(highlight=False, soft_wrap=True, emoji=False)
     console.print(f"{found.verdict}: {worst}", style=COLORS[found.verdict], markup=False)
 
 

@@ -62,9 +62,14 @@ def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
 
 
 def files_of(cues: Sequence[Cue]) -> list[str]:
-    """List the keys of a frame's files that cues need besides clouds and labels."""
-    names = {"intensity": ["image"], "features": ["point_features", "image_features"]}
-    return [name for cue in cues for name in names.get(cue, [])]
+    """List the keys of a frame's files that are read for cues. Labels of points are read with their cloud."""
+    of_cue = {
+        "labels": ["image_labels"],
+        "segments": ["image_labels"],
+        "intensity": ["image"],
+        "features": ["point_features", "image_features"],
+    }
+    return [*dict.fromkeys(["points", "point_labels", *(name for cue in cues for name in of_cue[cue])])]
 
 
 def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:

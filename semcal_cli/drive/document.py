@@ -303,18 +303,15 @@ class Drive(StrictModel):
         """Points of the largest sweep that is read."""
         return self._max_points
 
-    def input_files(self) -> Iterator[str]:
-        """List the names of all files that a calibration by labels reads."""
-        for frame in self.frames:
-            yield from filter(None, (frame.points, frame.point_labels, frame.image_labels))
-        if self.motion and self.motion.poses:
-            yield self.motion.poses
-
     def files(self) -> Iterator[str]:
         """List the names of all files of the drive."""
-        yield from self.input_files()
         for frame in self.frames:
-            yield from filter(None, (frame.image, frame.point_features, frame.image_features))
+            labels = frame.point_labels, frame.image_labels
+            yield from filter(
+                None, (frame.points, *labels, frame.image, frame.point_features, frame.image_features)
+            )
+        if self.motion and self.motion.poses:
+            yield self.motion.poses
 
     def resolve(self, relative: str) -> Path:
         """Locate a file of the drive. Absolute names stay as they are; neither `~` nor `$VAR` is expanded."""

@@ -88,7 +88,7 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
         middle = 0.5 * (times.min() + times.max())
         if frame.points_stamp is not None and frame.image_stamp is not None:
             zero = frame.points_stamp if motion.point_times == "relative" else 0.0
-            moment = frame.image_stamp - zero
+            moment = _moment(drive, frame) - zero
             middle = moment if abs(moment - middle) <= MAX_SWEEP_S else middle
         ranges_m = np.maximum(np.linalg.norm(cloud.points, axis=1), MIN_RANGE_M)
         shifts_px.append(np.abs(times - middle) * motion.speed_m_s * MEAN_SINE / ranges_m)

@@ -48,6 +48,16 @@ def read_image(path: Path, size: Size | None = None) -> npt.NDArray[np.uint8]:
     return image.astype(np.uint8, copy=False)
 
 
+def check_image(path: Path, size: Size) -> None:
+    """Check by its header that an image has these columns and rows, without decoding it.
+
+    Raises:
+        InputError: the file is missing, or is not an image, or is one of another size.
+    """
+    with open_file(path) as file:
+        _check_pixels(path, stated_size(path, file), size)
+
+
 def _check_pixels(path: Path, found: Size, needed: Size | None) -> None:
     width, height = found
     if needed is not None and found != needed:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -161,14 +161,19 @@ def _first_stage(record: Calibration, begun: Drive) -> Before | None:
 
 def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     """Take the frames that a calibration was computed from, if the drive has them, and name what has changed."""
-    names = {_key(frame) for frame in record.input.frames}
-    named = tuple(frame for frame in drive.frames if _key(frame) in names)
-    num_found = len({_key(frame) for frame in named})
+    keys = [key for key in InputFrame.model_fields if any(getattr(each, key) for each in record.input.frames)]
+
+    def files(frame: Frame | InputFrame) -> tuple[str | None, ...]:
+        return tuple(getattr(frame, key) for key in keys)
+
+    names = {files(frame) for frame in record.input.frames}
+    named = tuple(frame for frame in drive.frames if files(frame) in names)
+    num_found = len({files(frame) for frame in named})
     used = drive.model_copy(update={"frames": named})
-    known, found = record.input.sha256, describe_input(used, None, Path()).sha256
-    used = drive.model_copy(update={"frames": _distinct(named, found)})
+    known, found = record.input.sha256, describe_input(used, None, Path(), keys).sha256
+    used = drive.model_copy(update={"frames": _distinct(named, found, files)})
     changed = {name for name, digest in found.items() if known.get(name, digest) != digest}
-    if all(changed & set(filter(None, _key(frame))) for frame in named):
+    if all(changed & set(filter(None, files(frame))) for frame in named):
         notice = (
             f"The calibration was computed from other frames, of {record.input.drive}; figures and pictures are of "
             f"{drive.path}."
@@ -182,11 +187,13 @@ def _used(drive: Drive, record: Calibration) -> tuple[Drive | None, list[str]]:
     return used, notices
 
 
-def _distinct(frames: Sequence[Frame], sha256: Mapping[str, str]) -> tuple[Frame, ...]:
+def _distinct(
+    frames: Sequence[Frame], sha256: Mapping[str, str], files: Callable[[Frame], tuple[str | None, ...]]
+) -> tuple[Frame, ...]:
     """Take frames with the same files once: a calibration uses none twice, and each takes time and memory."""
     distinct: dict[tuple[str | None, ...], Frame] = {}
     for frame in frames:
-        distinct.setdefault(tuple(name and sha256[name] for name in _key(frame)), frame)
+        distinct.setdefault(tuple(name and sha256[name] for name in files(frame)), frame)
     return tuple(distinct.values())
 
 
@@ -198,7 +205,3 @@ def _cues(record: Calibration | None) -> tuple[Cue, ...]:
     known = {} if record is None else record.settings.options.get("cues")
     used = tuple(cue for cue in CUES if isinstance(known, dict) and cue in known)
     return LABELS if not used or "labels" in used else used[:1]
-
-
-def _key(frame: Frame | InputFrame) -> tuple[str | None, ...]:
-    return frame.points, frame.point_labels, frame.image_labels

@@ -12,6 +12,8 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_names
 from semcal_cli.assessment.frame_offsets import FrameOffsets, frame_offsets
+from semcal_cli.config import LABELS
+from semcal_cli.drive.cues import files_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
 from semcal_cli.files.dialect import document_text
@@ -143,7 +145,9 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         options=document_text(record.settings.options, "yaml") if record else "",
         version=made_by.get("semcal", ""),
         versions=made_by,
-        hashes=(record.input if record else describe_input(report.drive, None, Path())).sha256,
+        hashes=(
+            record.input if record else describe_input(report.drive, None, Path(), files_of(LABELS))
+        ).sha256,
     )
 
 

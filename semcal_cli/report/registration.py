@@ -47,7 +47,7 @@ CAPTIONS = (
 
 @dataclass(frozen=True)
 class RegistrationPictures:
-    """The registration of all frames near a pose, to be drawn frame by frame."""
+    """The registration of the frames that the search looks at near a pose, to be drawn frame by frame."""
 
     observations: Observations
     registration: Registration
@@ -59,12 +59,15 @@ class RegistrationPictures:
     def near(
         cls, observations: Observations, T_camera_lidar: Pose, config: InitializationConfig
     ) -> RegistrationPictures:
-        """Register the label images anew within `AROUND_DEG` of a pose (4, 4), as its rotation alone says.
+        """Register the label images of the search anew within `AROUND_DEG` of a pose (4, 4), as its rotation says.
 
         Raises:
             CalibrationError: sweeps and images do not overlap there.
             InputError: the points do not lie in the field of view of the drive's `lidar:` block.
         """
+        observations = observations.of_frames(
+            evenly_spaced(range(observations.num_frames), config.max_frames)
+        )
         T = np.eye(4)
         T[:3, :3] = T_camera_lidar[:3, :3]
         placed = place(observations, config, (T, math.radians(AROUND_DEG)))

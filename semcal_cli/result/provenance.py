@@ -22,7 +22,7 @@ def describe_input(
     drive: Drive,
     init: Path | None,
     relative_to: Path,
-    also: Sequence[str] = (),
+    keys: Sequence[str],
     known: dict[str, str] | None = None,
 ) -> Input:
     """Describe the drive, its camera and frames, and compute the SHA-256 of each file that was read.
@@ -31,18 +31,19 @@ def describe_input(
         drive: The drive.
         init: File or drive of the initial pose, if there is one.
         relative_to: Folder of the result. Paths are relative to it, except those of the drive's own files.
-        also: Keys of a frame's files that were read besides its cloud and its labels.
+        keys: Keys of a frame's files that were read.
         known: SHA-256 by the real paths of files; missing ones are added.
 
     Raises:
         InputError: a file cannot be read.
     """
-    keys = ("points", "point_labels", "image_labels", *also)
     frames = [InputFrame(**{key: getattr(frame, key) for key in keys}) for frame in drive.frames]
     known = {} if known is None else known
     hashes = {drive.path.name: _sha256(drive.path, known)}
-    more = [name for frame in drive.frames for key in also if (name := getattr(frame, key)) is not None]
-    hashes |= {name: _sha256(drive.resolve(name), known) for name in (*drive.input_files(), *more)}
+    names = [getattr(frame, key) for frame in drive.frames for key in keys]
+    if drive.motion is not None:
+        names.append(drive.motion.poses)
+    hashes |= {name: _sha256(drive.resolve(name), known) for name in names if name is not None}
     if init is not None:
         hashes |= hash_files([drive_file(init)], relative_to, known)
     return Input(
