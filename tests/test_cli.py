@@ -337,6 +337,10 @@ def test_names_are_no_markup_and_may_be_too_long(
     assert code == 0
     assert "a[red].bin" in out
     assert "x[/y]" in out
+    named = tmp_path / "c:car:.yaml"
+    code, _, err = run(capfd, "calibrate", street, "-o", named, "--init", street, "--no-polish")
+    assert code in (0, 3)
+    assert str(named) in "".join(err.split())
     long = "a" * 300
     for arguments in (("inspect", long), ("calibrate", street, "-o", tmp_path / f"{long}.yaml", "-q")):
         code, _, err = run(capfd, *arguments)

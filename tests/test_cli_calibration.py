@@ -17,7 +17,8 @@ from semcal_cli.assessment.pose_checks import check_distance, check_motion, chec
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.cli import EXIT_FAILURE
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED
-from semcal_cli.drive.document import DRIVE_FILE
+from semcal_cli.drive.cues import choose_frames
+from semcal_cli.drive.document import DRIVE_FILE, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
@@ -227,6 +228,31 @@ def test_what_is_known_is_weighed_and_said(
     _, about = calibration.settings.options["priors"]
     assert about["sigma_camera_center_m"] == [None, 0.0, None]
     assert about["sigma_rotation_deg"] == [None, None, 0.0]
+
+
+def test_a_picture_that_is_not_drawn_need_not_be_there(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    used = {frame.points for frame in choose_frames(read_drive(street), ("labels",), 2).frames}
+    document = read_document(street / DRIVE_FILE)
+    for frame in document["frames"]:
+        is_used = frame["points"] in used
+        frame |= {key: str(street / name) for key, name in frame.items()}
+        frame["image"] = frame["image"] if is_used else "nowhere.png"
+    write_text(document_text(document, "yaml"), tmp_path / DRIVE_FILE)
+    arguments = (
+        "calibrate",
+        tmp_path,
+        "--init",
+        street,
+        "-o",
+        tmp_path / "c.yaml",
+        "--report",
+        tmp_path / "r.html",
+    )
+    assert run(capfd, *arguments, "--max-frames", "2")[0] in (0, 3)
+    code, _, err = run(capfd, *arguments)
+    assert (code, "nowhere.png: no such file" in err) == (1, True)
 
 
 def test_a_place_beyond_the_baseline_is_no_prior(

@@ -42,6 +42,15 @@ def test_frames_that_are_alike_are_not_held_against_a_pose(
     assert sentences(standing, street_truth) == []
 
 
+def test_pixels_of_one_class_have_no_top_to_compare_with(
+    street_observations: Observations, street_truth: Pose
+) -> None:
+    plain = street_observations.with_images(
+        image.with_classes(np.zeros_like(image.classes)) for image in street_observations.images
+    )
+    assert "one-class" in [finding.topic for finding in check_consistency(plain, street_truth)]
+
+
 def test_labels_that_tell_no_direction(street_observations: Observations, street_truth: Pose) -> None:
     rng = np.random.default_rng(0)
     shuffled = street_observations.with_clouds(

@@ -1,7 +1,7 @@
 """Intrinsics and the offset of the clock, estimated together with the pose."""
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ import pytest
 from semcal_cli.assessment.joint import Joint, estimate_jointly
 from semcal_cli.assessment.joint_fit import Variables
 from semcal_cli.assessment.uncertainty import with_others
-from semcal_cli.config import JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
+from semcal_cli.config import CalibrationConfig, JointlyConfig, PolishConfig, RefinementConfig, SynthConfig
 from semcal_cli.drive.delay import delayed
 from semcal_cli.drive.document import Camera, IntrinsicsSigma, read_drive
 from semcal_cli.drive.intrinsics import intrinsic_names, intrinsic_value, with_intrinsics
@@ -22,7 +22,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
 from semcal_cli.result.uncertainty import Uncertainty
-from semcal_cli.stages import Stages
+from semcal_cli.stages import Stages, settings_of
 from semcal_cli.synthetic.synthesis import LENSES, make_camera, synthesize
 
 K_NAMES = ("fx", "fy", "cx", "cy")
@@ -238,7 +238,15 @@ def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) ->
     # A tenth of a second, which is what is known of the clock, at 12 m/s.
     assert half_widths(stages)[:3].max() == pytest.approx(1.96 * 1.2, rel=0.05)
     (finding,) = (each for each in stages.findings if each.topic == "wide-interval")
-    assert finding.advice.startswith("drive at different speeds, and turn, or calibrate without")
+    advice = "drive at different speeds, and turn, or calibrate without --estimate-delay if the clocks agree"
+    assert finding.advice == advice
+    # What the clock may be off is recorded, though the pose is that of the drive's.
+    settings = settings_of(data, stages, CalibrationConfig(), None, ())
+    assert settings["jointly"] == asdict(JointlyConfig(with_delay=True))
+    assert stages.joint is not None
+    assert stages.joint.clock is not None
+    found = replace(stages.joint, clock=stages.joint.clock.model_copy(update={"is_determined": True}))
+    assert found.advice == advice
 
 
 def test_the_whole_pipeline_ends_at_the_camera_that_was_found(

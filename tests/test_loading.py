@@ -16,7 +16,7 @@ from semcal_cli.stages import Stages
 CHOSEN = [3, 1]
 
 
-@pytest.mark.parametrize("cues", [("labels",), ("labels", "intensity")])
+@pytest.mark.parametrize("cues", [("labels",), ("intensity",), ("labels", "intensity")])
 def test_a_calibration_of_some_frames_records_these(
     street: Path, street_truth: Pose, cues: tuple[Cue, ...]
 ) -> None:
@@ -30,6 +30,7 @@ def test_a_calibration_of_some_frames_records_these(
     names = {str(getattr(frame, key)) for frame in frames for key in files_of(cues)}
     hashes = {name: sha256((street / name).read_bytes()).hexdigest() for name in {"drive.yaml"} | names}
     assert calibration.input.sha256 == hashes
+    assert any("image_labels" in name for name in hashes) == ("labels" in cues)
 
 
 def test_frames_of_every_cue_are_chosen_alike(street: Path) -> None:

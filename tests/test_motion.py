@@ -121,6 +121,10 @@ def test_a_speed_without_direction_tells_what_it_may_cost(
     suspicions = inspect(read_drive(write_drive(tmp_path, skewed, {"speed_m_s": speed}))).suspicions
     assert any("motion during a sweep displaces half of the points by" in line for line in suspicions)
     assert load(tmp_path, skewed, {"speed_m_s": 0.0}).motion_error_px == 0.0
+    # A picture that is later than its stamp by more than the sweep takes is farther from every point.
+    late = load(tmp_path, skewed | {"time_offset_s": 0.3}, {"speed_m_s": speed})
+    assert late.motion_error_px is not None
+    assert late.motion_error_px > 3.0 * observations.motion_error_px
 
 
 @pytest.mark.parametrize(

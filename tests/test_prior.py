@@ -1,4 +1,5 @@
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +8,7 @@ from hypothesis import given
 from scipy.linalg import expm
 
 from semcal_cli.assessment.fusion import _Known, _solve, fuse
-from semcal_cli.assessment.measurement import Measurement
+from semcal_cli.assessment.measurement import Measurement, measure
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.sensitivity import sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
@@ -163,6 +164,28 @@ def test_labels_in_one_corner_leave_the_pose_to_what_is_known(
     assert (np.abs(known.residual(fused.T_camera_lidar)) <= 3.0 * np.array(known.sigmas)).all()
     half = Prior("half", known.T_camera_lidar, (0.01, *FREE[:5]))
     assert fuse(seen, polished, [half]).uncertainty is None
+
+
+def test_labels_that_tell_nothing_leave_all_to_what_is_known(
+    street_observations: Observations, polished: Pose
+) -> None:
+    plain = street_observations.with_images(
+        image.with_classes(np.zeros_like(image.classes)) for image in street_observations.images
+    )
+    fused = fuse(plain, polished, [Prior("known", polished, (0.1, 0.1, 0.1, np.inf, np.inf, np.inf))])
+    assert fused.uncertainty is None
+    assert not fused.is_settled
+
+
+@pytest.mark.parametrize("num_parts", [6, 7, 8])
+def test_parts_too_few_for_a_covariance_determine_nothing(
+    street_observations: Observations, polished: Pose, num_parts: int
+) -> None:
+    around = sensitivity(street_observations, polished, SensitivityConfig())
+    assert around is not None
+    of_parts = ("scores", "num_alike")
+    few = replace(around, **{name: getattr(around, name)[:num_parts] for name in of_parts})
+    assert few.is_determined == (num_parts == 8) == bool(measure(few).information.any())
 
 
 @pytest.mark.parametrize(("off_m", "is_allowed"), [(0.7, True), (0.9, False)])

@@ -13,6 +13,7 @@ from click.testing import CliRunner, Result
 from conftest import make_pose, run
 from scipy.spatial.transform import Rotation
 
+from semcal_cli.assessment import pose_checks
 from semcal_cli.cli import semcal
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
@@ -182,6 +183,23 @@ def test_data_that_cannot_decide(street: Path, street_truth: Pose, tmp_path: Pat
     assert found.stdout.splitlines()[-1].startswith("inconclusive: ")
     assert verify(tmp_path, tmp_path / "nowhere.yaml").exit_code == 1
     assert verify(street).exit_code == 2
+
+
+def test_what_speaks_against_a_refined_pose_speaks_against_a_verified_one(
+    street: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pose_checks, "MIN_OVERLAP", 0.98)
+    found = verify(street, street)
+    assert found.exit_code == INCONCLUSIVE, found.output
+    assert "of the picture, needed at least 98%" in " ".join(found.stdout.split())
+
+
+def test_a_camera_far_from_the_lidar_is_verified_with_a_larger_limit(street: Path, tmp_path: Path) -> None:
+    wide = ("--max-rotation-deg", "1", "--max-translation-m", "0.2")
+    held = verify(street, street, *wide, "--max-baseline-m", "0.2")
+    assert held.exit_code == INCONCLUSIVE, held.output
+    assert "the limit of --max-baseline-m" in " ".join(held.stdout.split())
+    assert verify(street, street, *wide, "--max-baseline-m", "5").exit_code == PASS
 
 
 def test_the_inverse_is_named(street: Path, street_truth: Pose, tmp_path: Path) -> None:
