@@ -37,7 +37,7 @@ pub struct Level {
 }
 
 impl Level {
-    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. At most
+    /// A level with blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap`]. At most
     /// `max_points` points, over all frames and directions, are used.
     pub fn new(
         observations: Arc<Observations>,
