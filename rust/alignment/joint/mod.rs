@@ -96,6 +96,8 @@ pub fn maximise(
         // Curvature in other blocks is another one.
         climb.inverse_curvature = None;
         moved_px = f64::INFINITY;
+        // Blocks are averaged once for all rounds as long as somebody holds them.
+        let _held = Level::new(Arc::clone(observations), factor, config.edge_band_px, usize::MAX);
         let tolerance = if is_last { config.tolerance } else { COARSE_TOLERANCE };
         for _ in 0..config.max_rounds {
             let Some(Round { moved, wanted, is_fresh }) = climb.round(factor, tolerance)? else { break };
