@@ -93,10 +93,11 @@ impl Level {
     fn contributions(&self, samples: &[Sample], pose: &Isometry3<f64>) -> Vec<f64> {
         let values = self.values(&self.joint(samples, pose));
         let to_camera = to_camera(pose);
-        samples
-            .par_iter()
-            .map(|sample| self.contribution(sample, &values, &to_camera).unwrap_or(0.0))
-            .collect()
+        let contribution = |shares: &mut Vec<f64>, sample| {
+            self.contribution(sample, &values, &to_camera, shares).unwrap_or(0.0)
+        };
+        let no_shares = || vec![0.0; self.observations.num_image_classes];
+        samples.par_iter().map_init(no_shares, contribution).collect()
     }
 
     fn contribution(
@@ -104,14 +105,15 @@ impl Level {
         sample: &Sample,
         values: &Values<'_>,
         to_camera: impl Fn(&nalgebra::Vector3<f64>) -> nalgebra::Vector3<f64>,
+        shares: &mut [f64],
     ) -> Option<f64> {
         let p_camera = to_camera(&sample.position);
         let pixel = self.observations.camera.project(&p_camera)?;
         let &Sample { class, frame, point, weight, .. } = sample;
         let sampled = self.maps[frame as usize].at(&pixel);
         let projected = ProjectedSample { class, frame, point, weight, p_camera, pixel };
-        let mut shares = vec![0.0; self.observations.num_image_classes];
-        sampled.add_to(&mut shares, 1.0);
+        shares.fill(0.0);
+        sampled.add_to(shares, 1.0);
         let value =
             values.of(&projected, |values| shares.iter().zip(values).map(|(s, v)| s * v).sum::<f64>());
         Some(value * f64::from(weight))

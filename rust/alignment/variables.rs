@@ -123,6 +123,16 @@ impl<'a> Neighbourhood<'a> {
         Ok(Self { variables, anchor, slopes })
     }
 
+    /// A change of the variables, shortened where the camera would leave the longest baseline.
+    pub fn within_baseline(&self, mut change: DVector<f64>, max_baseline_m: f64) -> DVector<f64> {
+        let pose = se3::exp(&twist(change.rows(0, 6))) * self.anchor.pose;
+        let within = within_baseline(&pose, max_baseline_m);
+        if within != pose {
+            change.rows_mut(0, 6).copy_from(&se3::log(&(within * self.anchor.pose.inverse())));
+        }
+        change
+    }
+
     /// The projection at a change of the variables. Points are those that the anchor observes.
     ///
     /// # Errors

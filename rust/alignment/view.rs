@@ -21,6 +21,7 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
     }
     let camera = &observations.camera;
     let band = BAND * camera.width.max(camera.height) as f64;
+    let to_camera: Vec<_> = poses.iter().map(to_camera).collect();
     let is_near = |pixel: Point2<f64>| {
         let within = |x: f64, size: usize| x > -band && x < size as f64 + band;
         within(pixel.x, camera.width) && within(pixel.y, camera.height)
@@ -31,7 +32,7 @@ pub(super) fn in_view(observations: &Arc<Observations>, poses: &[Isometry3<f64>]
         }
         let is_seen = |&point: &usize| {
             let position = to_f64(&frame.points[point]);
-            poses.iter().any(|pose| camera.project(&to_camera(pose)(&position)).is_some_and(is_near))
+            to_camera.iter().any(|to_camera| camera.project(&to_camera(&position)).is_some_and(is_near))
         };
         let points: Vec<usize> = (0..frame.points.len()).filter(is_seen).collect();
         Frame {

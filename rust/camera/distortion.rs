@@ -101,6 +101,9 @@ pub(super) fn unfolded_radius(jacobian: impl Fn(Vector2<f64>) -> Matrix2<f64>, l
         Vector2::new(cos, sin)
     };
     let units: [Vector2<f64>; DIRECTIONS] = std::array::from_fn(unit);
-    let unfolded = |step: usize| units.iter().all(|unit| jacobian(unit * at(step)).determinant() > 0.0);
+    // All directions, without a branch between them, so that divisions overlap.
+    let unfolded = |step: usize| {
+        units.iter().fold(true, |all, unit| all & (jacobian(unit * at(step)).determinant() > 0.0))
+    };
     (1..=RADII).find(|&step| !unfolded(step)).map_or(largest, |step| at(step - 1))
 }

@@ -76,16 +76,19 @@ impl Camera {
             };
             *number.ok_or_else(|| Error::Input(format!("camera: the lens has no {intrinsic:?}")))? += by;
         }
-        let size = (self.width, self.height);
-        if focal == self.focal && distortion == self.distortion && parameters == self.parameters {
-            let is_same = center == self.center || &*self.model != "equirectangular";
-            if is_same && center.iter().all(|x| x.is_finite()) {
-                return Ok(Self { center, ..self.clone() });
-            }
+        // How far a lens does not fold takes long to find out, and depends on K for none but this.
+        let is_same_lens = distortion == self.distortion && parameters == self.parameters;
+        if is_same_lens && &*self.model != "equirectangular" && is_possible(&focal, &center) {
+            return Ok(Self { focal, center, ..self.clone() });
         }
+        let size = (self.width, self.height);
         let k = [[focal.x, 0.0, center.x], [0.0, focal.y, center.y], [0.0, 0.0, 1.0]];
         Self::with_parameters(&self.model, size, k, &distortion, &parameters)
     }
+}
+
+fn is_possible(focal: &Vector2<f64>, center: &Vector2<f64>) -> bool {
+    focal.iter().chain(center).all(|x| x.is_finite()) && focal.min() > 0.0
 }
 
 /// How pixels of a camera move with some of its intrinsics.

@@ -51,45 +51,33 @@ impl Averaged {
     }
 }
 
-/// Averages over blocks.
-pub(super) fn averaged(
-    image: &LabelImage<u8>,
-    shares: Option<&ClassShares>,
-    factor: usize,
-    edge_band_px: usize,
-) -> Averaged {
-    match shares {
-        Some(shares) => averaged_shares(image, shares, factor),
-        None => averaged_classes(image, &amounts(image, edge_band_px), factor),
-    }
-}
-
-/// The same where each pixel is of one class, and counts with an amount in 1/255.
-fn averaged_classes(image: &LabelImage<u8>, amounts: &[u8], factor: usize) -> Averaged {
+/// Averages over blocks. Pixels that count in full have their class in `only`, others, which count little, [`NO_CLASS`].
+pub(super) fn averaged_classes(image: &LabelImage<u8>, only: &[u8], factor: usize) -> Averaged {
     let (ids, width) = (&image.ids, image.width);
     let mut differs = vec![0; width / factor * factor];
     let (mut blocks, mut tally) = (Averaged::of(image.height / factor * (width / factor)), Tally::default());
     for top in (0..image.height / factor).map(|row| row * factor * width) {
         let lines = (top..).step_by(width).take(factor);
         // Line by line, so that many columns are compared at once: most blocks are all of one class.
-        let first = &ids[top..][..differs.len()];
+        let first = &only[top..][..differs.len()];
         differs.fill(0);
         for from in lines.clone() {
-            let line = first.iter().zip(&ids[from..]).zip(&amounts[from..]);
-            let unlike = line.map(|((first, id), amount)| (first ^ id) | !amount);
+            let unlike = first.iter().zip(&only[from..]).map(|(first, class)| first ^ class);
             differs.iter_mut().zip(unlike).for_each(|(differs, unlike)| *differs |= unlike);
         }
         let columns = differs.chunks_exact(factor).zip(first.chunks_exact(factor));
         for (column, (differs, first)) in columns.enumerate() {
             let class = first[0];
-            let unlike = differs.iter().zip(first).fold(0, |any, (differs, id)| any | differs | (id ^ class));
+            let unlike =
+                differs.iter().zip(first).fold(0, |any, (differs, other)| any | differs | (other ^ class));
             if unlike == 0 && class != NO_CLASS {
                 blocks.push_whole(class);
                 continue;
             }
             for from in lines.clone().map(|line| line + column * factor) {
-                let pixels = ids[from..][..factor].iter().zip(&amounts[from..]);
-                pixels.for_each(|(&id, &amount)| tally.add(id, amount.into()));
+                let pixels = ids[from..][..factor].iter().zip(&only[from..]);
+                let amount = |only: u8| if only == NO_CLASS { FAINT_AMOUNT } else { u8::MAX };
+                pixels.for_each(|(&id, &only)| tally.add(id, amount(only).into()));
             }
             blocks.push_tally(&mut tally, factor * factor);
         }
@@ -98,7 +86,7 @@ fn averaged_classes(image: &LabelImage<u8>, amounts: &[u8], factor: usize) -> Av
 }
 
 /// The same where a network gave the shares of each pixel.
-fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Averaged {
+pub(super) fn averaged_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Averaged {
     let (columns, rows) = (image.width / factor, image.height / factor);
     let (mut blocks, mut tally) = (Averaged::of(rows * columns), Tally::default());
     for index in 0..rows * columns {

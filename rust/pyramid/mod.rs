@@ -41,7 +41,7 @@ impl LabelPyramid {
         Self { classes, shares, levels: Mutex::default() }
     }
 
-    /// The level of blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap::new`]. It is the
+    /// The level of blocks of `factor` pixels, in which pixels along borders count little: see [`ShareMap`]. It is the
     /// same one as long as somebody uses it.
     pub fn level(&self, factor: usize, edge_band_px: usize) -> Arc<ShareMap> {
         let level = Arc::clone(locked(&self.levels).entry((factor, edge_band_px)).or_default());
@@ -49,7 +49,11 @@ impl LabelPyramid {
         if let Some(map) = level.map.upgrade() {
             return map;
         }
-        let map = Arc::new(ShareMap::new(&self.classes, self.shares.as_deref(), factor, edge_band_px));
+        let map = Arc::new(match &self.shares {
+            Some(shares) => ShareMap::of_shares(&self.classes, shares, factor),
+            None if factor == 1 => ShareMap::of_pixels(&self.classes, edge_band_px),
+            None => ShareMap::of_blocks(&self.classes, &self.level(1, edge_band_px), factor),
+        });
         *level = Level { map: Arc::downgrade(&map), _kept: (factor == 1).then(|| Arc::clone(&map)) };
         map
     }

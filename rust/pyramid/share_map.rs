@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nalgebra::Point2;
 
-use super::averaging::{Averaged, FAINT, FAINT_AMOUNT, WHOLE, amounts, averaged};
+use super::averaging::{Averaged, FAINT, FAINT_AMOUNT, WHOLE, amounts, averaged_classes, averaged_shares};
 use super::sampled::{Sampled, Shares};
 use crate::class_shares::{ClassShares, Share};
 use crate::classes::NO_CLASS;
@@ -83,33 +83,37 @@ impl Blocks {
 }
 
 impl ShareMap {
-    /// Averages the classes of blocks of `factor x factor` pixels, or the shares of their classes where a network gave
-    /// them.
+    /// The classes of pixels. Those less than `edge_band_px` pixels from one of another class count little.
+    pub fn of_pixels(image: &Arc<LabelImage<u8>>, edge_band_px: usize) -> Self {
+        if edge_band_px == 0 {
+            return Self::new(image, 1, Blocks::Pixels(Arc::clone(image)));
+        }
+        let mut only = amounts(image, edge_band_px);
+        for (amount, &class) in only.iter_mut().zip(&image.ids) {
+            *amount = if *amount == u8::MAX { class } else { NO_CLASS };
+        }
+        Self::new(image, 1, Blocks::Banded { image: Arc::clone(image), only })
+    }
+
+    /// The mean classes of blocks of `factor x factor` pixels, which count as in the `finest` map.
     ///
     /// Only whole blocks count, so that block `(i, j)` is centred on pixel `factor * (i + 1/2) - 1/2` exactly; pixels
-    /// without a class take their share but give it to none. Pixels less than `edge_band_px` pixels from one of another
-    /// class count little; where a network gave shares there is no band, since these say themselves how sure a border is
-    /// (with a band, labels blurred by 5 pixels ended at 0.06 instead of 0.03 degrees).
-    pub fn new(
-        image: &Arc<LabelImage<u8>>,
-        shares: Option<&ClassShares>,
-        factor: usize,
-        edge_band_px: usize,
-    ) -> Self {
-        let blocks = match (shares, factor, edge_band_px) {
-            (None, 1, 0) => Blocks::Pixels(Arc::clone(image)),
-            (None, 1, _) => {
-                let mut only = amounts(image, edge_band_px);
-                for (amount, &class) in only.iter_mut().zip(&image.ids) {
-                    *amount = if *amount == u8::MAX { class } else { NO_CLASS };
-                }
-                Blocks::Banded { image: Arc::clone(image), only }
-            }
-            _ => {
-                let Averaged { shares, only } = averaged(image, shares, factor, edge_band_px);
-                Blocks::Shares { shares, only }
-            }
-        };
+    /// without a class take their share but give it to none.
+    pub fn of_blocks(image: &LabelImage<u8>, finest: &Self, factor: usize) -> Self {
+        Self::averaged(image, factor, averaged_classes(image, finest.blocks.only(), factor))
+    }
+
+    /// The same where a network gave the shares of classes of each pixel. There is no band, since these say themselves how
+    /// sure a border is (with a band, labels blurred by 5 pixels ended at 0.06 instead of 0.03 degrees).
+    pub fn of_shares(image: &LabelImage<u8>, shares: &ClassShares, factor: usize) -> Self {
+        Self::averaged(image, factor, averaged_shares(image, shares, factor))
+    }
+
+    fn averaged(image: &LabelImage<u8>, factor: usize, Averaged { shares, only }: Averaged) -> Self {
+        Self::new(image, factor, Blocks::Shares { shares, only })
+    }
+
+    fn new(image: &LabelImage<u8>, factor: usize, blocks: Blocks) -> Self {
         let (columns, rows) = (image.width / factor, image.height / factor);
         Self { blocks_per_pixel: 1.0 / factor as f64, columns, rows, blocks }
     }
@@ -193,10 +197,15 @@ fn are_all(bytes: &[u8], line: Range<usize>, value: u8) -> bool {
 mod tests {
     use super::*;
 
+    fn blocks_of_two(image: LabelImage<u8>) -> ShareMap {
+        let image = Arc::new(image);
+        ShareMap::of_blocks(&image, &ShareMap::of_pixels(&image, 0), 2)
+    }
+
     #[test]
     fn shares_count_each_class_in_each_whole_block() {
         let ids = vec![0, 1, 1, 1, 9, 0, NO_CLASS, 1, 1, 9]; // the last column is no whole block
-        let map = ShareMap::new(&Arc::new(LabelImage { width: 5, height: 2, ids }), None, 2, 0);
+        let map = blocks_of_two(LabelImage { width: 5, height: 2, ids });
         let shares = |block| map.blocks.at(block).iter().map(|s| (s.class, s.amount)).collect::<Vec<_>>();
         assert_eq!(shares(0), [(0, 128), (1, 64)]);
         assert_eq!(shares(1), [(1, 255)]);
@@ -205,7 +214,7 @@ mod tests {
     #[test]
     fn shares_are_bilinear_between_the_centres_of_blocks() {
         let ids = vec![0, 0, 1, 1, 0, 0, 1, 1, 0, 0, NO_CLASS, 2, 0, 0, 2, 2];
-        let map = ShareMap::new(&Arc::new(LabelImage { width: 4, height: 4, ids }), None, 2, 0);
+        let map = blocks_of_two(LabelImage { width: 4, height: 4, ids });
         let shares = |u: f64, v: f64| {
             let mut classes = [0.0; 3];
             let sampled = map.at(&Point2::new(u, v));
@@ -240,12 +249,26 @@ mod tests {
         let image = Arc::new(LabelImage { width: 8, height: 1, ids });
         let (all, few) = (u8::MAX, FAINT_AMOUNT);
         assert_eq!(amounts(&image, 2), [all, all, few, few, few, few, all, all]);
-        let map = ShareMap::new(&image, None, 1, 2);
+        let map = ShareMap::of_pixels(&image, 2);
         let total = |u: f64| map.at(&Point2::new(u, 0.0)).total();
         assert_eq!((total(0.0), total(3.0)), (1.0, f64::from(FAINT_AMOUNT) / 255.0));
         // Little weight, and the same shares.
         let mut classes = [0.0; 2];
         map.at(&Point2::new(3.5, 0.0)).add_to(&mut classes, 1.0);
         assert_eq!(classes, [0.5, 0.5]);
+    }
+
+    #[test]
+    fn pixels_along_borders_count_little_in_blocks_too() {
+        // Beside the unlabelled pixel no border is known.
+        let ids = vec![0, 0, 0, 1, 1, NO_CLASS, 0, 0, 0, 1, 1, 1];
+        let image = Arc::new(LabelImage { width: 6, height: 2, ids });
+        let map = ShareMap::of_blocks(&image, &ShareMap::of_pixels(&image, 1), 2);
+        let shares = |block| map.blocks.at(block).iter().map(|s| (s.class, s.amount)).collect::<Vec<_>>();
+        let quarters =
+            |full: f32, few: f32| ((full * 255.0 + few * f32::from(FAINT_AMOUNT)) / 4.0).round() as u8;
+        assert_eq!(shares(0), [(0, 255)]);
+        assert_eq!(shares(1), [(0, quarters(0.0, 2.0)), (1, quarters(0.0, 2.0))]);
+        assert_eq!(shares(2), [(1, quarters(3.0, 0.0))]);
     }
 }

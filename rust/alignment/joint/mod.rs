@@ -96,6 +96,8 @@ pub fn maximise(
         // Curvature in other blocks is another one.
         climb.inverse_curvature = None;
         moved_px = f64::INFINITY;
+        // Blocks are averaged once for all rounds as long as somebody holds them.
+        let _held = Level::new(Arc::clone(observations), factor, config.edge_band_px, usize::MAX);
         let tolerance = if is_last { config.tolerance } else { COARSE_TOLERANCE };
         for _ in 0..config.max_rounds {
             let Some(Round { moved, wanted, is_fresh }) = climb.round(factor, tolerance)? else { break };
@@ -157,7 +159,9 @@ impl Climb<'_> {
         let Some(steps) = unit_steps(&motions, &config.sigmas) else { return Ok(None) };
         let Some(blocks) = steps.clone().try_inverse() else { return Ok(None) };
         let (level, samples, constant, near, gone) = (&level, &samples[..], &constant, &near, &self.gone);
-        let problem = Problem { level, samples, constant, near, precision, gone, steps, blocks };
+        let max_baseline_m = config.max_baseline_m;
+        let problem =
+            Problem { level, samples, constant, near, max_baseline_m, precision, gone, steps, blocks };
         let is_fresh = self.inverse_curvature.is_none();
         let inverse = match self.inverse_curvature.take() {
             Some(inverse) => inverse,
@@ -207,6 +211,8 @@ struct Problem<'a> {
     samples: &'a [Sample],
     constant: &'a JointHistogram,
     near: &'a Neighbourhood<'a>,
+    /// The camera stays within this distance of the LiDAR, metres.
+    max_baseline_m: f64,
     /// Weight of the penalty on each variable, nats.
     precision: DVector<f64>,
     /// Change of the variables so far.
@@ -242,6 +248,7 @@ impl Problem<'_> {
             step *= (LONGEST_STEP / length).min(1.0);
             let better = (0..=MAX_HALVINGS).find_map(|halvings| {
                 let next = &change + &step * 0.5f64.powi(halvings);
+                let next = self.near.within_baseline(next, self.max_baseline_m);
                 let (next_value, next_gradient) = self.value_and_gradient(&next)?;
                 (next_value > value).then_some((next, next_value, next_gradient))
             });

@@ -1,8 +1,11 @@
-use nalgebra::Vector6;
+use nalgebra::{Point3, Vector6};
 
 use super::*;
+use crate::agreement::measure;
+use crate::alignment::pose::within_baseline;
 use crate::alignment::scene::{scene, segmented};
-use crate::camera::Intrinsic;
+use crate::camera::{Camera, Intrinsic};
+use crate::observation::Frame;
 use crate::se3;
 
 fn variables(observations: &Observations) -> Variables {
@@ -56,6 +59,7 @@ fn the_gradient_is_that_of_finite_differences() {
             samples: &samples,
             constant: &level.empty_joint(),
             near: &near,
+            max_baseline_m: 1.0,
             precision: DVector::from_fn(n, |i, _| if i < 6 { 0.0 } else { 0.01 }),
             gone: &gone,
             steps: DMatrix::identity(n, n),
@@ -73,6 +77,13 @@ fn the_gradient_is_that_of_finite_differences() {
             assert!((slope - gradient[axis]).abs() < allowed, "{axis}: {slope} {}", gradient[axis]);
         }
     }
+}
+
+/// A frame with its points at other places.
+fn moved(frame: &Frame, motion: &Isometry3<f64>) -> Frame {
+    let point = |point: &[f32; 3]| (motion * Point3::from(*point).cast::<f64>()).cast::<f32>().into();
+    let points: Vec<[f32; 3]> = frame.points.iter().map(point).collect();
+    Frame { points: Arc::new(points.into()), ..frame.clone() }
 }
 
 /// The scene as a camera with another principal point and other focal lengths is said to see it.
@@ -93,7 +104,7 @@ fn wrong_focal_lengths_are_found_with_the_pose() {
     let (observations, variables) = (wrong(), intrinsics());
     let config = JointConfig { factors: vec![4, 2, 1], sigmas: vec![10.0; 4], ..config(variables.count()) };
     let found = maximise(&observations, &Isometry3::identity(), &variables, &config).expect("a top");
-    let value = |camera: &crate::camera::Camera, each: Intrinsic| camera.intrinsic(each).expect("of K");
+    let value = |camera: &Camera, each: Intrinsic| camera.intrinsic(each).expect("of K");
     let truth = &scene(0.0).camera;
     for focal in [Intrinsic::Fx, Intrinsic::Fy] {
         let off = value(&found.estimate.camera, focal) - value(truth, focal);
@@ -118,18 +129,39 @@ fn pictures_that_are_late_are_found_so() {
     let observations = scene(0.0);
     // Turns to the left and nods, a frame each way: no pose explains both.
     let twists = [Vector6::new(0.0, 0.0, 0.0, 0.0, 0.5, 0.0), Vector6::new(0.0, 0.0, 0.0, -0.4, 0.0, 0.0)];
-    let frames = twists.iter().map(|twist| {
-        // What the LiDAR saw before: later, the points are where the pictures have them.
-        let before = se3::exp(&(twist * 0.05));
-        let mut frame = observations.frames[0].clone();
-        let moved =
-            |point: &[f32; 3]| (before * nalgebra::Point3::from(*point).cast::<f64>()).cast::<f32>().into();
-        let points: Vec<[f32; 3]> = frame.points.iter().map(moved).collect();
-        frame.points = Arc::new(points.into());
-        frame
-    });
+    // What the LiDAR saw before: later, the points are where the pictures have them.
+    let frames = twists.iter().map(|twist| moved(&observations.frames[0], &se3::exp(&(twist * 0.05))));
     let late = Arc::new(observations.with_frames(frames.collect()));
     let variables = Variables { intrinsics: Vec::new(), twists: Some(twists.to_vec()) };
     let found = maximise(&late, &Isometry3::identity(), &variables, &config(7)).expect("a top");
     assert!((found.estimate.offset_s - 0.05).abs() < 0.01, "{}", found.estimate.offset_s);
+}
+
+#[test]
+fn at_the_longest_baseline_it_settles_higher_than_it_began() {
+    let (observations, variables) = (wrong(), intrinsics());
+    // The best place of the camera is farther than it may go.
+    let best = Isometry3::translation(0.4, 0.0, 0.0);
+    let frame = moved(&observations.frames[0], &best.inverse());
+    let observations = observations.with_frames(vec![frame]);
+    for max_baseline_m in [0.1, 0.2, 0.3] {
+        let config = JointConfig {
+            factors: vec![4, 2, 1],
+            sigmas: vec![10.0; 4],
+            max_baseline_m,
+            ..config(variables.count())
+        };
+        let start = within_baseline(&best, max_baseline_m);
+        let found = maximise(&Arc::new(observations.clone()), &start, &variables, &config).expect("a top");
+        let information = |camera: &Camera, pose: &Isometry3<f64>| {
+            let mut seen = observations.clone();
+            seen.camera = camera.clone();
+            measure(&seen, pose).joint.mutual_information()
+        };
+        let Estimate { pose, camera, .. } = &found.estimate;
+        // Less than the polish needs to have settled, pixels.
+        assert!(found.moved_px < 0.1, "{max_baseline_m}: {}", found.moved_px);
+        assert!(pose.translation.vector.norm() < max_baseline_m + 1e-12, "{pose}");
+        assert!(information(camera, pose) > information(&observations.camera, &start), "{max_baseline_m}");
+    }
 }
