@@ -19,6 +19,7 @@ from semcal_cli.config import (
     RefinementConfig,
     SensitivityConfig,
 )
+from semcal_cli.drive import observations
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.loading import LoadedDrive, load
@@ -97,8 +98,8 @@ def test_few_frames_are_the_same_of_both_cues(
     assert few.frame_indices.tolist() == [0, 1, 2, 0, 1, 2]
     searched = list[Observations]()
 
-    def stop(observations: Observations, *_: object) -> None:
-        searched.append(observations)
+    def stop(few: Observations, *_: object) -> None:
+        searched.append(few)
         raise KeyboardInterrupt
 
     monkeypatch.setattr(search, "register", stop)
@@ -116,6 +117,18 @@ def test_scenes_are_told_by_frame(drives: dict[int, Path]) -> None:
     assert {*found.num_alike.tolist()} == {1.0, 2.0}
     # Both cues share what frames share: a second one is no more independent than a second frame.
     assert found.num_scenes == 6
+
+
+def test_frames_are_compared_once(drives: dict[int, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are chosen, moved, or seen by another camera, scenes stay."""
+    data = loaded(drives, (("labels", "intensity"), 8)).of_frames([3, 1, 3])
+    monkeypatch.setattr(observations, "alike_frames", None)
+    seen = data.observations
+    farther = [cloud.with_points(cloud.points + np.float32(1.0)) for cloud in seen.clouds]
+    moved = replace(seen.with_clouds(farther), camera=seen.camera.zoomed(1.1))
+    for each in (seen, moved, data.of_cue("intensity"), data.unrolled(np.eye(4)).observations):
+        assert each.scenes == [0, 1, 0]
+    assert moved.of_frames([1, 2, 0]).scenes == [0, 1, 1]
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)

@@ -115,7 +115,7 @@ def load(
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    observations = load_cues(used, config.cues, sweeps, is_raw=config.is_raw)
+    observations = load_cues(used, config.cues, sweeps, is_raw=config.is_raw).with_scenes
     data = _without_copies(LoadedDrive(used, observations, config.cues, config.max_frames))
     note, details = _describe(data, len(whole.frames)), _details(data)
     on_event(StageDone("load", perf_counter() - start, note, details=details))

@@ -119,6 +119,9 @@ class Observations:
     """Whether points count by their classes although they have segments."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among other classes, and got the class around them."""
+    known_scenes: Sequence[int] | None = None
+    """Number of the scene that each frame shows, which stays where clouds are moved and frames are chosen; None if
+    frames were not compared yet."""
 
     @property
     def num_frames(self) -> int:
@@ -164,7 +167,8 @@ class Observations:
         """Observations of some of the frames only, by each cue."""
         kept = list(indices)
         of_cues = (self.frame_observations[self.span_of_cue(cue)] for cue in range(self.num_cues))
-        return self._with(of_cue[index] for of_cue in of_cues for index in kept)
+        known = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
+        return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=known)
 
     def of_cue(self, cue: int) -> Observations:
         """Observations of all frames by one cue, numbered from 0."""
@@ -177,7 +181,7 @@ class Observations:
         return slice(cue * self.num_frames, (cue + 1) * self.num_frames)
 
     def with_clouds(self, clouds: Iterable[LabelledCloud]) -> Observations:
-        """Copy with another cloud in each of `frame_observations`."""
+        """Copy with another cloud of the same scene in each of `frame_observations`."""
         pairs = zip(self.frame_observations, clouds, strict=True)
         return self._with(replace(observed, cloud=cloud) for observed, cloud in pairs)
 
@@ -192,7 +196,14 @@ class Observations:
     @cached_property
     def scenes(self) -> Sequence[int]:
         """For each frame the index of the first one that shows the same scene."""
+        if self.known_scenes is not None:
+            return [self.known_scenes.index(scene) for scene in self.known_scenes]
         return alike_frames([cloud.points for cloud in self.of_cue(0).clouds])
+
+    @property
+    def with_scenes(self) -> Observations:
+        """The same with scenes that are known, so that no copy compares frames again."""
+        return self if self.known_scenes is not None else replace(self, known_scenes=self.scenes)
 
     @cached_property
     def core(self) -> _core.Observations:
