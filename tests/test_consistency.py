@@ -79,8 +79,9 @@ def test_wrong_intrinsics_are_named(
 
 
 def with_twists(observations: Observations, twists_per_s: list[list[float]]) -> Observations:
-    pairs = zip(observations.frames, twists_per_s, strict=True)
-    return replace(observations, frames=tuple(replace(frame, twist_per_s=twist) for frame, twist in pairs))
+    pairs = zip(observations.frame_observations, twists_per_s, strict=True)
+    moving = tuple(replace(frame, twist_per_s=twist) for frame, twist in pairs)
+    return replace(observations, frame_observations=moving)
 
 
 @pytest.mark.parametrize("delay_s", [-0.1, -0.01, 0.0, 0.01, 0.1])

@@ -21,7 +21,7 @@ def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
     camera = core_camera(observations.camera)
     width, height = observations.camera.width, observations.camera.height
     num_visible = 0
-    for frame in observations.frames:
+    for frame in observations.frame_observations:
         points, classes, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
         projected = _core.project_points(camera, points, street_truth)
         keep = ~np.isnan(projected.ranges) & ~projected.is_hidden & (classes != 255)

@@ -159,8 +159,8 @@ def test_an_offset_adds_to_that_of_the_drive(moving: LoadedDrive) -> None:
 
 def test_one_speed_straight_on_tells_no_offset(moving: LoadedDrive) -> None:
     steady = (12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frames)
-    observations = replace(moving.observations, frames=frames)
+    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frame_observations)
+    observations = replace(moving.observations, frame_observations=frames)
     truth = np.array(moving.drive.T_camera_lidar)
     found = estimate_jointly(observations, truth, JointlyConfig(with_delay=True), PolishConfig())
     assert found.clock is not None
@@ -232,8 +232,8 @@ def test_a_drive_states_how_well_its_camera_is_known(observed: Observations) -> 
 
 def test_at_one_speed_the_place_along_the_motion_is_open(moving: LoadedDrive) -> None:
     steady = (12.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frames)
-    data = replace(moving, observations=replace(moving.observations, frames=frames))
+    frames = tuple(replace(frame, twist_per_s=steady) for frame in moving.observations.frame_observations)
+    data = replace(moving, observations=replace(moving.observations, frame_observations=frames))
     stages = assessed(data, np.array(moving.drive.T_camera_lidar), JointlyConfig(with_delay=True))
     # A tenth of a second, which is what is known of the clock, at 12 m/s.
     assert half_widths(stages)[:3].max() == pytest.approx(1.96 * 1.2, rel=0.05)
@@ -300,8 +300,8 @@ def test_the_drive_says_what_is_estimated_from(street: Path) -> None:
 
 
 def test_a_parked_rig_tells_intrinsics_and_no_clock(observed: Observations, truth: Pose) -> None:
-    frames = tuple(replace(frame, twist_per_s=(0.0,) * 6) for frame in observed.frames)
-    wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 0.0), frames=frames)
+    frames = tuple(replace(frame, twist_per_s=(0.0,) * 6) for frame in observed.frame_observations)
+    wrong = replace(observed, camera=spoiled(observed.camera, 0.03, 0.0), frame_observations=frames)
     found = estimate_jointly(wrong, truth, JointlyConfig(("fx", "fy"), with_delay=True), PolishConfig())
     assert found.is_kept
     assert found.camera is not None

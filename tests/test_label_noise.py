@@ -93,7 +93,7 @@ def test_ragged_things_grow_or_shrink_by_so_much(grow_px: int) -> None:
             model="plumb_bob", width=30, height=20, K=((9.0, 0.0, 15.0), (0.0, 9.0, 10.0), (0.0, 0.0, 1.0))
         ),
         lidar=None,
-        frames=(FrameObservation(cloud, LabelledImage(image)),),
+        frame_observations=(FrameObservation(cloud, LabelledImage(image)),),
         point_class_names=("road", "car"),
         image_class_names=("road", "car"),
     )

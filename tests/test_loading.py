@@ -37,5 +37,5 @@ def test_frames_of_every_cue_are_chosen_alike(street: Path) -> None:
     data = load(street, CalibrationConfig(cues=("labels", "intensity")))
     few, whole = data.of_frames(CHOSEN), data.observations
     places = [*CHOSEN, *(len(data.drive.frames) + index for index in CHOSEN)]
-    assert few.observations.frames == tuple(whole.frames[place] for place in places)
-    assert few.first_cue.frames == tuple(whole.frames[place] for place in CHOSEN)
+    assert few.observations.frame_observations == tuple(whole.frame_observations[place] for place in places)
+    assert few.first_cue.frame_observations == tuple(whole.frame_observations[place] for place in CHOSEN)

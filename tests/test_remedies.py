@@ -173,7 +173,8 @@ def test_an_estimate_that_fails_leaves_the_advice(
 def test_clocks_of_frames_without_a_motion(street_observations: Observations, street_truth: Pose) -> None:
     """A drive may state the motion of some of its frames only."""
     few = with_twists(street_observations.of_frames([0]), [[1.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
-    some = replace(street_observations, frames=(*few.frames, *street_observations.frames[1:]))
+    others = street_observations.frame_observations[1:]
+    some = replace(street_observations, frame_observations=(*few.frame_observations, *others))
     (clocks,) = advise((CLOCKS,), some, street_truth, PolishConfig())
     assert clocks.advice == "check the clocks, or calibrate more frames with --estimate-delay"
 

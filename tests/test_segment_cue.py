@@ -183,7 +183,9 @@ def test_pictures_of_unsure_labels_are_exchanged_as_sure_as_their_own(
 
 
 def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:
-    light = replace(seen, frames=tuple(replace(frame, weight=0.5) for frame in seen.frames))
+    light = replace(
+        seen, frame_observations=tuple(replace(each, weight=0.5) for each in seen.frame_observations)
+    )
     full, half = (segment_information(each, street_truth) for each in (seen, light))
     assert half.weights.sum() == pytest.approx(0.5 * full.weights.sum(), rel=1e-5)
     # Pairs that weigh little count as a tenth of a point.

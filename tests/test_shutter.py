@@ -97,7 +97,9 @@ def test_a_pole_that_is_passed_leans_by_speed_times_time(direction: ReadoutDirec
 
 def test_without_a_rolling_shutter_or_a_motion_nothing_is_moved() -> None:
     observations = pole("down")
-    still = replace(observations, frames=(replace(observations.frames[0], twist_per_s=None),))
+    still = replace(
+        observations, frame_observations=(replace(observations.frame_observations[0], twist_per_s=None),)
+    )
     at_once = replace(observations, camera=observations.camera.model_copy(update={"readout_s": 0.0}))
     for each in (still, at_once):
         assert unrolled(each, np.eye(4)) is each

@@ -60,7 +60,7 @@ def test_the_cost_is_the_distance_to_the_pixels_of_the_class(
     )
     names = [name for name in seen.point_class_names if name in seen.image_class_names]
     found: dict[str, list[float]] = {}
-    for frame in seen.frames:
+    for frame in seen.frame_observations:
         points, ids, image = frame.cloud.points, frame.cloud.classes, frame.image.classes
         pixels = _core.project_points(core_camera(seen.camera), points, street_truth).pixels
         for name in names:

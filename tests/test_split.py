@@ -136,9 +136,9 @@ def test_parts_are_of_the_frames_of_the_calibration(
     whole = read_calibration(results[1] / "c.yaml")
     data = load(knocked_drive)
     parts = split(data, whole)
-    assert [len(part.drive.frames) for part in parts] == [len(part.observations.frames) for part in parts]
-    frames = [frame for part in parts for frame in part.observations.frames]
-    assert all(one is other for one, other in zip(frames, data.observations.frames, strict=True))
+    assert [len(part.drive.frames) for part in parts] == [part.observations.num_frames for part in parts]
+    frames = [frame for part in parts for frame in part.observations.frame_observations]
+    assert all(one is other for one, other in zip(frames, data.observations.frame_observations, strict=True))
     few: LoadedDrive = data.of_frames(range(6))
     with pytest.raises(InputError, match="found a calibration of 8 other frames, needed one of the 6 loaded"):
         split(few, whole)

@@ -123,7 +123,7 @@ def test_poses_say_the_twist_of_each_frame_and_it_is_level(tmp_path: Path, tilt_
     drive = made(config, tmp_path)
     for offset_s in (-0.3, 0.0, 0.3):
         observations = read_observations(drive.model_copy(update={"time_offset_s": offset_s}))
-        twists = [frame.twist_per_s for frame in observations.frames]
+        twists = [frame.twist_per_s for frame in observations.frame_observations]
         np.testing.assert_allclose(twists, [lidar_twist(config, i) for i in range(4)], atol=EXACT)
     for cloud, twist in zip(observations.clouds, twists, strict=True):
         up = _core.estimate_up([cloud.points])

@@ -21,7 +21,7 @@ from semcal_cli.geometry.poses import Pose
 class SegmentInformation:
     """Information of segments and pixels at a pose."""
 
-    frames: npt.NDArray[np.int64]
+    frames: npt.NDArray[np.intp]
     """(parts,) frame of each square of the pictures."""
     sums: npt.NDArray[np.float64]
     """(parts,) sum over the visible points of each square."""
@@ -67,7 +67,7 @@ def segment_information(observations: Observations, T_camera_lidar: Pose) -> Seg
     parts = _core.segment_information(observations.core, T_camera_lidar, EDGE_BAND_PX)
     squares, sums, weights = zip(*parts, strict=True) if parts else ((), (), ())
     return SegmentInformation(
-        np.array([frame for frame, _, _ in squares], np.int64),
+        observations.frame_indices[[observed for observed, _, _ in squares]],
         np.array(sums, np.float64),
         np.array(weights, np.float64),
         observations.num_frames,

@@ -39,7 +39,7 @@ class Sensitivity:
     num_alike: npt.NDArray[np.float64]
     """(parts,) number of frames that show the scene of the part: their scores repeat one another."""
     num_scenes: int
-    """Number of frames that show different scenes."""
+    """Number of frames that show different scenes, by each cue: cues share errors as frames do."""
 
     @property
     def of_pose(self) -> Sensitivity:
@@ -100,7 +100,8 @@ def sensitivity(
         T_camera_lidar: (4, 4), metres.
         config: Settings.
         intrinsics: Variables after the pose, as `_core.maximise` names them.
-        twists_per_s: Twist (6,) of the LiDAR in each frame, if the offset of the clock is a variable, too.
+        twists_per_s: Twist (6,) of the LiDAR in each of `frame_observations`, if the offset of the clock is a variable,
+            too.
 
     Returns:
         The sensitivity; None if no variable changes the mutual information.
@@ -108,9 +109,10 @@ def sensitivity(
     found = _core.sensitivity(observations.core, T_camera_lidar, config, intrinsics, twists_per_s)
     if found is None:
         return None
-    scenes, frames = np.array(observations.scenes), found.parts[:, 0]
+    scenes, frames = np.array(observations.scenes), observations.frame_indices[found.parts[:, 0]]
     num_alike = np.bincount(scenes, minlength=len(scenes))[scenes[frames]].astype(np.float64)
-    return Sensitivity(found.curvature, found.scores, found.motions, num_alike, len(set(observations.scenes)))
+    num_scenes = observations.num_cues * len(set(observations.scenes))
+    return Sensitivity(found.curvature, found.scores, found.motions, num_alike, num_scenes)
 
 
 def determined_sensitivity(

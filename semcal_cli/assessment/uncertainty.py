@@ -24,7 +24,7 @@ from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -113,7 +113,7 @@ def label_bleed(
     Returns:
         The movement of the camera; None if one of the two polishes does not settle.
     """
-    few = observations.of_frames(evenly_spaced(range(observations.num_frames), BLEED_FRAMES))
+    few = few_frames(observations, BLEED_FRAMES)
     as_they_are = newton(few, T_camera_lidar, config)
     labels = bled([image.classes for image in few.images])
     bleeding = few.with_images(

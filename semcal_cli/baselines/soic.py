@@ -100,9 +100,9 @@ class Soic:
 
     def _parts(self, frame: int) -> Iterator[tuple[int, npt.NDArray[np.float32], npt.NDArray[np.float32]]]:
         """Give the number, the points and the distance field of each shared class in a frame."""
-        cloud = self.observations.frames[frame].cloud
+        cloud = self.observations.clouds[frame]
         points, classes = cloud.points, cloud.classes
-        image, block = self.observations.frames[frame].image.classes, self.config.block_px
+        image, block = self.observations.images[frame].classes, self.config.block_px
         height, width = (max(side // block, 1) for side in image.shape)
         for number, (of_points, of_pixels) in enumerate(self.classes):
             chosen = points[classes == of_points]
@@ -135,7 +135,7 @@ class Soic:
 
     def _point_sums(self, frame: int, num_bins: int) -> npt.NDArray[np.float64]:
         """Sum x, y, z and 1 over the points of each class in each bin of azimuth, (classes, bins, 4)."""
-        cloud = self.observations.frames[frame].cloud
+        cloud = self.observations.clouds[frame]
         points, classes = cloud.points, cloud.classes
         turns = np.arctan2(points[:, 1], points[:, 0]) / (2.0 * math.pi)
         bins = np.rint(turns * num_bins).astype(int) % num_bins
@@ -149,7 +149,7 @@ class Soic:
 
     def _pixel_sums(self, frame: int) -> npt.NDArray[np.float64]:
         """Sum u, v and 1 over the pixels of each class, (classes, 3)."""
-        image = self.observations.frames[frame].image.classes
+        image = self.observations.images[frame].classes
         moments = [cv2.moments((image == of_pixels).view(np.uint8), True) for _, of_pixels in self.classes]
         return np.array([[found["m10"], found["m01"], found["m00"]] for found in moments])
 

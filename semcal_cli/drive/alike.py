@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from semcal_cli.threads import thread_pool
+
 CELL_DEG = 2.0
 """Side of a cell of directions whose nearest point is compared, in degrees."""
 MAX_POINTS = 30_000
@@ -30,24 +32,30 @@ def alike_frames(clouds: Sequence[npt.NDArray[np.float32]]) -> list[int]:
     Returns:
         For each frame the index of the first frame that shows the same scene, directly or by way of others.
     """
-    ranges = [_nearest_ranges(points) for points in clouds]
     first = list(range(len(clouds)))
-    for later in range(len(clouds)):
-        for earlier in range(later):
-            if first[earlier] != first[later] and _share_alike(ranges[earlier], ranges[later]) >= MIN_ALIKE:
-                joined, kept = sorted((first[earlier], first[later]), reverse=True)
-                first = [kept if each == joined else each for each in first]
+    if len(clouds) < 2:
+        return first
+    for later, earlier in np.argwhere(np.tril(shares_alike(clouds) >= MIN_ALIKE, -1)).tolist():
+        joined, kept = sorted((first[earlier], first[later]), reverse=True)
+        first = [kept if each == joined else each for each in first]
     return first
 
 
 def shares_alike(clouds: Sequence[npt.NDArray[np.float32]]) -> npt.NDArray[np.float64]:
-    """Share of directions with the same range in two frames, (F, F).
+    """Share of the directions seen in either of two frames that have the same range in both, (F, F).
 
     Args:
         clouds: (N, 3) points of each frame, metres, LiDAR frame.
     """
-    ranges = [_nearest_ranges(points) for points in clouds]
-    return np.array([[_share_alike(a, b) for b in ranges] for a in ranges])
+    shares = np.zeros((len(clouds), len(clouds)))
+    with thread_pool() as pool:
+        ranges = np.array(list(pool.map(_nearest_ranges, clouds)))
+        # Most directions are seen in no frame: a LiDAR looks neither up nor down.
+        ranges = ranges[:, np.isfinite(ranges).any(axis=0)]
+        rows = pool.map(lambda frame: _shares_alike(ranges[: frame + 1], ranges[frame]), range(len(clouds)))
+        for frame, row in enumerate(rows):
+            shares[frame, : frame + 1] = shares[: frame + 1, frame] = row
+    return shares
 
 
 def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]) -> list[int]:
@@ -70,21 +78,21 @@ def copied_frames(scenes: Sequence[int], images: Sequence[npt.NDArray[np.uint8]]
 
 def _nearest_ranges(points: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Range of the nearest point in each cell of directions, metres; infinite where there is none."""
-    x, y, z = points[:: max(len(points) // MAX_POINTS, 1)].T
+    x, y, z = np.ascontiguousarray(points[:: max(len(points) // MAX_POINTS, 1)].T)
     flat = np.hypot(x, y)
     columns, rows = round(360.0 / CELL_DEG), round(180.0 / CELL_DEG)
-    column = np.floor(np.arctan2(y, x) * (columns / (2.0 * np.pi))).astype(np.int64) % columns
-    row = np.clip((np.arctan2(z, flat) / np.pi + 0.5) * rows, 0, rows - 1).astype(np.int64)
+    column = np.floor(np.arctan2(y, x) * (columns / (2.0 * np.pi))).astype(np.int32) % columns
+    row = np.clip((np.arctan2(z, flat) / np.pi + 0.5) * rows, 0, rows - 1).astype(np.int32)
     nearest = np.full(rows * columns, np.inf, np.float32)
     np.minimum.at(nearest, row * columns + column, np.hypot(flat, z))
     return nearest
 
 
-def _share_alike(a: npt.NDArray[np.float32], b: npt.NDArray[np.float32]) -> float:
-    """Share of the directions seen in either frame that have the same range in both."""
-    nearer = np.minimum(a, b)
-    with np.errstate(
-        invalid="ignore"
-    ):  # The difference of two infinite ranges is no number, and below nothing.
-        is_same = np.abs(a - b) < SAME_RANGE_M + SAME_RANGE * nearer
-    return int(is_same.sum()) / max(int(np.isfinite(nearer).sum()), 1)
+def _shares_alike(others: npt.NDArray[np.float32], own: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
+    """Share of the directions seen in either of two frames, others (F, C) and one (C,), with the same range in both."""
+    nearer = np.minimum(others, own)
+    # The difference of two infinite ranges is no number, and below nothing.
+    with np.errstate(invalid="ignore"):
+        is_same = np.abs(others - own) < SAME_RANGE_M + SAME_RANGE * nearer
+    num_seen = np.count_nonzero(np.isfinite(nearer), axis=1)
+    return np.asarray(np.count_nonzero(is_same, axis=1) / np.maximum(num_seen, 1))

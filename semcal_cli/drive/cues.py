@@ -93,9 +93,9 @@ def _load(drive: Drive, cue: Cue, sweeps: Sweeps, is_raw: bool) -> Observations:
 def summed(first: Observations, second: Observations) -> Observations:
     """Add another cue of the same frames, so that their mutual information adds up.
 
-    Each frame occurs once more, with the classes of the other cue, and the cues share no class. So the joint histogram
-    has a block for each cue, and its mutual information is the mean of theirs plus a constant (chain rule: the block of
-    a pair determines its possible classes on both sides).
+    Each frame is observed once more, in the classes of the other cue, and the cues share no class. So the joint
+    histogram has a block for each cue, and its mutual information is the mean of theirs plus a constant (chain rule:
+    the block of a pair determines its possible classes on both sides).
 
     Raises:
         CalibrationError: the cues have too many classes for one histogram.
@@ -103,10 +103,10 @@ def summed(first: Observations, second: Observations) -> Observations:
     num_point, num_image = len(first.point_class_names), len(first.image_class_names)
     if max(num_point + len(second.point_class_names), num_image + len(second.image_class_names)) > NO_CLASS:
         raise CalibrationError(f"found more classes than {NO_CLASS} with those of all cues, needed fewer")
-    shifted = [_shifted(frame, num_point, num_image) for frame in second.frames]
+    shifted = [_shifted(observed, num_point, num_image) for observed in second.frame_observations]
     return replace(
         first,
-        frames=(*first.frames, *shifted),
+        frame_observations=(*first.frame_observations, *shifted),
         num_cues=first.num_cues + second.num_cues,
         point_class_names=[*first.point_class_names, *second.point_class_names],
         image_class_names=[*first.image_class_names, *second.image_class_names],
@@ -114,12 +114,13 @@ def summed(first: Observations, second: Observations) -> Observations:
 
 
 def _weighed(observations: Observations, weight: float) -> Observations:
-    return replace(observations, frames=tuple(replace(each, weight=weight) for each in observations.frames))
+    weighed = tuple(replace(each, weight=weight) for each in observations.frame_observations)
+    return replace(observations, frame_observations=weighed)
 
 
-def _shifted(frame: FrameObservation, by_point: int, by_image: int) -> FrameObservation:
+def _shifted(observed: FrameObservation, by_point: int, by_image: int) -> FrameObservation:
     """Move the classes of a frame's points and pixels behind those of another cue."""
-    cloud, image = frame.cloud, frame.image
+    cloud, image = observed.cloud, observed.image
     of_points, of_pixels = _table(by_point), _table(by_image)
     shifted_cloud = replace(
         cloud, classes=of_points[cloud.classes], shares=cloud.shares and cloud.shares.renamed(of_points)
@@ -127,7 +128,7 @@ def _shifted(frame: FrameObservation, by_point: int, by_image: int) -> FrameObse
     shifted_image = replace(
         image, classes=of_pixels[image.classes], shares=image.shares and image.shares.renamed(of_pixels)
     )
-    return replace(frame, cloud=shifted_cloud, image=shifted_image)
+    return replace(observed, cloud=shifted_cloud, image=shifted_image)
 
 
 def _table(by: int) -> Classes:

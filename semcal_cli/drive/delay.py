@@ -11,8 +11,8 @@ from semcal_cli.drive.observations import LabelledCloud, Observations
 
 
 def twists_per_s(observations: Observations) -> list[Sequence[float]] | None:
-    """List the twist of the LiDAR in each frame, (6,); None if a frame has none."""
-    twists = [frame.twist_per_s for frame in observations.frames]
+    """List the twist of the LiDAR in each of `frame_observations`, (6,); None if a frame has none."""
+    twists = [observed.twist_per_s for observed in observations.frame_observations]
     return [twist for twist in twists if twist is not None] if None not in twists else None
 
 

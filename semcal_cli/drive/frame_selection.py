@@ -27,12 +27,10 @@ def evenly_spaced(items: Sequence[Item], count: int) -> list[Item]:
 
 
 def few_frames(observations: Observations, count: int) -> Observations:
-    """Keep at most `count` evenly spaced frames, of every cue."""
-    num_frames = observations.num_frames // observations.num_cues
-    kept = evenly_spaced(range(num_frames), count)
-    return observations.of_frames(
-        cue * num_frames + frame for cue in range(observations.num_cues) for frame in kept
-    )
+    """Keep at most `count` evenly spaced frames."""
+    if observations.num_frames <= count:
+        return observations
+    return observations.of_frames(evenly_spaced(range(observations.num_frames), count))
 
 
 def select_frames(drive: Drive, max_frames: int) -> Drive:

@@ -27,7 +27,7 @@ class LoadedDrive:
     drive: Drive
     """Document of the drive, with the used frames."""
     observations: Observations
-    """Points and pixels; with several cues, the frames of each cue follow one another."""
+    """Points and pixels of these frames, by each cue."""
     cues: tuple[Cue, ...] = LABELS
     max_frames: int = MAX_FRAMES
     """Largest number of frames that were asked for."""
@@ -36,11 +36,9 @@ class LoadedDrive:
 
     def of_frames(self, indices: Sequence[int]) -> LoadedDrive:
         """Take some of the frames, of both the document and the observations."""
-        num_frames = len(self.drive.frames)
         frames = tuple(self.drive.frames[index] for index in indices)
-        all_cues = [cue * num_frames + index for cue in range(len(self.cues)) for index in indices]
         drive = self.drive.model_copy(update={"frames": frames})
-        return replace(self, drive=drive, observations=self.observations.of_frames(all_cues), num_copies=0)
+        return replace(self, drive=drive, observations=self.observations.of_frames(indices), num_copies=0)
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
         """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.shutter`."""
@@ -92,11 +90,7 @@ class LoadedDrive:
 
     def of_cue(self, cue: Cue) -> Observations:
         """Observations of one of the cues by which the drive was loaded."""
-        if self.cues == (cue,):
-            return self.observations
-        num_frames = len(self.drive.frames)
-        first = self.cues.index(cue) * num_frames
-        return replace(self.observations.of_frames(range(first, first + num_frames)), num_cues=1)
+        return self.observations.of_cue(self.cues.index(cue))
 
 
 def load(
@@ -121,7 +115,7 @@ def load(
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    observations = load_cues(used, config.cues, sweeps, is_raw=config.is_raw)
+    observations = load_cues(used, config.cues, sweeps, is_raw=config.is_raw).with_scenes
     data = _without_copies(LoadedDrive(used, observations, config.cues, config.max_frames))
     note, details = _describe(data, len(whole.frames)), _details(data)
     on_event(StageDone("load", perf_counter() - start, note, details=details))

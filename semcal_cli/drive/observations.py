@@ -1,5 +1,8 @@
 """The labelled points and label images of all frames, with dense classes.
 
+A frame is a sweep and the picture taken with it. Each cue observes it in its own classes, in a `FrameObservation`. The
+Rust core knows these alone, and calls each of them a frame.
+
 The arrays of a frame are copied to the Rust core once, at their first use. Observations of some of the frames, or with
 other cameras or labels, share the unchanged arrays, here and in the core. No code may write to an array.
 """
@@ -21,7 +24,7 @@ from semcal_cli.drive.document import Camera, Lidar
 
 @dataclass(frozen=True, eq=False)
 class LabelledCloud:
-    """The points of one frame, with their classes."""
+    """The points of one frame, with their classes by one cue."""
 
     points: npt.NDArray[np.float32]
     """(N, 3) metres, LiDAR frame, at the moment of the image if the motion is known: of its middle line, or see
@@ -59,7 +62,7 @@ class LabelledCloud:
 
 @dataclass(frozen=True, eq=False)
 class LabelledImage:
-    """The pixels of one frame, with their classes."""
+    """The pixels of one frame, with their classes by one cue."""
 
     classes: npt.NDArray[np.uint8]
     """(H, W) an index into `Observations.image_class_names`, or `NO_CLASS`."""
@@ -84,7 +87,7 @@ class LabelledImage:
 
 @dataclass(frozen=True, eq=False)
 class FrameObservation:
-    """A sweep and the image taken with it."""
+    """A frame as one cue observes it: a sweep and the image taken with it."""
 
     cloud: LabelledCloud
     image: LabelledImage
@@ -97,48 +100,58 @@ class FrameObservation:
 
 @dataclass(frozen=True)
 class Observations:
-    """Points and label images of all frames, with the names of their classes and the camera."""
+    """Points and label images of all frames by each cue, with the names of their classes and the camera."""
 
     camera: Camera
     lidar: Lidar | None
-    frames: tuple[FrameObservation, ...]
+    frame_observations: tuple[FrameObservation, ...]
+    """Every frame by the first cue, then every frame by the next one: the order of `clouds` and `images`, and of all
+    that the core says of frames."""
     point_class_names: Sequence[str]
     image_class_names: Sequence[str]
     motion_error_px: float | None = None
     """Displacement of half of the points at most by the rig's motion in a sweep: see `motion.motion_error_px`."""
     num_cues: int = 1
-    """Number of cues; the frames of each follow one another."""
+    """Number of cues, each of which observes every frame."""
     has_many_tops: bool = False
     """Whether the information has many tops near the right one, so that a pose is refined from several starts."""
     by_classes: bool = False
     """Whether points count by their classes although they have segments."""
     speckle: float = 0.0
     """Share of the pixels that were isolated among other classes, and got the class around them."""
+    known_scenes: Sequence[int] | None = None
+    """Number of the scene that each frame shows, which stays where clouds are moved and frames are chosen; None if
+    frames were not compared yet."""
 
     @property
     def num_frames(self) -> int:
-        """Number of pairs of sweep and image."""
-        return len(self.frames)
+        """Number of frames of the drive: pairs of sweep and image."""
+        return len(self.frame_observations) // self.num_cues
+
+    @property
+    def frame_indices(self) -> npt.NDArray[np.intp]:
+        """Index of the frame that each of `frame_observations` is of."""
+        return np.tile(np.arange(self.num_frames), self.num_cues)
 
     @property
     def clouds(self) -> list[LabelledCloud]:
-        """Clouds of all frames."""
-        return [frame.cloud for frame in self.frames]
+        """Clouds of all frames by each cue."""
+        return [observed.cloud for observed in self.frame_observations]
 
     @property
     def images(self) -> list[LabelledImage]:
-        """Label images of all frames."""
-        return [frame.image for frame in self.frames]
+        """Label images of all frames by each cue."""
+        return [observed.image for observed in self.frame_observations]
 
     @property
     def has_vectors(self) -> bool:
         """Whether points and pixels have features."""
-        return all(frame.cloud.vectors is not None for frame in self.frames)
+        return all(cloud.vectors is not None for cloud in self.clouds)
 
     @property
     def has_segments(self) -> bool:
         """Whether poses are refined by segments of points instead of by their classes."""
-        return not self.by_classes and any(frame.cloud.partitions is not None for frame in self.frames)
+        return not self.by_classes and any(cloud.partitions is not None for cloud in self.clouds)
 
     @property
     def unit(self) -> str:
@@ -151,25 +164,46 @@ class Observations:
         return replace(self, by_classes=True) if self.has_segments else self
 
     def of_frames(self, indices: Iterable[int]) -> Observations:
-        """Observations of some of the frames only."""
-        return replace(self, frames=tuple(self.frames[index] for index in indices))
+        """Observations of some of the frames only, by each cue."""
+        kept = list(indices)
+        of_cues = (self.frame_observations[self.span_of_cue(cue)] for cue in range(self.num_cues))
+        known = None if self.known_scenes is None else [self.known_scenes[index] for index in kept]
+        return replace(self._with(of_cue[index] for of_cue in of_cues for index in kept), known_scenes=known)
+
+    def of_cue(self, cue: int) -> Observations:
+        """Observations of all frames by one cue, numbered from 0."""
+        if self.num_cues == 1:
+            return self
+        return replace(self._with(self.frame_observations[self.span_of_cue(cue)]), num_cues=1)
+
+    def span_of_cue(self, cue: int) -> slice:
+        """Where the observations by a cue, numbered from 0, stand among `frame_observations`."""
+        return slice(cue * self.num_frames, (cue + 1) * self.num_frames)
 
     def with_clouds(self, clouds: Iterable[LabelledCloud]) -> Observations:
-        """Copy with another cloud in each frame."""
-        pairs = zip(self.frames, clouds, strict=True)
-        return replace(self, frames=tuple(replace(frame, cloud=cloud) for frame, cloud in pairs))
+        """Copy with another cloud of the same scene in each of `frame_observations`."""
+        pairs = zip(self.frame_observations, clouds, strict=True)
+        return self._with(replace(observed, cloud=cloud) for observed, cloud in pairs)
 
     def with_images(self, images: Iterable[LabelledImage]) -> Observations:
-        """Copy with another label image in each frame."""
-        pairs = zip(self.frames, images, strict=True)
-        return replace(self, frames=tuple(replace(frame, image=image) for frame, image in pairs))
+        """Copy with another label image in each of `frame_observations`."""
+        pairs = zip(self.frame_observations, images, strict=True)
+        return self._with(replace(observed, image=image) for observed, image in pairs)
+
+    def _with(self, frame_observations: Iterable[FrameObservation]) -> Observations:
+        return replace(self, frame_observations=tuple(frame_observations))
 
     @cached_property
     def scenes(self) -> Sequence[int]:
-        """For each frame the index of the first one of the same cue that shows the same scene."""
-        num_frames = self.num_frames // self.num_cues
-        scenes = alike_frames([cloud.points for cloud in self.clouds[:num_frames]])
-        return [cue * num_frames + scene for cue in range(self.num_cues) for scene in scenes]
+        """For each frame the index of the first one that shows the same scene."""
+        if self.known_scenes is not None:
+            return [self.known_scenes.index(scene) for scene in self.known_scenes]
+        return alike_frames([cloud.points for cloud in self.of_cue(0).clouds])
+
+    @property
+    def with_scenes(self) -> Observations:
+        """The same with scenes that are known, so that no copy compares frames again."""
+        return self if self.known_scenes is not None else replace(self, known_scenes=self.scenes)
 
     @cached_property
     def core(self) -> _core.Observations:
@@ -180,7 +214,7 @@ class Observations:
         """
         return _core.Observations(
             core_camera(self.camera),
-            [(frame.cloud.core, frame.image.core, frame.weight) for frame in self.frames],
+            [(each.cloud.core, each.image.core, each.weight) for each in self.frame_observations],
             len(self.point_class_names),
             len(self.image_class_names),
             self.by_classes,

@@ -87,7 +87,7 @@ def make_observations(
     return Observations(
         camera=drive.camera,
         lidar=drive.lidar,
-        frames=frames,
+        frame_observations=frames,
         point_class_names=names[0],
         image_class_names=names[1],
         motion_error_px=motion_error_px(drive, clouds),

@@ -25,8 +25,8 @@ MEAN_SHARE = 0.25
 
 def can_be_unrolled(observations: Observations) -> bool:
     """Whether points can be moved line by line: the shutter rolls, and the motion in each frame is known."""
-    frames = observations.frames
-    return observations.camera.readout_s > 0.0 and all(frame.twist_per_s is not None for frame in frames)
+    is_known = all(observed.twist_per_s is not None for observed in observations.frame_observations)
+    return observations.camera.readout_s > 0.0 and is_known
 
 
 def unrolled(observations: Observations, T_camera_lidar: Pose) -> Observations:
@@ -42,13 +42,13 @@ def unrolled(observations: Observations, T_camera_lidar: Pose) -> Observations:
         return observations
     camera = observations.camera
     return observations.with_clouds(
-        _unrolled_cloud(frame, camera, T_camera_lidar) for frame in observations.frames
+        _unrolled_cloud(observed, camera, T_camera_lidar) for observed in observations.frame_observations
     )
 
 
 def points_at(observations: Observations, frame: int, T_camera_lidar: Pose) -> npt.NDArray[np.float32]:
     """Give the points (N, 3) of a frame as `unrolled` moves them at a pose (4, 4), metres."""
-    (cloud,) = unrolled(observations.of_frames([frame]), T_camera_lidar).clouds
+    (cloud,) = unrolled(observations.of_cue(0).of_frames([frame]), T_camera_lidar).clouds
     return cloud.points
 
 
@@ -59,8 +59,8 @@ def exposed_as(observations: Observations, others: Observations) -> Observations
         observations: Points and pictures.
         others: The same ones with times of lines, as another camera or another offset of the clock tells them.
     """
-    pairs = zip(observations.frames, others.clouds, strict=True)
-    return observations.with_clouds(_exposed_at(frame, other.exposed_s) for frame, other in pairs)
+    pairs = zip(observations.frame_observations, others.clouds, strict=True)
+    return observations.with_clouds(_exposed_at(observed, other.exposed_s) for observed, other in pairs)
 
 
 def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) -> float | None:
@@ -82,25 +82,25 @@ def shutter_error_px(drive: Drive, sweeps: Sequence[npt.NDArray[np.float32]]) ->
     return float(np.median(shifts)) * core_camera(drive.camera).pixels_per_radian
 
 
-def _unrolled_cloud(frame: FrameObservation, camera: Camera, T_camera_lidar: Pose) -> LabelledCloud:
-    assert frame.twist_per_s is not None
+def _unrolled_cloud(observed: FrameObservation, camera: Camera, T_camera_lidar: Pose) -> LabelledCloud:
+    assert observed.twist_per_s is not None
     points, exposed_s = _core.unroll(
         core_camera(camera),
         (camera.readout_s, camera.direction),
-        frame.cloud.points,
-        _seen_s(frame.cloud),
-        frame.twist_per_s,
+        observed.cloud.points,
+        _seen_s(observed.cloud),
+        observed.twist_per_s,
         T_camera_lidar,
     )
-    return replace(frame.cloud, points=points, exposed_s=exposed_s)
+    return replace(observed.cloud, points=points, exposed_s=exposed_s)
 
 
-def _exposed_at(frame: FrameObservation, exposed_s: npt.NDArray[np.float64] | None) -> LabelledCloud:
-    assert frame.twist_per_s is not None
+def _exposed_at(observed: FrameObservation, exposed_s: npt.NDArray[np.float64] | None) -> LabelledCloud:
+    assert observed.twist_per_s is not None
     assert exposed_s is not None
-    along = _core.Trajectory.constant(frame.twist_per_s, 0.0)
-    points = along.compensate(frame.cloud.points, _seen_s(frame.cloud) - exposed_s, 0.0)
-    return replace(frame.cloud, points=points, exposed_s=exposed_s)
+    along = _core.Trajectory.constant(observed.twist_per_s, 0.0)
+    points = along.compensate(observed.cloud.points, _seen_s(observed.cloud) - exposed_s, 0.0)
+    return replace(observed.cloud, points=points, exposed_s=exposed_s)
 
 
 def _seen_s(cloud: LabelledCloud) -> npt.NDArray[np.float64]:

@@ -84,12 +84,13 @@ def _wrong_focal_length(observations: Observations, scene: Scene, rng: np.random
 def _other_images(observations: Observations, scene: Scene, rng: np.random.Generator) -> Observations:
     """Replace the images by those of another drive, with classes matched by name."""
     other = scene.other()
+    some = other.of_frames(range(observations.num_frames))
     places = {name: place for place, name in enumerate(observations.image_class_names)}
     names = [*other.image_class_names, *["none"] * (256 - len(other.image_class_names))]
     table = np.array([places.get(name, 255) for name in names], np.uint8)
     return observations.with_images(
         own.with_classes(table[image.classes])
-        for own, image in zip(observations.images, other.images[: observations.num_frames], strict=True)
+        for own, image in zip(observations.images, some.images, strict=True)
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import CalibrationError
 from semcal_cli.geometry.pose_error import compare_poses
@@ -80,9 +80,7 @@ def initialize(
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points do not lie in the field of view of the drive's `lidar:` block.
     """
-    frames = evenly_spaced(range(observations.num_frames), config.max_frames)
-    if len(frames) < observations.num_frames:
-        observations = observations.of_frames(frames)
+    observations = few_frames(observations, config.max_frames)
     is_searched = T_given is None or config.search_deg is not None
     if is_searched:
         _check_classes(observations)

@@ -108,7 +108,7 @@ class FeaturePoints:
 
 def feature_vectors(observations: Observations) -> list[tuple[Vectors, Vectors]]:
     """List the features of points (N, C_x) and of blocks of pixels (H / s, W / s, C_y) of each frame that has them."""
-    pairs = ((frame.cloud.vectors, frame.image.vectors) for frame in observations.frames)
+    pairs = ((each.cloud.vectors, each.image.vectors) for each in observations.frame_observations)
     return [(points, pixels) for points, pixels in pairs if points is not None and pixels is not None]
 
 

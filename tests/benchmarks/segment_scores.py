@@ -63,7 +63,8 @@ class Profiles:
     def _plug_in(self, T_camera_lidar: Pose) -> tuple[float, float]:
         """Mutual information of segments and labels, and the entropy of the labels, nats."""
         joints = []
-        for frame, segments, seen in zip(self.observations.frames, self.segments, self.seen, strict=True):
+        observed = self.observations.frame_observations
+        for frame, segments, seen in zip(observed, self.segments, self.seen, strict=True):
             projected = _core.project_points(self.camera, frame.cloud.points[seen], T_camera_lidar)
             inside = np.isfinite(projected.ranges)
             columns, rows = np.round(projected.pixels[inside]).astype(int).T

@@ -119,7 +119,7 @@ def _observe(
     return Observations(
         camera=make_camera(config),
         lidar=None,
-        frames=(FrameObservation(cloud, LabelledImage(image_table(image_ids))),),
+        frame_observations=(FrameObservation(cloud, LabelledImage(image_table(image_ids))),),
         point_class_names=point_table.names,
         image_class_names=image_table.names,
     )

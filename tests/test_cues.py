@@ -1,0 +1,164 @@
+"""Two cues observe the same frames: what is taken or held out of a drive is taken or held out of both."""
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import SMALL_DRIVE
+
+from semcal_cli.assessment.joint import estimate_jointly
+from semcal_cli.assessment.sensitivity import sensitivity
+from semcal_cli.config import (
+    CalibrationConfig,
+    Cue,
+    InitializationConfig,
+    JointlyConfig,
+    PolishConfig,
+    RefinementConfig,
+    SensitivityConfig,
+)
+from semcal_cli.drive import observations
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.frame_selection import few_frames
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.observations import Observations
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.initialization import search
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
+from semcal_cli.refinement.polish import split
+from semcal_cli.synthetic.synthesis import synthesize
+
+PAIRS: tuple[tuple[Cue, Cue], ...] = (
+    ("labels", "segments"),
+    ("labels", "intensity"),
+    ("segments", "intensity"),
+)
+COUNTS = (5, 8)
+"""Numbers of frames: too few to hold out whole ones, and enough; no multiple of three."""
+WRONG_FOCAL = 1.08
+NEAR_FOCAL = 0.01
+"""Share by which a focal length may be off that was estimated from one that is 8 % too long."""
+NEAR_DEG, NEAR_M = 0.5, 0.05
+"""Errors that all of these calibrations stay within, with few points and small pictures."""
+
+Case = tuple[tuple[Cue, Cue], int]
+CASES: list[Case] = list(product(PAIRS, COUNTS))
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Path]:
+    """Drives by their numbers of frames; tests do not write to them."""
+    folder = tmp_path_factory.mktemp("cues")
+    for count in COUNTS:
+        synthesize(replace(SMALL_DRIVE, num_frames=count), folder / str(count))
+    return {count: folder / str(count) for count in COUNTS}
+
+
+def loaded(drives: dict[int, Path], case: Case) -> LoadedDrive:
+    cues, count = case
+    return load(drives[count], CalibrationConfig(cues=cues))
+
+
+def frames_of(part: Observations, whole: Observations, cue: int) -> list[int]:
+    """Frames of the whole that a part holds by one cue."""
+    of_whole = whole.of_cue(cue).frame_observations
+    return [of_whole.index(each) for each in part.of_cue(cue).frame_observations]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_both_cues_hold_out_the_same(drives: dict[int, Path], case: Case) -> None:
+    whole = loaded(drives, case).observations
+    assert (whole.num_frames, whole.num_cues) == (case[1], 2)
+    kept, held_out = split(whole, PolishConfig())
+    if case[1] == 8:
+        for part, frames in ((kept, [0, 1, 3, 4, 6, 7]), (held_out, [2, 5])):
+            assert [frames_of(part, whole, cue) for cue in (0, 1)] == [frames, frames]
+        return
+    assert (kept.num_frames, held_out.num_frames) == (5, 5)
+    places = [
+        np.any(
+            [each.images[frame + 5 * cue].classes != NO_CLASS for frame in range(5) for cue in (0, 1)], axis=0
+        )
+        for each in (kept, held_out)
+    ]
+    assert all(place.any() for place in places)
+    assert not np.logical_and(*places).any()
+
+
+def test_few_frames_are_the_same_of_both_cues(
+    drives: dict[int, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = loaded(drives, (("labels", "intensity"), 8)).observations
+    few = few_frames(whole, 3)
+    assert [frames_of(few, whole, cue) for cue in (0, 1)] == [[0, 4, 7], [0, 4, 7]]
+    assert few.frame_indices.tolist() == [0, 1, 2, 0, 1, 2]
+    searched = list[Observations]()
+
+    def stop(few: Observations, *_: object) -> None:
+        searched.append(few)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(search, "register", stop)
+    with pytest.raises(KeyboardInterrupt):
+        search.initialize(whole, InitializationConfig(max_frames=3), 0)
+    assert [frames_of(searched[0], whole, cue) for cue in (0, 1)] == [[0, 4, 7], [0, 4, 7]]
+
+
+def test_scenes_are_told_by_frame(drives: dict[int, Path]) -> None:
+    data = loaded(drives, (("labels", "intensity"), 8))
+    twice = data.of_frames([0, 1, 2, 1]).observations
+    assert twice.scenes == [0, 1, 2, 1]
+    found = sensitivity(twice, read_transform(drives[8]), SensitivityConfig())
+    assert found is not None
+    assert {*found.num_alike.tolist()} == {1.0, 2.0}
+    # Both cues share what frames share: a second one is no more independent than a second frame.
+    assert found.num_scenes == 6
+
+
+def test_frames_are_compared_once(drives: dict[int, Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where they are chosen, moved, or seen by another camera, scenes stay."""
+    data = loaded(drives, (("labels", "intensity"), 8)).of_frames([3, 1, 3])
+    monkeypatch.setattr(observations, "alike_frames", None)
+    seen = data.observations
+    farther = [cloud.with_points(cloud.points + np.float32(1.0)) for cloud in seen.clouds]
+    moved = replace(seen.with_clouds(farther), camera=seen.camera.zoomed(1.1))
+    for each in (seen, moved, data.of_cue("intensity"), data.unrolled(np.eye(4)).observations):
+        assert each.scenes == [0, 1, 0]
+    assert moved.of_frames([1, 2, 0]).scenes == [0, 1, 1]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_intrinsics_with_two_cues(drives: dict[int, Path], case: Case) -> None:
+    data, truth = loaded(drives, case), read_transform(drives[case[1]])
+    found = estimate_jointly(data.observations, truth, JointlyConfig(("fx", "fy")), PolishConfig())
+    error = compare_poses(found.T_camera_lidar, truth)
+    assert error.rotation_deg <= NEAR_DEG
+    assert error.camera_center_cm <= 100.0 * NEAR_M
+    assert found.camera is not None
+    assert [*found.camera.intrinsics] == ["fx", "fy"]
+
+
+@pytest.mark.parametrize("case", CASES, ids=str)
+def test_a_wrong_focal_length_with_two_cues(drives: dict[int, Path], case: Case) -> None:
+    data, truth = loaded(drives, case), read_transform(drives[case[1]])
+    wrong = replace(data.observations, camera=data.observations.camera.zoomed(WRONG_FOCAL))
+    found = estimate_jointly(wrong, truth, JointlyConfig(("fx", "fy")), PolishConfig())
+    assert found.camera is not None
+    # What segments and intensities tell of so few and small pictures is not always enough.
+    assert found.is_kept or "labels" not in case[0]
+    if found.is_kept:
+        focal = found.camera.intrinsics["fx"]
+        assert abs(focal.found * WRONG_FOCAL / focal.given - 1.0) <= NEAR_FOCAL
+
+
+def test_a_whole_calibration_of_intrinsics_with_two_cues(drives: dict[int, Path]) -> None:
+    """From the truth: what follows the search is looked at."""
+    cues, refinement = PAIRS[1], RefinementConfig(jointly=JointlyConfig(("fx", "fy")))
+    start = InitialPose(read_transform(drives[8]), "the truth")
+    found = calibrate(drives[8], CalibrationConfig(cues=cues, refinement=refinement), initial_pose=start)
+    assert found.polish is not None
+    assert found.uncertainty is not None
