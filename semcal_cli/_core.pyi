@@ -426,7 +426,10 @@ class Ascended:
         """Labelled points on labelled blocks at its start, which it drew from."""
     @property
     def drift(self) -> float:
-        """Blocks between the mean poses of the last two quarters: how far it was from settled."""
+        """Blocks between the means of the way over the last two quarters: how far it was from settled.
+
+        Steps count in full, also where the longest baseline keeps the pose from taking them.
+        """
 
 @final
 class Aligned:
@@ -443,7 +446,10 @@ class Aligned:
         """Labelled points on labelled blocks there."""
     @property
     def drift(self) -> float:
-        """Blocks between the mean poses of the last two quarters: how far it was from settled."""
+        """Blocks between the means of the way over the last two quarters: how far it was from settled.
+
+        Steps count in full, also where the longest baseline keeps the pose from taking them.
+        """
 
 @final
 class Polished:

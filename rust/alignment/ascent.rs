@@ -46,7 +46,8 @@ pub struct AlignmentConfig {
 pub struct Ascended {
     /// `T_camera_lidar`.
     pub pose: Isometry3<f64>,
-    /// Blocks between the mean poses of the last two quarters of the ascent; small if it has converged.
+    /// Blocks between the means, over the last two quarters of the ascent, of the sum of the steps; small if it has converged.
+    /// Steps count in full, also where the longest baseline keeps the pose from taking them.
     pub drift: f64,
     /// Number of labelled points on labelled blocks at the start, which it drew from.
     pub num_points: usize,
@@ -59,7 +60,8 @@ pub struct Aligned {
     pub pose: Isometry3<f64>,
     /// Mutual information of points and blocks at the pose, nats, less its bias.
     pub mutual_information: f64,
-    /// Blocks between the mean poses of the last two quarters of the ascent; small if it has converged.
+    /// Blocks between the means, over the last two quarters of the ascent, of the sum of the steps; small if it has converged.
+    /// Steps count in full, also where the longest baseline keeps the pose from taking them.
     pub drift: f64,
     /// Number of labelled points on labelled blocks at the pose.
     pub num_points: usize,

@@ -23,8 +23,6 @@ const LEAST_WEIGHT: f64 = 0.1;
 const CHUNK: usize = 8192;
 /// The same without partitions, whose histograms are small: two tasks or more for a mini-batch of the refinement.
 const SMALL_CHUNK: usize = 2048;
-/// Pictures have mostly no more classes than this: clearing room for all that there may be takes long for a point.
-const FEW_CLASSES: usize = 32;
 
 /// The label images of all frames in blocks, and the points that may project onto them.
 #[derive(Clone, Debug)]
@@ -278,29 +276,17 @@ impl Values<'_> {
     /// Calls `with` with what each image class would add to the information under a point.
     #[inline]
     pub(super) fn of<T>(&self, projected: &ProjectedSample, with: impl FnOnce(&[f64]) -> T) -> T {
-        let &ProjectedSample { class, frame, .. } = projected;
+        let &ProjectedSample { class, frame, point, .. } = projected;
         let width = self.observations.num_image_classes;
         if self.observations.frames[frame as usize].partitions.is_none() {
             return with(&self.table[usize::from(class) * width..]);
         }
-        if width <= FEW_CLASSES {
-            with(&self.of_segments::<FEW_CLASSES>(projected)[..width])
-        } else {
-            with(&self.of_segments::<{ NO_CLASS as usize }>(projected)[..width])
-        }
-    }
-
-    /// The same for a point with partitions: sums over its segments.
-    #[inline]
-    fn of_segments<const MOST: usize>(&self, projected: &ProjectedSample) -> [f64; MOST] {
-        let &ProjectedSample { class, frame, point, .. } = projected;
-        let width = self.observations.num_image_classes;
-        let mut sums = [0.0; MOST];
+        let mut sums = [0.0; NO_CLASS as usize];
         self.observations.for_rows(frame as usize, point as usize, class, |row| {
             let values = &self.table[row * width..][..width];
             sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
         });
-        sums
+        with(&sums[..width])
     }
 }
 

@@ -13,8 +13,8 @@
 //! mutual information: see `adjusted.rs` and [`crate::partitions`].
 
 mod adjusted;
+mod along;
 mod anchored;
-mod around;
 mod ascent;
 mod choice;
 mod information;
@@ -31,8 +31,8 @@ mod sloped;
 mod variables;
 mod view;
 
+pub use along::{Way, information_along};
 pub use anchored::{Anchored, MiniBatch};
-pub use around::{Way, information_along};
 pub use ascent::{Aligned, AlignmentConfig, Ascended, align, ascend};
 pub use information::{SquareInformation, information, information_gains};
 pub use joint::{JointConfig, JointMaximum, maximise};

@@ -15,7 +15,7 @@ use super::level::Level;
 use super::pose::to_camera;
 use super::sample::{Counted, ProjectedSample, Sample};
 use super::sloped::SlopedHistogram;
-use super::variables::{Estimate, Neighbourhood, Projection, Variables, mean_motions, with_width};
+use super::variables::{Estimate, Neighbourhood, Projection, Variables, with_width};
 use super::view::in_view;
 use crate::mutual_information::JointHistogram;
 use crate::observation::Observations;
@@ -77,7 +77,7 @@ pub fn sensitivity(
     let n = variables.count();
     let problem = Problem { level: &level, samples: &samples, constant: &constant, near: &near, n };
     let here = near.projection(&DVector::zeros(n)).ok()?;
-    let motions = mean_motions(&here, &samples, n);
+    let motions = here.mean_motions(&samples);
     let steps = problem.unit_steps(&motions, pose)?;
     let (joint, chunks) = problem.projected(&here);
     let total = level.total(&joint);

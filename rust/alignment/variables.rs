@@ -16,6 +16,35 @@ use crate::observation::{Frame, Observations};
 use crate::pyramid::Sampled;
 use crate::se3;
 
+/// Largest number of variables: no camera has more.
+pub const MAX_VARIABLES: usize = 27;
+pub(super) const MOST: usize = MAX_VARIABLES + 1;
+
+/// Calls what follows with the number of entries of a cell that holds a weight and a slope for each of `n` variables.
+macro_rules! with_width {
+    ($n:expr, $width:ident => $call:expr) => {
+        match $n + 1 {
+            0..=8 => {
+                const $width: usize = 8;
+                $call
+            }
+            9..=12 => {
+                const $width: usize = 12;
+                $call
+            }
+            13..=16 => {
+                const $width: usize = 16;
+                $call
+            }
+            _ => {
+                const $width: usize = crate::alignment::variables::MOST;
+                $call
+            }
+        }
+    };
+}
+pub(super) use with_width;
+
 /// The variables of an estimate in their order: the pose's twist, intrinsics, and the offset of the clock.
 #[derive(Clone, Debug, Default)]
 pub struct Variables {
@@ -230,51 +259,25 @@ impl Projection<'_> {
         }
     }
 
-    /// How the pixel of a point moves with the variables, as a matrix: a column for each variable.
-    pub fn jacobian(&self, frame: u32, p_camera: &Vector3<f64>, pixel: &Point2<f64>) -> DMatrix<f64> {
-        let motion = self.motion::<MOST>(frame, p_camera, pixel);
-        DMatrix::from_fn(2, self.near.variables.count(), |row, column| motion[row][1 + column])
+    /// Mean products of the displacements of points by the variables, pixels.
+    pub fn mean_motions(&self, samples: &[Sample]) -> DMatrix<f64> {
+        with_width!(self.near.variables.count(), WIDTH => self.mean_motions_of::<WIDTH>(samples))
     }
-}
 
-/// Largest number of variables: no camera has more.
-pub const MAX_VARIABLES: usize = 27;
-pub(super) const MOST: usize = MAX_VARIABLES + 1;
-
-/// Calls what follows with the number of entries of a cell that holds a weight and a slope for each of `n` variables.
-macro_rules! with_width {
-    ($n:expr, $width:ident => $call:expr) => {
-        match $n + 1 {
-            0..=8 => {
-                const $width: usize = 8;
-                $call
+    fn mean_motions_of<const WIDTH: usize>(&self, samples: &[Sample]) -> DMatrix<f64> {
+        let (mut sums, mut count) = ([[0.0; WIDTH]; WIDTH], 0.0);
+        let step = samples.len().div_ceil(MAX_MOTION_POINTS).max(1);
+        for sample in samples.iter().step_by(step) {
+            let Some((p_camera, pixel)) = self.place(sample) else { continue };
+            let [of_u, of_v] = self.motion::<WIDTH>(sample.frame, &p_camera, &pixel);
+            for (i, sums) in sums.iter_mut().enumerate() {
+                sums.iter_mut()
+                    .enumerate()
+                    .for_each(|(j, sum)| *sum += of_u[i] * of_u[j] + of_v[i] * of_v[j]);
             }
-            9..=12 => {
-                const $width: usize = 12;
-                $call
-            }
-            13..=16 => {
-                const $width: usize = 16;
-                $call
-            }
-            _ => {
-                const $width: usize = crate::alignment::variables::MOST;
-                $call
-            }
+            count += 1.0;
         }
-    };
-}
-pub(super) use with_width;
-
-/// Mean products of the displacements of points by the variables, pixels.
-pub(super) fn mean_motions(at: &Projection<'_>, samples: &[Sample], n: usize) -> DMatrix<f64> {
-    let (mut sum, mut count) = (DMatrix::zeros(n, n), 0.0);
-    let step = samples.len().div_ceil(MAX_MOTION_POINTS).max(1);
-    for sample in samples.iter().step_by(step) {
-        let Some((p_camera, pixel)) = at.place(sample) else { continue };
-        let moved = at.jacobian(sample.frame, &p_camera, &pixel);
-        sum += moved.tr_mul(&moved);
-        count += 1.0;
+        let n = self.near.variables.count();
+        DMatrix::from_fn(n, n, |i, j| sums[1 + i][1 + j]) / f64::max(count, 1.0)
     }
-    sum / f64::max(count, 1.0)
 }

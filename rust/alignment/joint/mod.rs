@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Point2, Vector3};
 use crate::alignment::choice::Chosen;
 use crate::alignment::level::{Level, at_anchor};
 use crate::alignment::sample::{Counted, Sample};
-use crate::alignment::variables::{Estimate, Neighbourhood, Projection, Variables, mean_motions, with_width};
+use crate::alignment::variables::{Estimate, Neighbourhood, Projection, Variables, with_width};
 use crate::alignment::view::in_view;
 use crate::error::Result;
 use crate::mutual_information::JointHistogram;
@@ -155,7 +155,7 @@ impl Climb<'_> {
             Some(sigma) => sigma.powi(-2) / config.evidence,
             None => 0.0,
         });
-        let motions = mean_motions(&here, &samples, n) / (factor as f64).powi(2);
+        let motions = here.mean_motions(&samples) / (factor as f64).powi(2);
         let Some(steps) = unit_steps(&motions, &config.sigmas) else { return Ok(None) };
         let Some(blocks) = steps.clone().try_inverse() else { return Ok(None) };
         let (level, samples, constant, near, gone) = (&level, &samples[..], &constant, &near, &self.gone);
