@@ -133,7 +133,8 @@ def test_cues_together_add_up(street: Path, street_observations: Observations, s
     weights = np.array([part.joint.sum() for part in parts]) / both.joint.sum()
     each = np.array([part.mutual_information for part in parts])
     assert both.mutual_information == pytest.approx(weights @ each - weights @ np.log(weights))
-    assert load_cues(read_drive(street), ("labels", "intensity")).num_frames == 8
+    loaded = load_cues(read_drive(street), ("labels", "intensity"))
+    assert (loaded.num_frames, len(loaded.frame_observations)) == (4, 8)
     many = replace(street_observations, point_class_names=[str(i) for i in range(250)])
     with pytest.raises(CalibrationError, match="found more classes than 255 with those of all cues"):
         summed(many, intensity)

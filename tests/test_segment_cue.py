@@ -159,9 +159,8 @@ def test_beside_intensity_segments_weigh_less_and_are_searched_alone(street: Pat
     drive = read_drive(street)
     cues: tuple[Cue, ...] = ("segments", "intensity")
     both = load_cues(drive, cues)
-    of_segments, of_intensity = both.frames[: len(drive.frames)], both.frames[len(drive.frames) :]
-    assert {frame.weight for frame in of_segments} == {SEGMENTS.weight_by_intensity}
-    assert {frame.weight for frame in of_intensity} == {1.0}
+    weights = [{each.weight for each in both.of_cue(cue).frame_observations} for cue in range(2)]
+    assert weights == [{SEGMENTS.weight_by_intensity}, {1.0}]
     searched = LoadedDrive(drive, both, cues).for_search
     assert searched.num_frames == len(drive.frames)
     assert not searched.has_segments

@@ -44,7 +44,7 @@ def test_a_drive_is_written_as_it_was_read(raw: RawDrive, street: Path, tmp_path
     found, original = (
         read_observations(read_drive(path)) for path in (write_raw_drive(raw, tmp_path), street)
     )
-    for one, other in zip(found.frames, original.frames, strict=True):
+    for one, other in zip(found.frame_observations, original.frame_observations, strict=True):
         assert np.array_equal(one.cloud.points, other.cloud.points)
         assert np.array_equal(one.cloud.classes, other.cloud.classes)
         assert np.array_equal(one.image.classes, other.image.classes)

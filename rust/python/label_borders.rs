@@ -17,7 +17,7 @@ pub(super) fn steps_at_label_changes<'py>(
     reach: usize,
     num_blocks: usize,
 ) -> PyResult<Vec<Bound<'py, PyArray2<f32>>>> {
-    let clouds: Vec<(&[[f32; 3]], &[u8])> = clouds.iter().map(|cloud| cloud.arrays()).collect();
+    let clouds = clouds.iter().map(|cloud| cloud.arrays()).collect::<PyResult<Vec<_>>>()?;
     let sums: Vec<Vec<f32>> = detached(py, || {
         let all = clouds.par_iter();
         all.map(|(points, classes)| steps_at_point_borders(points, classes, reach, num_blocks)).collect()

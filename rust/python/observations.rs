@@ -35,13 +35,9 @@ impl PyLabelledCloud {
         shares: Option<&PyClassShares>,
         partitions: Option<&PyPartitions>,
     ) -> PyResult<Self> {
-        let (points, classes) = (rows("points", &points)?, classes.as_array().to_vec());
-        if points.len() != classes.len() {
-            return Err(value_error(format!("found {} points, {} classes", points.len(), classes.len())));
-        }
         Ok(Self {
-            points: Arc::new(points.into()),
-            classes: Arc::new(classes),
+            points: Arc::new(rows("points", &points)?.into()),
+            classes: Arc::new(classes.as_array().to_vec()),
             shares: shares.map(|shares| Arc::clone(&shares.0)),
             partitions: partitions.map(|partitions| Arc::clone(&partitions.0)),
         })
@@ -50,8 +46,15 @@ impl PyLabelledCloud {
 
 impl PyLabelledCloud {
     /// The points and their classes.
-    pub(super) fn arrays(&self) -> (&[[f32; 3]], &[u8]) {
-        (&self.points, &self.classes)
+    ///
+    /// # Errors
+    /// They are not as many.
+    pub(super) fn arrays(&self) -> PyResult<(&[[f32; 3]], &[u8])> {
+        let (points, classes) = (self.points.len(), self.classes.len());
+        if points != classes {
+            return Err(value_error(format!("{points} points have {classes} classes")));
+        }
+        Ok((&self.points, &self.classes))
     }
 }
 
