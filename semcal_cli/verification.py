@@ -122,11 +122,9 @@ def verify(
     jointly = JointlyConfig(with_delay=limits.delay_s is not None)
     config = RefinementConfig(max_baseline_m=max_baseline_m, jointly=jointly)
     T_stated = initial_pose.T_camera_lidar
-    stages = _nearby(data, initial_pose, config, seed, on_event)
-    if stages is None:
-        search = InitializationConfig(alignment=AlignmentConfig(max_baseline_m=max_baseline_m))
-        initial = initialize(data, search, seed, on_event=on_event)
-        stages = _estimate(data, initial, config, seed, on_event)
+    stages = _nearby(data, initial_pose, config, seed, on_event) or _from_nothing(
+        data, config, seed, on_event
+    )
     findings = findings_of(stages, config)
     uncertainty = stages.uncertainty
     estimate = stages.T_camera_lidar
@@ -179,6 +177,13 @@ def _nearby(
     is_near = _is_near(stages.T_camera_lidar, initial_pose.T_camera_lidar, NEAR_DEG, NEAR_M)
     is_sure = stages.uncertainty is not None
     return stages if is_near and is_sure and not findings_of(stages, config) else None
+
+
+def _from_nothing(data: LoadedDrive, config: RefinementConfig, seed: int, on_event: Listener) -> Stages:
+    """Estimate the pose by a search over all mounting directions."""
+    search = InitializationConfig(alignment=AlignmentConfig(max_baseline_m=config.max_baseline_m))
+    initial = initialize(data, search, seed, on_event=on_event)
+    return _estimate(data, initial, config, seed, on_event)
 
 
 def _estimate(

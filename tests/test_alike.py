@@ -17,11 +17,8 @@ def ring(ranges_m: npt.ArrayLike) -> npt.NDArray[np.float32]:
 
 def test_the_share_is_of_directions_that_either_frame_sees() -> None:
     whole, fewer = np.full(NUM_DIRECTIONS, 10.0), np.full(NUM_DIRECTIONS, 10.0)
-    fewer[:4], fewer[4:9], fewer[9:12] = (
-        0.0,
-        11.0,
-        10.1,
-    )  # Unseen, another range, and one within the tolerance.
+    # Unseen, another range, and one within the tolerance.
+    fewer[:4], fewer[4:9], fewer[9:12] = 0.0, 11.0, 10.1
     unseen = np.zeros(NUM_DIRECTIONS)
     shares = shares_alike([ring(each) for each in (whole, fewer, unseen)])
     np.testing.assert_array_equal(shares, [[1.0, 11 / 20, 0.0], [11 / 20, 1.0, 0.0], [0.0, 0.0, 0.0]])

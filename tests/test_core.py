@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -5,6 +6,7 @@ import numpy as np
 import pytest
 
 from semcal_cli import _core
+from semcal_cli.config import InitializationConfig, JointConfig, SensitivityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
@@ -41,6 +43,23 @@ def test_agreement_is_the_information_of_the_bilinear_joint_histogram(
     assert agreement.mutual_information == pytest.approx((p * pointwise).sum(), abs=SUM_ORDER)
     assert agreement.label_agreement == pytest.approx(p[(p > 0) & (pointwise > 0)].sum(), abs=SUM_ORDER)
     assert agreement.num_inside - agreement.num_hidden == num_visible
+
+
+def test_wrong_arguments_are_errors(street_observations: Observations, street_truth: Pose) -> None:
+    """A panic would be no `Exception`."""
+    observations, config = street_observations.core, InitializationConfig()
+    images = _core.SphericalImages(observations, _core.estimate_grid([street_observations.clouds[0].points]))
+    cloud = _core.LabelledCloud(np.zeros((50, 3), np.float32), np.zeros(5, np.uint8))
+    joint = JointConfig(factors=(1,), changes=(0.0,), sigmas=(1.0,), evidence=1.0)
+    for factor in (0, 1000):
+        with pytest.raises(ValueError, match="does not fit the picture"):
+            _core.sensitivity(observations, street_truth, SensitivityConfig(factor=factor))
+    with pytest.raises(ValueError, match="needed angles that are finite, and steps above 0"):
+        _core.register(observations, images, replace(config, roll_step_deg=0.0))
+    with pytest.raises(ValueError, match="50 points have 5 classes"):
+        _core.steps_at_label_changes([cloud], reach=2, num_blocks=1)
+    with pytest.raises(ValueError, match="radial moves points as no lens does"):
+        _core.maximise(observations, street_truth, joint, ["radial"])
 
 
 def test_clouds_and_labels_are_read_as_numpy_reads_them(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -134,6 +133,7 @@ def batch(
     from semcal_cli.batch.summary import worst
     from semcal_cli.cli.batch_end import print_end
     from semcal_cli.cli.batch_progress import BatchProgress
+    from semcal_cli.threads import num_cores
 
     if (calibration is not None) != (command == "verify"):
         raise click.UsageError("--calibration: goes with --command verify, which needs it")
@@ -142,7 +142,7 @@ def batch(
             "--jobs: is of this machine; with --dask, the cluster has as many as its workers' threads"
         )
     num_jobs = jobs or 1
-    num_threads = threads or (1 if address is not None else max(_num_cores() // num_jobs, 1))
+    num_threads = threads or (1 if address is not None else max(num_cores() // num_jobs, 1))
     tasks = _make_tasks(drives, output, command, calibration, num_threads, timeout_s, address is None)
     folder = output.absolute()
     with ExitStack() as stack:
@@ -159,13 +159,6 @@ def batch(
     print_end(show.console, outcomes, output)
     _report(command, output, outcomes).tell_github()
     sys.exit(worst(outcome.exit_code for outcome in outcomes))
-
-
-def _num_cores() -> int:
-    """Count the cores that this process may use; macOS knows only those of the machine."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _report(command: str, output: Path, outcomes: Sequence[Outcome]) -> CiReport:

@@ -207,16 +207,15 @@ def synth(
     from rich.console import Console
     from rich.progress import Progress
 
-    from semcal_cli import _core
     from semcal_cli.synthetic.motion import check_motion
     from semcal_cli.synthetic.synthesis import synthesize, synthesize_rig
+    from semcal_cli.threads import set_num_threads
 
     try:
         check_motion(config)
     except InputError as error:
         raise click.UsageError(str(error)) from None
-    if threads is not None:
-        _core.set_num_threads(threads)
+    set_num_threads(threads)
     start = perf_counter()
     shown = not quiet and sys.stderr.isatty()
     with Progress(console=Console(stderr=True), transient=True, disable=not shown) as bar:

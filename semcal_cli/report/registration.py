@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.config import InitializationConfig, Zoom
-from semcal_cli.drive.frame_selection import evenly_spaced
+from semcal_cli.drive.frame_selection import evenly_spaced, few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import SemcalError
 from semcal_cli.files.images import write_image
@@ -65,9 +65,7 @@ class RegistrationPictures:
             CalibrationError: sweeps and images do not overlap there.
             InputError: the points do not lie in the field of view of the drive's `lidar:` block.
         """
-        observations = observations.of_frames(
-            evenly_spaced(range(observations.num_frames), config.max_frames)
-        )
+        observations = few_frames(observations, config.max_frames)
         T = np.eye(4)
         T[:3, :3] = T_camera_lidar[:3, :3]
         placed = place(observations, config, (T, math.radians(AROUND_DEG)))
