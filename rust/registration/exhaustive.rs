@@ -43,9 +43,6 @@ pub(super) fn search(
     let n_log_n: Vec<f64> = (0..=most).map(|n| n as f64 * (n.max(1) as f64).ln()).collect();
     let empty = Counts::new(observations, &n_log_n);
     let narrowed = Narrowed::new(coarse, config, around);
-    let directions: Vec<Vec<Vector3<f64>>> = (0..coarse.rows)
-        .map(|row| (0..coarse.columns).map(|column| coarse.direction(row, column)).collect())
-        .collect();
     let candidates: Vec<Candidate> = upright_placements(zoomed, coarse, config, around)
         .par_iter()
         .flat_map_iter(|upright| {
@@ -55,7 +52,7 @@ pub(super) fn search(
             if shifts.is_empty() {
                 return Vec::new();
             }
-            let template = Template::new(observations, zoomed, coarse, &directions, &images, upright);
+            let template = Template::new(observations, zoomed, coarse, &images, upright);
             let mut counts = empty.clone();
             shifts.into_iter().map(|shift| template.score(&rings, shift, &mut counts)).collect()
         })
@@ -167,16 +164,15 @@ impl Template {
         observations: &Observations,
         zoomed: &Zoomed,
         grid: &SphericalGrid,
-        directions: &[Vec<Vector3<f64>>],
         images: &Downsampled,
         upright: &Placement,
     ) -> Self {
         let pixel_of = zoomed.pixel_map(upright);
         let (mut runs, mut pixels) = (Vec::<(usize, Range<usize>)>::new(), Vec::new());
-        for (row, directions) in directions.iter().enumerate() {
+        for row in 0..grid.rows {
             let mut open = false;
-            for (column, direction) in directions.iter().enumerate() {
-                let Some(pixel) = pixel_of(direction) else {
+            for column in 0..grid.columns {
+                let Some(pixel) = pixel_of(&grid.direction(row, column)) else {
                     open = false;
                     continue;
                 };
