@@ -10,6 +10,7 @@ pub mod class_shares;
 pub mod class_table;
 pub mod classes;
 pub mod correspondences;
+pub mod edges;
 pub mod error;
 pub mod file;
 pub mod fisher;

@@ -58,6 +58,7 @@ __all__ = [
     "SemanticDistance",
     "Sensitivity",
     "SphericalImages",
+    "Steps",
     "Trajectory",
     "Up",
     "agreement",
@@ -65,6 +66,7 @@ __all__ = [
     "ascend",
     "classes_of_scores",
     "despeckle",
+    "edge_steps",
     "estimate_grid",
     "estimate_up",
     "fisher_limit",
@@ -882,6 +884,35 @@ def segment_sweeps(
     points: Sequence[_Float32], config: SegmentationConfig, up: Sequence[float] | _Float64 | None = None
 ) -> list[SegmentedSweep]:
     """Segment a drive's sweeps in parallel. Without `up` the direction is estimated from all of them together."""
+
+@final
+class Steps:
+    """What changes along the scan from each point of a sweep to its neighbours."""
+
+    @property
+    def range_m(self) -> NDArray[np.float32]:
+        """(N,) by how much the farther one of the two neighbours is farther than the point, metres.
+
+        It is infinite where no return is beside the point, and NaN where the point is no return itself.
+        """
+
+    @property
+    def intensity(self) -> NDArray[np.float32] | None:
+        """(N,) the larger difference of intensity to a neighbour on the same surface; NaN without such a neighbour."""
+
+def edge_steps(
+    points: Sequence[_Float32], intensities: Sequence[NDArray[np.float32] | None], same_surface_m: float
+) -> list[Steps]:
+    """Find the steps of range and intensity along the scans of sweeps, in parallel.
+
+    Args:
+        points: (N, 3) each, metres, LiDAR frame, as scanned, in any order.
+        intensities: (N,) each, or None.
+        same_surface_m: Points on one surface differ by less than this in range.
+
+    Raises:
+        InputError: there are not as many intensities as points.
+    """
 
 def classes_of_scores(
     scores: Sequence[_Float32], views: NDArray[np.uint8], places: _Float32, classes_first: bool

@@ -27,7 +27,6 @@ from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.config import (
     FAR_DEG,
-    SEGMENTS_DEG,
     CalibrationConfig,
     InitializationConfig,
     PolishConfig,
@@ -44,7 +43,7 @@ from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import Initialization
+from semcal_cli.initialization.search import Initialization, as_given
 from semcal_cli.initialization.search import initialize as search
 from semcal_cli.refinement.estimators import make_estimator
 from semcal_cli.refinement.polish import Polish
@@ -56,6 +55,12 @@ from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
 from semcal_cli.result.stage import StageResult
 from semcal_cli.stages import Stages, findings_of, settings_of
+
+NO_START = (
+    "edges alone tell no mountings apart, needed a start within 5 degrees and 0.3 m without --search-deg, from --init or "
+    "--init-rpy-xyz, or labels of the pictures, with --cue segments,edges"
+)
+"""What is missing where a search is asked for by edges alone."""
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
@@ -90,7 +95,8 @@ def calibrate(
     data = load(drive, config, on_event)
     check_beside_pose(data, config.refinement, priors)
     initial = initialize(data, config.initialization, config.seed, initial_pose, priors, on_event)
-    stages = _refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event)
+    given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
+    stages = _refine_and_polish(data, initial, config.refinement, config.seed, priors, on_event, others=given)
     stages = assess(data, stages, config.refinement, on_event)
     if config.num_seeds > 1:
         stages = repeat(data, stages, config, initial_pose, priors, on_event)
@@ -114,7 +120,8 @@ def initialize(
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
-        InputError: the points do not lie in the field of view of the drive's `lidar:` block.
+        InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for by
+            edges alone.
     """
     start = perf_counter()
     if initial_pose is None:
@@ -127,9 +134,14 @@ def initialize(
         return all(prior.allows(T_camera_lidar, INITIAL_M, math.radians(INITIAL_DEG)) for prior in priors)
 
     T_given = None if initial_pose is None else initial_pose.T_camera_lidar
-    with about(data.drive.path):
-        found = search(data.for_search, config, seed, T_given, is_possible)
     is_searched = initial_pose is None or config.search_deg is not None
+    if is_searched and not data.tells_mountings:
+        raise InputError(f"{data.drive.path}: {NO_START}")
+    with about(data.drive.path):
+        if T_given is not None and not is_searched and data.is_searched_locally:
+            found = as_given(data.observations, T_given, config)
+        else:
+            found = search(data.for_search, config, seed, T_given, is_possible)
     on_event(stage_words.initial(found, perf_counter() - start, is_searched=is_searched))
     return found
 
@@ -176,11 +188,14 @@ def _refine_and_polish(
     on_event: Listener,
     *,
     from_afar: bool = False,
+    others: Sequence[Pose] = (),
 ) -> Stages:
     """Refine and polish by settings that are checked."""
     of_shutter, notes = check_shutter(data.drive, data.observations)
     of_data = (*check_motion(data.observations.motion_error_px), *of_shutter)
-    refined = refine(data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar)
+    refined = refine(
+        data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar, others=others
+    )
     seen = None
     if can_be_unrolled(data.observations):
         refined = refine(
@@ -209,6 +224,7 @@ def refine(
     on_event: Listener = ignore,
     *,
     from_afar: bool = False,
+    others: Sequence[Pose] = (),
 ) -> Refinement:
     """Ascend the mutual information from a pose (Alg. 1).
 
@@ -220,6 +236,7 @@ def refine(
         priors: Known axes, to which the pose is clamped.
         on_event: Called with each event.
         from_afar: Whether the start may be off by 20 degrees.
+        others: (4, 4) poses that stay candidates beside the start, where it is refined from several.
 
     Raises:
         InputError: the exact estimator is asked for with features, or the device does not exist.
@@ -227,7 +244,7 @@ def refine(
     """
     start = perf_counter()
     pyramid = _pyramid(data.observations, from_afar=from_afar)
-    estimator, settings = make_estimator(data.observations, config, seed, on_event)
+    estimator, settings = make_estimator(data.observations, config, seed, on_event, others)
 
     def on_level(level: Level, num_levels: int) -> None:
         moved = compare_poses(level.T_camera_lidar, T_init)
@@ -343,11 +360,12 @@ def repeat(
     """Calibrate with the next seeds, and compare the poses."""
     start = perf_counter()
     others: list[Pose | None] = []
+    given = () if initial_pose is None else (initial_pose.T_camera_lidar,)
     for seed in range(config.seed + 1, config.seed + config.num_seeds):
         on_event(Progress(f"repeating with seed {seed}"))
         try:
             initial = initialize(data, config.initialization, seed, initial_pose, priors)
-            found = _refine_and_polish(data, initial, config.refinement, seed, priors, ignore)
+            found = _refine_and_polish(data, initial, config.refinement, seed, priors, ignore, others=given)
             others.append(found.T_camera_lidar)
         except CalibrationError:
             others.append(None)
@@ -391,8 +409,8 @@ def make_calibration(
 
 
 def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:
-    if observations.has_segments:
-        return PyramidConfig(coarsest_block_deg=SEGMENTS_DEG)
+    if observations.starts is not None:
+        return PyramidConfig(coarsest_block_deg=observations.starts.coarsest_block_deg)
     return PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
 
 

@@ -122,9 +122,11 @@ def verify(
     jointly = JointlyConfig(with_delay=limits.delay_s is not None)
     config = RefinementConfig(max_baseline_m=max_baseline_m, jointly=jointly)
     T_stated = initial_pose.T_camera_lidar
-    stages = _nearby(data, initial_pose, config, seed, on_event) or _from_nothing(
-        data, config, seed, on_event
-    )
+    stages = _nearby(data, initial_pose, config, seed, on_event)
+    if stages is None and data.tells_mountings:
+        stages = _from_nothing(data, config, seed, on_event)
+    elif stages is None:
+        stages = _estimate(data, start_at(data, initial_pose), config, seed, on_event)
     findings = findings_of(stages, config)
     uncertainty = stages.uncertainty
     estimate = stages.T_camera_lidar

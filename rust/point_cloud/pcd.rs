@@ -119,10 +119,11 @@ impl Header {
         Ok(Column::little_endian(offset, scalar.size(), scalar))
     }
 
-    /// The data, if it is that of all points and at most a few bytes more.
+    /// The data, if it is that of all points and at most a few bytes more, or padding.
     fn exactly<'a>(&self, data: &'a [u8]) -> Parsed<&'a [u8]> {
         let (needed, record_bytes) = (self.data_bytes()?, self.record_bytes(self.fields.len())?);
-        if data.len() < needed || data.len() - needed >= record_bytes {
+        let is_padded = |rest: &[u8]| rest.len() < record_bytes || rest.iter().all(|&byte| byte == 0);
+        if !data.get(needed..).is_some_and(is_padded) {
             let promise = format!("{} points of {record_bytes} bytes", self.num_points);
             return Err(format!("holds {} bytes of data, its header promises {promise}", data.len()));
         }

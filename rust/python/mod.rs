@@ -6,6 +6,7 @@ mod anchored;
 mod arrays;
 mod camera;
 mod configs;
+mod edges;
 mod errors;
 mod label_borders;
 mod labelling;
@@ -37,6 +38,8 @@ mod _core {
     use super::anchored::{PyAnchoredPoints, PyMiniBatch};
     #[pymodule_export]
     use super::camera::{PyCamera, PyProjected, project_points};
+    #[pymodule_export]
+    use super::edges::{PySteps, edge_steps};
     #[pymodule_export]
     use super::label_borders::{steps_at_label_borders, steps_at_label_changes};
     #[pymodule_export]

@@ -98,6 +98,12 @@ fn segment_with(
     SegmentedSweep { ids: segments.ids, kinds: segments.kinds, up }
 }
 
+/// Whether a point, metres, LiDAR frame, is a return of a LiDAR's beam.
+pub fn is_return(point: &Vector3<f64>) -> bool {
+    // A range that is not a number is in no interval.
+    (MIN_RANGE_M..MAX_RANGE_M).contains(&point.norm())
+}
+
 /// Points that are returns.
 struct Returns {
     /// Metres, LiDAR frame.
@@ -109,9 +115,7 @@ struct Returns {
 impl Returns {
     fn of(points: &[[f32; 3]]) -> Self {
         let all = points.iter().map(to_f64).enumerate();
-        // A range that is not a number is in no interval.
-        let is_return = |(_, p): &(usize, Vector3<f64>)| (MIN_RANGE_M..MAX_RANGE_M).contains(&p.norm());
-        let (index, points) = all.filter(is_return).unzip();
+        let (index, points) = all.filter(|(_, point)| is_return(point)).unzip();
         Self { points, index }
     }
 }

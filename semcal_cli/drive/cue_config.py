@@ -20,6 +20,27 @@ class IntensityConfig:
 
 
 @dataclass(frozen=True)
+class EdgesConfig:
+    """How steps along the scans of sweeps, and gradients of pictures, become classes."""
+
+    range_steps_m: tuple[float, ...] = (0.3, 1.0, 3.0)
+    """Least steps in range of the levels, metres."""
+    range_share: float = 0.02
+    """Share of a point's range that adds to them."""
+    intensity_shares: tuple[float, ...] = (0.1, 0.05, 0.02)
+    """Shares of the points that have the largest steps in intensity, of the levels."""
+    same_surface_m: float = 0.3
+    """Neighbours that differ by less than this in range lie on one surface, whose intensity may step."""
+    num_levels: int = 8
+    """Number of equally frequent levels of the gradient of a picture."""
+    blur_deg: float = 0.08
+    """Standard deviation of the blur of a picture before and after its gradient is taken: rays are 0.1 to 0.4 degrees
+    apart."""
+    surroundings_deg: float = 6.0
+    """Standard deviation of the window over which the mean of the gradients is taken."""
+
+
+@dataclass(frozen=True)
 class FeaturesConfig:
     """How feature vectors become codes (k-means)."""
 

@@ -1,19 +1,20 @@
-"""Cues that points and pixels are compared by: labels, segments, intensity, two of them, or features."""
+"""Cues that points and pixels are compared by: labels, segments, edges, intensity, several of them, or features."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from functools import reduce
-from typing import TypeAlias
+from typing import TypeAlias, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.config import Cue
+from semcal_cli.config import EDGE_STARTS, SEGMENT_STARTS, Cue, StartsConfig
 from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.cue_config import FeaturesConfig, IntensityConfig, SegmentsConfig
+from semcal_cli.drive.cue_config import EdgesConfig, FeaturesConfig, IntensityConfig, SegmentsConfig
 from semcal_cli.drive.document import Drive
+from semcal_cli.drive.edges import observe_edges
 from semcal_cli.drive.features import observe_features
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.drive.intensity import observe_intensity, observe_raw_intensity
@@ -24,9 +25,15 @@ from semcal_cli.errors import CalibrationError
 from semcal_cli.files.point_clouds import Sweeps
 
 Classes: TypeAlias = npt.NDArray[np.uint8]
-CUES: tuple[Cue, ...] = ("labels", "segments", "intensity", "features")
+CUES: tuple[Cue, ...] = get_args(Cue)
 
-SEGMENTS, INTENSITY, FEATURES = SegmentsConfig(), IntensityConfig(), FeaturesConfig()
+SEGMENTS, EDGES = SegmentsConfig(), EdgesConfig()
+INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
+
+
+def maximised(cues: Sequence[Cue]) -> tuple[Cue, ...]:
+    """Name the cues by which a pose is refined: where edges make it exact, segments only bring it near."""
+    return tuple(cue for cue in cues if cue != "segments" or "edges" not in cues)
 
 
 def load_cues(
@@ -47,7 +54,14 @@ def load_cues(
             _weighed(each, SEGMENTS.weight_by_intensity) if each.has_segments else each for each in found
         ]
     observations = reduce(summed, found)
-    return replace(observations, has_many_tops="segments" in cues and "labels" not in cues)
+    return replace(observations, starts=_starts(cues))
+
+
+def _starts(cues: Sequence[Cue]) -> StartsConfig | None:
+    """Labels bring a pose near on their own; what other cues tell has many tops."""
+    if "labels" in cues or "features" in cues:
+        return None
+    return EDGE_STARTS if "edges" in cues else SEGMENT_STARTS
 
 
 def choose_frames(drive: Drive, cues: Sequence[Cue], max_frames: int) -> Drive:
@@ -66,6 +80,7 @@ def files_of(cues: Sequence[Cue]) -> list[str]:
     of_cue = {
         "labels": ["image_labels"],
         "segments": ["image_labels"],
+        "edges": ["image"],
         "intensity": ["image"],
         "features": ["point_features", "image_features"],
     }
@@ -74,7 +89,12 @@ def files_of(cues: Sequence[Cue]) -> list[str]:
 
 def describe_cues(cues: Sequence[Cue]) -> dict[str, object]:
     """Give the settings of each cue, by name."""
-    settings = {"segments": asdict(SEGMENTS), "intensity": asdict(INTENSITY), "features": asdict(FEATURES)}
+    settings = {
+        "segments": asdict(SEGMENTS),
+        "edges": asdict(EDGES),
+        "intensity": asdict(INTENSITY),
+        "features": asdict(FEATURES),
+    }
     return {cue: settings.get(cue, {}) for cue in cues}
 
 
@@ -84,6 +104,8 @@ def _load(drive: Drive, cue: Cue, sweeps: Sweeps, is_raw: bool) -> Observations:
             return read_observations(drive, sweeps) if is_raw else load_observations(drive, sweeps)
         case "segments":
             return observe_segments(drive, SEGMENTS, sweeps, is_raw=is_raw)
+        case "edges":
+            return observe_edges(drive, EDGES, sweeps)
         case "intensity":
             return (observe_raw_intensity if is_raw else observe_intensity)(drive, INTENSITY, sweeps)
         case "features":

@@ -96,7 +96,7 @@ def observe_raw_intensity(
     moved = compensated(drive, clouds)
     seen = lens_mask(drive.camera)
     intensities = [_intensity(drive, *pair) for pair in zip(drive.frames, clouds, strict=True)]
-    grey = [_grey_values(drive, frame) for frame in drive.frames]
+    grey = [grey_values(drive, frame) for frame in drive.frames]
     labelled = [
         replace(cloud, vectors=vectors)
         for cloud, vectors in zip(
@@ -155,7 +155,7 @@ def _intensity(drive: Drive, frame: Frame, cloud: _core.PointCloud) -> Values:
     return values
 
 
-def _grey_values(drive: Drive, frame: Frame) -> Values:
+def grey_values(drive: Drive, frame: Frame) -> Values:
     """Read the grey values (H, W) of a frame's image, 0 to 255."""
     image = read_frame_image(drive, frame)
     if image is None:
@@ -165,7 +165,7 @@ def _grey_values(drive: Drive, frame: Frame) -> Values:
 
 def _grey(drive: Drive, frame: Frame, seen: npt.NDArray[np.bool_], config: IntensityConfig) -> Values:
     """Compute the contrast of an image's grey values (H, W) with their surroundings."""
-    camera, grey = drive.camera, _grey_values(drive, frame)
+    camera, grey = drive.camera, grey_values(drive, frame)
     sigma_px = np.radians(config.surroundings_deg) * core_camera(camera).pixels_per_radian
 
     # The surroundings vary slowly, so a small image is enough.

@@ -10,7 +10,7 @@ from time import perf_counter
 from semcal_cli.config import LABELS, MAX_FRAMES, CalibrationConfig, Cue
 from semcal_cli.config_checks import check_config
 from semcal_cli.drive.alike import copied_frames
-from semcal_cli.drive.cues import choose_frames, load_cues
+from semcal_cli.drive.cues import choose_frames, load_cues, maximised
 from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
@@ -27,8 +27,10 @@ class LoadedDrive:
     drive: Drive
     """Document of the drive, with the used frames."""
     observations: Observations
-    """Points and pixels of these frames, by each cue."""
+    """Points and pixels of these frames, by each cue by which a pose is refined."""
     cues: tuple[Cue, ...] = LABELS
+    guide: Observations | None = None
+    """Points and pixels by segments that only bring a pose near, where edges make it exact; None without them."""
     max_frames: int = MAX_FRAMES
     """Largest number of frames that were asked for."""
     num_copies: int = 0
@@ -38,7 +40,9 @@ class LoadedDrive:
         """Take some of the frames, of both the document and the observations."""
         frames = tuple(self.drive.frames[index] for index in indices)
         drive = self.drive.model_copy(update={"frames": frames})
-        return replace(self, drive=drive, observations=self.observations.of_frames(indices), num_copies=0)
+        observations = self.observations.of_frames(indices)
+        guide = self.guide and self.guide.of_frames(indices)
+        return replace(self, drive=drive, observations=observations, guide=guide, num_copies=0)
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
         """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.shutter`."""
@@ -67,30 +71,43 @@ class LoadedDrive:
 
     @property
     def first_cue(self) -> Observations:
-        """Observations of the first cue."""
-        return self.of_cue(self.cues[0])
+        """Observations of the first cue by which a pose is refined."""
+        return self.observations.of_cue(0)
 
     @property
     def for_checks(self) -> Observations:
         """Observations by which a pose is checked: of one cue, since pixels of one tell nothing of points of another.
 
-        Labels tell most. Segments bring a pose near, and beside them intensity tells small offsets.
+        Labels tell most, then edges. Segments bring a pose near, and beside them intensity tells small offsets.
         """
-        return self.of_cue(self.cues[-1] if self.cues == ("segments", "intensity") else self.cues[0])
+        return self.of_cue(self.cues[-1]) if self.cues == ("segments", "intensity") else self.first_cue
+
+    @property
+    def is_searched_locally(self) -> bool:
+        """Whether a pose is refined by edges alone, from several starts around a given pose."""
+        return "edges" in self.cues and "labels" not in self.cues
+
+    @property
+    def tells_mountings(self) -> bool:
+        """Whether mounting directions can be told apart: edges tell what is near a pose alone."""
+        return not self.is_searched_locally or "segments" in self.cues
 
     @property
     def for_search(self) -> Observations:
         """Observations by which mounting directions are told apart: by classes that all frames share.
 
-        What intensity tells is local, and beside segments it would weigh as much as they do.
+        What edges and intensity tell is local, and beside segments they would weigh as much.
         """
-        if "segments" not in self.cues:
-            return self.observations
-        return self.of_cue("labels" if "labels" in self.cues else "segments").of_classes
+        if "labels" in self.cues and {"segments", "edges"} & {*self.cues}:
+            return self.of_cue("labels")
+        return self.of_cue("segments").of_classes if "segments" in self.cues else self.observations
 
     def of_cue(self, cue: Cue) -> Observations:
         """Observations of one of the cues by which the drive was loaded."""
-        return self.observations.of_cue(self.cues.index(cue))
+        used = maximised(self.cues)
+        if self.guide is not None and cue not in used:
+            return self.guide
+        return self.observations.of_cue(used.index(cue))
 
 
 def load(
@@ -115,8 +132,10 @@ def load(
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     used = choose_frames(whole, config.cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    observations = load_cues(used, config.cues, sweeps, is_raw=config.is_raw).with_scenes
-    data = _without_copies(LoadedDrive(used, observations, config.cues, config.max_frames))
+    sweeps, refined_by = sweeps or Sweeps(), maximised(config.cues)
+    observations = load_cues(used, refined_by, sweeps, is_raw=config.is_raw).with_scenes
+    guide = None if refined_by == config.cues else load_cues(used, ("segments",), sweeps)
+    data = _without_copies(LoadedDrive(used, observations, config.cues, guide, config.max_frames))
     note, details = _describe(data, len(whole.frames)), _details(data)
     on_event(StageDone("load", perf_counter() - start, note, details=details))
     return data

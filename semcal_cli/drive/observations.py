@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.config import StartsConfig
 from semcal_cli.drive.alike import alike_frames
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera, Lidar
@@ -113,8 +114,8 @@ class Observations:
     """Displacement of half of the points at most by the rig's motion in a sweep: see `motion.motion_error_px`."""
     num_cues: int = 1
     """Number of cues, each of which observes every frame."""
-    has_many_tops: bool = False
-    """Whether the information has many tops near the right one, so that a pose is refined from several starts."""
+    starts: StartsConfig | None = None
+    """How a pose is refined from several starts, if the information has many tops near the right one."""
     by_classes: bool = False
     """Whether points count by their classes although they have segments."""
     speckle: float = 0.0

@@ -106,6 +106,18 @@ def initialize(
     )
 
 
+def as_given(observations: Observations, T_given: Pose, config: InitializationConfig) -> Initialization:
+    """Take a given pose (4, 4) as it is, for cues that are searched from several starts around it."""
+    agreement = _core.agreement(observations.core, T_given)
+    return Initialization(
+        T_camera_lidar=T_given,
+        agreement=agreement,
+        settings={"initialization": asdict(config)},
+        hypotheses=(describe(Candidate(T_given), agreement, T_given),),
+        runner_up_margin=None,
+    )
+
+
 def _check_classes(observations: Observations) -> None:
     """Check that points differ in what they carry: else no placement of the picture is better than another."""
     counts = np.sum(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 from semcal_cli.config import ExactConfig, RefinementConfig
@@ -9,6 +10,7 @@ from semcal_cli.drive.observations import Observations
 from semcal_cli.errors import InputError
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.extras import check_torch, torch_import
+from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.mine_config import MINE_WITH_VECTORS, MineConfig
 from semcal_cli.refinement.pyramid import LevelOptimizer
@@ -16,9 +18,15 @@ from semcal_cli.refinement.several_starts import SeveralStarts
 
 
 def make_estimator(
-    observations: Observations, config: RefinementConfig, seed: int, on_event: Listener = ignore
+    observations: Observations,
+    config: RefinementConfig,
+    seed: int,
+    on_event: Listener = ignore,
+    others: Sequence[Pose] = (),
 ) -> tuple[LevelOptimizer, dict[str, object]]:
     """Make the estimator, and tell its settings; torch is loaded only where it is needed.
+
+    With several starts, `others` are poses (4, 4) that stay candidates beside the one to start from.
 
     Raises:
         InputError: the exact mutual information of features is asked for, a network for segments, or torch or a device
@@ -30,9 +38,11 @@ def make_estimator(
         raise InputError("--estimator mine: segments differ from frame to frame, needed exact")
     if config.estimator == "exact":
         exact = ExactConfig(max_baseline_m=config.max_baseline_m, edge_band_px=config.edge_band_px)
-        kind = SeveralStarts if observations.has_many_tops else ExactEstimator
-        estimator = kind(observations, exact, seed)
-        return estimator, {"exact": asdict(estimator.config)}
+        if observations.starts is None:
+            estimator = ExactEstimator(observations, exact, seed)
+            return estimator, {"exact": asdict(estimator.config)}
+        several = SeveralStarts(observations, exact, seed, observations.starts, others)
+        return several, {"exact": asdict(several.config), "starts": asdict(several.starts)}
     check_torch("--estimator mine")
     on_event(Progress("loading torch"))
     with torch_import():

@@ -2,78 +2,118 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.config import ExactConfig
+from semcal_cli.config import ExactConfig, PolishConfig, StartsConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.exact import ExactEstimator
+from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import Level
 
-NUM_STARTS = (10, 6, 4, 2)
-"""Number of poses from which the first levels are ascended; the last number holds from then on. Of ten runs on a real
-jam by segments and intensity, from 2 degrees and 0.2 m, 8 came back with six at first, and 6 from one start."""
-FIRST_FRAMES = 6
-"""Number of frames by which the first level is ascended by segments alone: it only has to tell where tops are."""
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """Ends of ascents that are nearer to a better one than this have met it, and do not go on."""
-FARTHEST_DEG, FARTHEST_M = 6.0, 1.0
-"""Poses farther from the given start are dropped: coarse blocks have tops there that beat the right one."""
-SPREAD_DEG, SPREAD_M = 1.5, 0.15
-"""Distance of the other starts from the given one."""
-NUM_ROUNDS = 2
-"""Ascents at each level while starts lead to different tops; the points are chosen anew for each."""
+NUM_FINISHED = 2
+"""Number of the best ends that are finished by Newton's method, beside the given poses."""
 
 
 class SeveralStarts:
-    """Ascends the exact mutual information from several poses, and takes the best at each level."""
+    """Ascends the exact mutual information from several poses, and takes the best at each level.
 
-    def __init__(self, observations: Observations, config: ExactConfig, seed: int) -> None:
-        """Keep what the levels have in common; arguments are those of `ExactEstimator`."""
+    Those that are given stay candidates: they join again at the finest level. There the best ones are finished by
+    Newton's method, so that none of the given poses, finished alike, is better than the result.
+    """
+
+    def __init__(
+        self,
+        observations: Observations,
+        config: ExactConfig,
+        seed: int,
+        starts: StartsConfig,
+        others: Sequence[Pose] = (),
+    ) -> None:
+        """Keep what the levels have in common.
+
+        Args:
+            observations: Points and pixels of all frames.
+            config: Steps, mini-batches and limits.
+            seed: Seed of the mini-batches and of the starts.
+            starts: How many starts there are, and where.
+            others: (4, 4) poses beside the start that stay candidates.
+        """
         single = ExactEstimator(observations, config, seed)
         self.observations, self.config, self.seed = observations, single.config, seed
-        self._T_first: Pose | None = None
-        self.others: list[Pose] = []
-        """Poses besides the best one from which the next level is ascended, best first."""
+        self.starts = starts
+        self.given: list[Pose] = list(others)
+        self.poses: list[Pose] = []
+        """Poses from which the next level is ascended, best first; none before the first level."""
         self._num_levels = 0
 
     def ascend(self, factor: int, T_start: Pose, *, visible_only: bool) -> Level:
         """Optimise the pose at one level of the pyramid, as `LevelOptimizer.ascend` describes."""
-        observations = self.observations
-        if self._T_first is None:
-            self._T_first = T_start
+        observations, starts = self.observations, self.starts
+        if not self.poses:
+            self.given = [T_start, *self.given]
             rng = np.random.default_rng(self.seed)
-            self.others = [displaced(T_start, SPREAD_DEG, SPREAD_M, rng) for _ in range(NUM_STARTS[0] - 1)]
-            if observations.num_cues == 1:
-                observations = few_frames(observations, FIRST_FRAMES)
-        poses = [T_start, *self.others][: NUM_STARTS[min(self._num_levels, len(NUM_STARTS) - 1)]]
-        for _ in range(NUM_ROUNDS):
-            ends = _core.align(
-                observations.core,
-                poses,
-                self.config,
-                factor=factor,
-                visible_only=visible_only,
-                seed=self.seed,
+            distances = zip(
+                np.linspace(*starts.spread_deg, starts.num_starts[0] - 1),
+                np.linspace(*starts.spread_m, starts.num_starts[0] - 1),
+                strict=True,
             )
-            found = [end for end in ends if self._is_near(end.T_camera_lidar)]
-            found.sort(key=lambda end: -end.mutual_information)
-            poses = _apart([end.T_camera_lidar for end in found])
-            if len(poses) < 2:
-                break
+            self.poses = [T_start, *(displaced(T_start, *distance, rng) for distance in distances)]
+            if starts.first_frames is not None and observations.num_cues == 1:
+                observations = few_frames(observations, starts.first_frames)
+        else:
+            self.poses[0] = T_start  # The best one, moved to where priors allow it.
+        self.poses = self.poses[: starts.num_starts[min(self._num_levels, len(starts.num_starts) - 1)]]
+        if factor == 1:
+            self.poses += self.given
         self._num_levels += 1
-        if not found:
-            # The level has no top within reach; finer ones may have.
-            return Level(factor, T_start, 0.0, ends[0].num_points)
-        self.others = poses[1:]
-        return Level(factor, poses[0], found[0].drift, found[0].num_points)
+        for _ in range(starts.num_rounds):
+            ends = self._align(observations, self.poses, factor, visible_only=visible_only)
+            found = [end for end in ends if self._is_near(end.T_camera_lidar)]
+            if not found:
+                # The level has no top within reach; finer ones may have.
+                return Level(factor, T_start, 0.0, ends[0].num_points)
+            self.poses = _apart([end.T_camera_lidar for end in found])
+            if len(self.poses) < 2:
+                break
+        drift = found[0].drift
+        if factor == 1:
+            found = self._finished(visible_only=visible_only)
+        return Level(factor, found[0].T_camera_lidar, drift, found[0].num_points)
+
+    def _align(
+        self, observations: Observations, poses: Sequence[Pose], factor: int, *, visible_only: bool, steps: int = -1
+    ) -> list[_core.Aligned]:
+        """Ascend from poses (4, 4), and sort the ends, the best first; without steps they are only compared."""
+        config = self.config
+        if factor > 1 and self.starts.coarse is not None:
+            config = replace(self.starts.coarse, max_baseline_m=config.max_baseline_m)
+        if steps >= 0:
+            config = replace(config, steps=steps)
+        ends = _core.align(
+            observations.core, poses, config, factor=factor, visible_only=visible_only, seed=self.seed
+        )
+        return sorted(ends, key=lambda end: -end.mutual_information)
+
+    def _finished(self, *, visible_only: bool) -> list[_core.Aligned]:
+        """Finish the best ends, and the given poses, by Newton's method, and compare them in full resolution."""
+        polish = PolishConfig(max_baseline_m=self.config.max_baseline_m, edge_band_px=self.config.edge_band_px)
+        starts = _apart([*self.poses[:NUM_FINISHED], *self.given])
+        finished = [newton(self.observations, pose, polish).T_camera_lidar for pose in starts]
+        candidates = [*self.poses[:NUM_FINISHED], *(pose for pose in finished if self._is_near(pose))]
+        return self._align(self.observations, candidates, 1, visible_only=visible_only, steps=0)
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
-        return self._T_first is None or _is_within(T_camera_lidar, self._T_first, FARTHEST_DEG, FARTHEST_M)
+        return _is_within(T_camera_lidar, self.given[0], self.starts.farthest_deg, self.starts.farthest_m)
 
 
 def _apart(poses: list[Pose]) -> list[Pose]:

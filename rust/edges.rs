@@ -1,0 +1,238 @@
+//! Edges of a sweep: points beside which, along the scan, the range or the intensity steps.
+//!
+//! Rays are compared with their neighbours of direction, to the left and to the right at about the same elevation, so
+//! that a pattern needs no rings and points may come in any order. Of two surfaces only the nearer one has an edge: the
+//! other goes on behind it. The way from left to right is that of Levinson and Thrun, *Automatic Online Calibration of
+//! Cameras and Lasers* (RSS 2013), who take steps in range within a ring against edges of pictures.
+
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+use rayon::prelude::*;
+
+use crate::point_cloud::to_f64;
+use crate::segmentation::is_return;
+use crate::spherical::{azimuth, elevation};
+
+/// Height of the rows by which neighbours are looked up, radians.
+const ROW: f64 = 1e-3;
+/// Nearer rays have the same direction, radians.
+const LEAST_ANGLE: f64 = 3e-4;
+/// A neighbour may be off by this elevation, radians, and by this share of its distance: a ring is no circle where the
+/// sensor is tilted or corrects for where its lasers sit, and a rosette has no rings.
+const LEAST_HEIGHT: f64 = 5e-4;
+const SLOPE: f64 = 0.3;
+/// A neighbour is at most this far away, radians.
+const REACH: f64 = 0.02;
+/// Beyond this many times the usual distance of neighbours there is none: a beam went astray.
+const GAP: f64 = 7.0;
+
+/// What changes from each point of a sweep to its neighbours.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Steps {
+    /// By how much the farther one of the two neighbours is farther than the point, metres: infinite where there is no
+    /// return beside the point, NaN where the point is none itself.
+    pub range_m: Vec<f32>,
+    /// The larger difference of intensity to a neighbour on the same surface, NaN where no neighbour is; `None` without
+    /// intensities.
+    pub intensity: Option<Vec<f32>>,
+}
+
+/// The steps of each of some sweeps.
+///
+/// A neighbour is on the same surface if its range differs by less than `same_surface_m`.
+pub fn steps(sweeps: &[(&[[f32; 3]], Option<&[f32]>)], same_surface_m: f64) -> Vec<Steps> {
+    sweeps.par_iter().map(|(points, intensity)| of_sweep(points, *intensity, same_surface_m)).collect()
+}
+
+fn of_sweep(points: &[[f32; 3]], intensity: Option<&[f32]>, same_surface_m: f64) -> Steps {
+    let rays = Rays::of(points);
+    let beside: Vec<[Option<Beside>; 2]> =
+        (0..rays.sorted.len()).into_par_iter().map(|at| rays.beside(at)).collect();
+    let reach = GAP * usual_distance(&beside);
+    let mut found = Steps {
+        range_m: vec![f32::NAN; points.len()],
+        intensity: intensity.map(|values| vec![f32::NAN; values.len()]),
+    };
+    for (ray, sides) in rays.sorted.iter().zip(&beside) {
+        let sides = sides.map(|side| side.filter(|beside| beside.distance <= reach));
+        let step = |side: Option<Beside>| {
+            side.map_or(f64::INFINITY, |beside| rays.sorted[beside.at].range - ray.range)
+        };
+        found.range_m[ray.index] = f64::max(step(sides[0]), step(sides[1])) as f32;
+        if let Some((intensity, found)) = intensity.zip(found.intensity.as_mut()) {
+            let other = |beside: &Beside| &rays.sorted[beside.at];
+            let same = sides.iter().flatten().map(other);
+            let same = same.filter(|other| (other.range - ray.range).abs() < same_surface_m);
+            let differences = same.map(|other| (intensity[other.index] - intensity[ray.index]).abs());
+            found[ray.index] = differences.fold(f32::NAN, f32::max);
+        }
+    }
+    found
+}
+
+/// A ray with a return.
+#[derive(Clone, Copy, Debug)]
+struct Ray {
+    azimuth: f64,
+    elevation: f64,
+    range: f64,
+    /// Among all points of the sweep.
+    index: usize,
+}
+
+/// The neighbour of a ray on one side.
+#[derive(Clone, Copy, Debug)]
+struct Beside {
+    /// Among the sorted rays.
+    at: usize,
+    /// Radians of arc.
+    distance: f64,
+}
+
+/// All rays with returns, by row and azimuth.
+struct Rays {
+    sorted: Vec<Ray>,
+    /// The first ray of each row, and the end.
+    starts: Vec<usize>,
+}
+
+impl Rays {
+    fn of(points: &[[f32; 3]]) -> Self {
+        let ray = |(index, point): (usize, &[f32; 3])| {
+            let point = to_f64(point);
+            is_return(&point).then(|| Ray {
+                azimuth: azimuth(&point),
+                elevation: elevation(&point),
+                range: point.norm(),
+                index,
+            })
+        };
+        let mut sorted: Vec<Ray> = points.iter().enumerate().filter_map(ray).collect();
+        sorted.sort_unstable_by(|a, b| {
+            (row(a.elevation), a.azimuth, a.index)
+                .partial_cmp(&(row(b.elevation), b.azimuth, b.index))
+                .unwrap_or(std::cmp::Ordering::Equal)
+        });
+        let num_rows = row(FRAC_PI_2) + 1;
+        let mut starts = vec![0; num_rows + 1];
+        sorted.iter().for_each(|ray| starts[row(ray.elevation) + 1] += 1);
+        (0..num_rows).for_each(|row| starts[row + 1] += starts[row]);
+        Self { sorted, starts }
+    }
+
+    /// The neighbours of a ray: in the direction of larger azimuths, and of smaller ones.
+    fn beside(&self, at: usize) -> [Option<Beside>; 2] {
+        let ray = &self.sorted[at];
+        let across = ray.elevation.cos().max(1e-3);
+        let reach_rows = ((LEAST_HEIGHT + SLOPE * REACH) / ROW).ceil() as usize;
+        let own = row(ray.elevation);
+        let mut found = [None, None];
+        for row in own.saturating_sub(reach_rows)..=(own + reach_rows).min(self.starts.len() - 2) {
+            let rays = &self.sorted[self.starts[row]..self.starts[row + 1]];
+            if rays.is_empty() {
+                continue;
+            }
+            let middle = rays.partition_point(|other| other.azimuth < ray.azimuth);
+            for (side, found) in found.iter_mut().enumerate() {
+                for step in 0..rays.len() {
+                    let place = match side {
+                        0 => (middle + step) % rays.len(),
+                        _ => (middle + rays.len() - 1 - step) % rays.len(),
+                    };
+                    let other = &rays[place];
+                    let turn =
+                        if side == 0 { other.azimuth - ray.azimuth } else { ray.azimuth - other.azimuth };
+                    let distance = turn.rem_euclid(TAU) * across;
+                    if distance > found.map_or(REACH, |best: Beside| best.distance) {
+                        break;
+                    }
+                    let height = (other.elevation - ray.elevation).abs();
+                    if distance > LEAST_ANGLE && height <= LEAST_HEIGHT + SLOPE * distance {
+                        *found = Some(Beside { at: self.starts[row] + place, distance });
+                        break;
+                    }
+                }
+            }
+        }
+        found
+    }
+}
+
+/// The median distance of neighbours, radians.
+fn usual_distance(beside: &[[Option<Beside>; 2]]) -> f64 {
+    let mut distances: Vec<f64> = beside.iter().flatten().flatten().map(|beside| beside.distance).collect();
+    if distances.is_empty() {
+        return 0.0;
+    }
+    let middle = distances.len() / 2;
+    *distances.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+fn row(elevation: f64) -> usize {
+    ((elevation + FRAC_PI_2) / ROW) as usize
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A wall at 10 m with a pole at 5 m before it, scanned by rings: directions, and whether each is on the pole.
+    fn scene(turned_rad: f64) -> (Vec<[f32; 3]>, Vec<f32>) {
+        let (mut points, mut intensity) = (Vec::new(), Vec::new());
+        for ring in 0..8 {
+            for column in -60..=60 {
+                let (azimuth, elevation) = (f64::from(column) * 3e-3 + turned_rad, f64::from(ring) * 0.01);
+                let range = if (-4..=4).contains(&column) { 5.0 } else { 10.0 };
+                let (across, up) = (range * elevation.cos(), range * elevation.sin());
+                points.push([across * azimuth.cos(), across * azimuth.sin(), up].map(|x| x as f32));
+                intensity.push(if column > 30 { 0.75 } else { 0.25 });
+            }
+        }
+        (points, intensity)
+    }
+
+    fn columns_where(found: &[f32], is_edge: impl Fn(f32) -> bool) -> Vec<usize> {
+        let mut columns: Vec<usize> = found
+            .iter()
+            .enumerate()
+            .filter(|(_, step)| is_edge(**step))
+            .map(|(index, _)| index % 121)
+            .collect();
+        columns.sort_unstable();
+        columns.dedup();
+        columns
+    }
+
+    #[test]
+    fn only_the_near_side_has_an_edge_in_range_and_both_sides_one_in_intensity() {
+        for turned_rad in [0.0, 1.0, std::f64::consts::PI] {
+            let (points, intensity) = scene(turned_rad);
+            let found = &steps(&[(&points, Some(&intensity))], 0.3)[0];
+            assert_eq!(columns_where(&found.range_m, |step| step.is_finite() && step > 4.0), [56, 64]);
+            // Nothing is beside the scan's own ends.
+            assert_eq!(columns_where(&found.range_m, f32::is_infinite), [0, 120]);
+            assert_eq!(
+                columns_where(found.intensity.as_deref().unwrap_or_default(), |step| step > 0.4),
+                [90, 91]
+            );
+        }
+    }
+
+    #[test]
+    fn the_order_of_the_points_does_not_matter() {
+        let (points, _) = scene(2.0);
+        let order: Vec<usize> = (0..points.len()).map(|i| i * 31 % points.len()).collect();
+        let shuffled: Vec<[f32; 3]> = order.iter().map(|&i| points[i]).collect();
+        let [straight, mixed] = [&points, &shuffled].map(|points| steps(&[(points, None)], 0.3)[0].clone());
+        let expected: Vec<f32> = order.iter().map(|&i| straight.range_m[i]).collect();
+        assert_eq!(mixed.range_m, expected);
+        assert_eq!(mixed.intensity, None);
+    }
+
+    #[test]
+    fn what_is_no_return_has_no_step() {
+        let found = &steps(&[(&[[0.0, 0.0, 0.0], [f32::NAN, 1.0, 1.0], [3.0, 0.0, 0.0]], None)], 0.3)[0];
+        assert!(found.range_m[0].is_nan() && found.range_m[1].is_nan() && found.range_m[2].is_infinite());
+        assert_eq!(steps(&[(&[], None)], 0.3)[0], Steps::default());
+    }
+}

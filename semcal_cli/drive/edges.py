@@ -1,0 +1,165 @@
+"""The edges cue: steps along the scans of sweeps against gradients of the pictures. No labels are needed.
+
+A LiDAR scans along its turn. Where the range steps, the nearer surface ends there, and the picture changes from left to
+right; where the intensity steps, the material changes. Levinson and Thrun, *Automatic Online Calibration of Cameras and
+Lasers* (RSS 2013), multiply the two; here levels of steps and levels of gradients are classes, whose mutual information
+weighs them by what the data say. Edges between rings are left out: they are half a ring off, which is 0.2 degrees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cue_config import EdgesConfig
+from semcal_cli.drive.document import Camera, Drive
+from semcal_cli.drive.intensity import grey_values, lens_mask
+from semcal_cli.drive.motion import compensated
+from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
+from semcal_cli.drive.reading import make_observations, read_clouds
+from semcal_cli.errors import CalibrationError
+from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.threads import thread_pool
+
+Classes = npt.NDArray[np.uint8]
+Values = npt.NDArray[np.float32]
+Mask = npt.NDArray[np.bool_]
+
+NO_EDGE = 0
+"""Class of a point beside which nothing changes."""
+LEAST_GRADIENT = 2.0
+"""Gradient of grey values, per pixel, that adds to the surroundings': less is noise of the sensor."""
+BLOCKS_A_SIGMA = 8.0
+"""Blocks per standard deviation of the blur with which the surroundings of pixels are summed up."""
+
+
+def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = None) -> Observations:
+    """Load every frame of a drive, with levels of steps and of gradients as classes.
+
+    Args:
+        drive: The drive; each frame needs an image. Intensities of points are used where all clouds have them.
+        config: Settings of the cue.
+        sweeps: Sweeps that have already been read.
+
+    Raises:
+        InputError: a file is missing or wrong, or a frame has no image.
+        CalibrationError: no sweep or no picture has edges.
+    """
+    clouds = read_clouds(drive, sweeps)
+    moved = compensated(drive, clouds)
+    classes, names = classes_of_points(clouds, config)
+    if not any((each[each != NO_CLASS] != NO_EDGE).any() for each in classes):
+        raise CalibrationError(f"{drive.path}: found no edges in any sweep, needed steps in range or intensity")
+    seen = lens_mask(drive.camera)
+    with thread_pool() as pool:
+        images = list(
+            pool.map(
+                lambda frame: _levels(drive.camera, grey_values(drive, frame), seen, config), drive.frames
+            )
+        )
+    if not any(len(np.unique(image[image != NO_CLASS])) > 1 for image in images):
+        raise CalibrationError(f"{drive.path}: image is nearly the same everywhere: it says nothing of the pose")
+    labelled = [LabelledCloud(sweep.points, each) for sweep, each in zip(moved, classes, strict=True)]
+    # Certain, but as shares: levels have no borders whose pixels are in doubt.
+    pictures = [LabelledImage(image, _core.ClassShares.certain(image.ravel())) for image in images]
+    levels = [f"gradient {level}" for level in range(config.num_levels)]
+    return make_observations(drive, clouds, moved, labelled, pictures, (names, levels))
+
+
+def classes_of_points(
+    clouds: Sequence[_core.PointCloud], config: EdgesConfig
+) -> tuple[list[Classes], list[str]]:
+    """Find the edges of sweeps.
+
+    Args:
+        clouds: The sweeps, as they were scanned.
+        config: Settings of the cue.
+
+    Returns:
+        Class of each point (N,) of each sweep, and the names of the classes: no edge, levels of steps in intensity, and
+        levels of steps in range, which come before those in intensity where a point has both. A point that is no return
+        has `NO_CLASS`.
+    """
+    has_intensity = all(cloud.intensity is not None for cloud in clouds)
+    intensities = [_finite(cloud.intensity) if has_intensity else None for cloud in clouds]
+    steps = _core.edge_steps([cloud.points for cloud in clouds], intensities, config.same_surface_m)
+    limits: list[float] = []
+    if has_intensity:
+        values = np.concatenate([each.intensity for each in steps if each.intensity is not None])
+        values = values[np.isfinite(values)]
+        if values.size and values.max() > 0.0:
+            limits = np.quantile(values, 1.0 - np.array(config.intensity_shares)).tolist()
+    names = [
+        "no edge",
+        *(f"intensity step {level + 1}" for level in range(len(limits))),
+        *(f"range step {level + 1}" for level in range(len(config.range_steps_m))),
+    ]
+    return [_classes(cloud, each, limits, config) for cloud, each in zip(clouds, steps, strict=True)], names
+
+
+def _finite(intensity: Values | None) -> Values | None:
+    return None if intensity is None else np.nan_to_num(intensity.astype(np.float32))
+
+
+def _classes(
+    cloud: _core.PointCloud, steps: _core.Steps, limits: Sequence[float], config: EdgesConfig
+) -> Classes:
+    classes = np.full(len(steps.range_m), NO_EDGE, np.uint8)
+    if steps.intensity is not None:
+        for level, limit in enumerate(limits):
+            classes[steps.intensity > limit] = level + 1
+    allowed = config.range_share * np.linalg.norm(cloud.points, axis=1)
+    for level, step_m in enumerate(config.range_steps_m):
+        classes[steps.range_m > step_m + allowed] = len(limits) + level + 1
+    classes[np.isnan(steps.range_m)] = NO_CLASS
+    return classes
+
+
+def _levels(camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, config: EdgesConfig) -> Classes:
+    """Compute the level (H, W) of the gradient of grey values (H, W) from left to right, beside its surroundings."""
+    strength, is_inside = gradients(camera, grey, seen, config)
+    limits = np.quantile(strength[is_inside], np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1])
+    levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(grey.shape)
+    return np.where(is_inside, levels, NO_CLASS).astype(np.uint8)
+
+
+def gradients(
+    camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, config: EdgesConfig
+) -> tuple[Values, Mask]:
+    """Compute the gradients of a picture from left to right, over their mean in the surroundings.
+
+    Args:
+        camera: The camera, whose lens says how large an angle is in pixels.
+        grey: (H, W) grey values, 0 to 255.
+        seen: (H, W) pixels that the lens reaches.
+        config: Settings of the cue.
+
+    Returns:
+        Strength of the gradient (H, W), and whether (H, W) all pixels that it comes from are reached.
+    """
+    pixels_per_deg = np.radians(1.0) * core_camera(camera).pixels_per_radian
+    blur_px, around_px = config.blur_deg * pixels_per_deg, config.surroundings_deg * pixels_per_deg
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
+    reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
+    padded = np.pad(seen.astype(np.uint8), 1, mode="edge")  # The border of the picture is no border of the lens.
+    is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
+    strength = np.where(is_inside, np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)), 0.0)
+
+    # The surroundings vary slowly, so a small image is enough.
+    factor = max(1.0, around_px / BLOCKS_A_SIGMA)
+    size = max(1, round(camera.width / factor)), max(1, round(camera.height / factor))
+
+    def mean_around(values: Values) -> Values:
+        small = cv2.resize(values, size, interpolation=cv2.INTER_AREA)
+        around = cv2.GaussianBlur(small, (0, 0), around_px / factor)
+        return np.asarray(cv2.resize(around, (camera.width, camera.height)))
+
+    weights = np.maximum(mean_around(is_inside.astype(np.float32)), np.finfo(np.float32).tiny)
+    beside = strength / (mean_around(strength) / weights + LEAST_GRADIENT)
+    return cv2.GaussianBlur(beside, (0, 0), blur_px), is_inside

@@ -1,0 +1,163 @@
+"""The real drives that benchmarks measure on, each written as a `drive.yaml` with its published pose.
+
+The folder holds frames of KITTI (object, raw, a jam), OpenCalib, nuScenes, DDAD and SUSTechPOINTS, in these data sets' own
+layouts. What is missing is left out.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import yaml
+
+from semcal_cli.datasets import kitti
+from semcal_cli.files.images import read_image
+from semcal_cli.formats.values import numbers, read_keyed
+
+CITYSCAPES = (
+    "road sidewalk building wall fence pole light sign vegetation terrain sky person rider car truck bus train "
+    "motorcycle bicycle"
+).split()
+
+
+class RealDrive(NamedTuple):
+    """A real drive whose pose was published."""
+
+    name: str
+    path: Path
+    """Folder of its drive.yaml."""
+    has_labels: bool = True
+    """Whether its pictures have labels."""
+
+
+def real_drives(data: Path, folder: Path) -> Iterator[RealDrive]:
+    """Write the drives of a data folder into another folder."""
+    for source, read in READERS.items():
+        if (data / source).is_dir():
+            yield from read(data / source, folder)
+
+
+def _kitti_object(source: Path, folder: Path) -> Iterator[RealDrive]:
+    images = sorted((source / "image_2").glob("*.png"))
+    # Pictures of the set differ by a few pixels in size; those of one drive have one size.
+    height, width = read_image(images[0]).shape[:2]
+    camera, T = kitti.calibration(source / "calib.txt", 2, width, height)
+    same = [path for path in images if read_image(path).shape[:2] == (height, width)]
+    for labels in ("image_labels", "image_labels_dicenet"):
+        frames = [
+            _frame(
+                source / f"velodyne/{path.stem}.bin", path, source / labels / path.name
+            )
+            for path in same
+        ]
+        network = "" if labels == "image_labels" else ", labels by DiCENet"
+        yield _write(folder, f"KITTI object, {len(frames)} pairs{network}", camera, frames, T)
+
+
+def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
+    (day,) = (path for path in source.iterdir() if path.name.startswith("2011"))
+    frames = []
+    for sync in sorted(day.glob("*_sync")):
+        (images,) = sync.glob("image_*")
+        for path in sorted((images / "data").glob("*.png")):
+            of_drive = source / "image_labels" / sync.name
+            labels = (of_drive if of_drive.is_dir() else of_drive.parent) / path.name
+            frames.append(_frame(sync / f"velodyne_points/data/{path.stem}.bin", path, labels))
+    camera = images.name.removeprefix("image_")
+    cam_to_cam, velo_to_cam = day / "calib_cam_to_cam.txt", day / "calib_velo_to_cam.txt"
+    keyed, velo = read_keyed(cam_to_cam), read_keyed(velo_to_cam)
+    P = kitti.projection(cam_to_cam, keyed, f"P_rect_{camera}")
+    height, width = read_image(Path(frames[0]["image"])).shape[:2]
+    T = (
+        kitti.beside_camera0(cam_to_cam, "P", P)
+        @ kitti.rotation(cam_to_cam, keyed, "R_rect_00")
+        @ kitti.translated(velo_to_cam, "T", numbers(velo_to_cam, velo, "T", 3))
+        @ kitti.rotation(velo_to_cam, velo, "R")
+    )
+    name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
+    yield _write(folder, f"{name}, {len(frames)} pairs", kitti.pinhole(cam_to_cam, "P", P, width, height), frames, T)
+
+
+def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
+    """The first two frames have one camera."""
+    lenses, frames, poses = [], [], []
+    for place, number in enumerate(sorted(path.name for path in source.glob("[0-9]*"))):
+        path = source / number / "calib.txt"
+        keyed = read_keyed(path)
+        (image,) = (each for each in path.parent.glob("calib.*") if each.suffix in (".jpg", ".png"))
+        distortion = [float(word) for word in keyed["D"].replace(",", " ").split()]
+        lenses.append(_lens(numbers(path, keyed, "K", 9).reshape(3, 3), (1920, 1200), distortion))
+        frames.append(_frame(path.parent / "calib.pcd", image, source / f"image_labels/{number}.png"))
+        poses.append(np.vstack([numbers(path, keyed, "T", 12).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))
+        yield _write(folder, f"OpenCalib {number}", lenses[place], frames[place:], poses[place])
+    yield _write(folder, "OpenCalib 1 and 2", lenses[0], frames[:2], poses[0])
+
+
+def _nuscenes(source: Path, folder: Path) -> Iterator[RealDrive]:
+    (points,) = source.glob("*.pcd.bin")
+    for name, camera in json.loads((source / "calib.json").read_text()).items():
+        if name.startswith("CAM_"):
+            frame = _frame(
+                points, source / camera["img"], source / "image_labels" / f"{Path(camera['img']).stem}.png"
+            )
+            lens = _lens(camera["K"], (1600, 900))
+            place = name[4:].lower().replace("_", " ")
+            yield _write(folder, f"nuScenes {place}", lens, [frame], np.array(camera["lidar2cam"]))
+
+
+def _ddad(source: Path, folder: Path) -> Iterator[RealDrive]:
+    clouds = sorted((source / "lidar").glob("*.bin"))
+    for name, camera in json.loads((source / "calib.json").read_text()).items():
+        frames = [_frame(cloud, source / name / f"{cloud.stem}.jpg") for cloud in clouds]
+        yield _write(
+            folder,
+            f"DDAD {name[7:]}, {len(frames)} pairs",
+            _lens(camera["K"], camera["size"]),
+            frames,
+            np.array(camera["T_cam_lidar"]),
+        )
+
+
+def _sustech(source: Path, folder: Path) -> Iterator[RealDrive]:
+    camera = json.loads((source / "calib.json").read_text())
+    frames = [_frame(cloud, cloud.with_suffix(".jpg")) for cloud in sorted(source.glob("*.pcd"))]
+    lens, T = _lens(camera["K"], camera["size"]), np.array(camera["T_cam_lidar"])
+    yield _write(folder, f"SUSTechPOINTS, {len(frames)} pairs", lens, frames, T)
+
+
+READERS = {
+    "kitti_object": _kitti_object,
+    "kitti_raw_right": _kitti_raw,
+    "kitti_raw_jam": _kitti_raw,
+    "opencalib_road": _opencalib,
+    "nuscenes_keyframe": _nuscenes,
+    "ddad_scene": _ddad,
+    "sustech_front": _sustech,
+}
+
+
+def _lens(K: object, size: Sequence[int], distortion: Sequence[float] = ()) -> dict[str, object]:
+    lens = {"model": "plumb_bob", "width": size[0], "height": size[1], "K": np.array(K).tolist()}
+    return lens | ({"distortion": list(distortion)} if distortion else {})
+
+
+def _frame(points: Path, image: Path, labels: Path | None = None) -> dict[str, str]:
+    frame = {"points": str(points), "image": str(image)}
+    return frame if labels is None else frame | {"image_labels": str(labels)}
+
+
+def _write(
+    folder: Path, name: str, lens: object, frames: Sequence[dict[str, str]], T: np.ndarray
+) -> RealDrive:
+    path = folder / name.replace(",", "").replace(" ", "_")
+    path.mkdir()
+    has_labels = all("image_labels" in frame for frame in frames)
+    document = {"semcal_drive": 1, "camera": lens, "frames": list(frames), "T_camera_lidar": T.tolist()}
+    if has_labels:
+        document["classes"] = {"image": {name: [index] for index, name in enumerate(CITYSCAPES)}}
+    (path / "drive.yaml").write_text(yaml.safe_dump(document))
+    return RealDrive(name, path, has_labels)
