@@ -180,6 +180,8 @@ class StartsConfig:
 
     coarsest_block_deg: float
     """Size of the coarsest blocks."""
+    min_blocks: int
+    """The pyramid starts no coarser than at a block of which this many fit along either side of the picture."""
     num_starts: tuple[int, ...]
     """Number of poses from which the first levels are ascended; the last number holds from then on."""
     spread_deg: tuple[float, float]
@@ -199,6 +201,7 @@ class StartsConfig:
 
 SEGMENT_STARTS = StartsConfig(
     coarsest_block_deg=0.9,
+    min_blocks=16,
     num_starts=(10, 6, 4, 2),
     spread_deg=(1.5, 1.5),
     spread_m=(0.15, 0.15),
@@ -209,8 +212,9 @@ SEGMENT_STARTS = StartsConfig(
 and intensity, from 2 degrees and 0.2 m, 8 came back with ten starts and 6 from one."""
 EDGE_STARTS = StartsConfig(
     coarsest_block_deg=2.6,
-    num_starts=(32, 12, 8, 6, 4, 3),
-    spread_deg=(1.0, 4.0),
+    min_blocks=8,
+    num_starts=(64, 24, 12, 6, 4, 3),
+    spread_deg=(1.0, 5.0),
     spread_m=(0.1, 0.3),
     farthest_deg=9.0,
     num_rounds=1,

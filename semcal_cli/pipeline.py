@@ -410,7 +410,8 @@ def make_calibration(
 
 def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:
     if observations.starts is not None:
-        return PyramidConfig(coarsest_block_deg=observations.starts.coarsest_block_deg)
+        starts = observations.starts
+        return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
     return PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
 
 

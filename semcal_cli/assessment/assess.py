@@ -211,9 +211,7 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
 
 def _rivals(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[Finding, ...]:
     """Look for rivals by cues that have them: what labels and features tell has one top near a pose."""
-    if {*data.cues} <= {"segments", "intensity"}:
-        return check_rivals(data.observations, T_camera_lidar)
-    return ()
+    return () if data.observations.starts is None else check_rivals(data.observations, T_camera_lidar)
 
 
 def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ MAX_EXCHANGED = 0.5
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""
 MAX_EXCHANGED_SIGMAS = 2.0
-"""The same for segments, as a distance above that with the frame's own picture, in its standard errors: some frames
+"""The same for other cues than labels, as a distance above that with the frame's own picture, in its standard errors: some frames
 have few segments, and streets are alike."""
 NUM_EXCHANGES = 3
 """Number of other frames whose pictures are tried."""
@@ -35,7 +35,8 @@ def check_pairs(
 ) -> tuple[Finding, ...]:
     """Check for each frame that its points agree with its own pixels.
 
-    Classes are judged by those that go together in all frames, segments by what they tell above null partitions.
+    Labels are judged by the classes that go together in all frames. What tells less, segments, edges and intensity, is
+    judged square by square of the pictures, whose scatter says how much of it is chance.
 
     Args:
         observations: Labelled points and label images.
@@ -43,7 +44,7 @@ def check_pairs(
         agreement: Agreement of all frames at this pose.
         names: Name of each frame: its point cloud.
     """
-    if observations.has_segments:
+    if observations.starts is not None:
         found = segment_information(observations, T_camera_lidar)
         own, num_pairs = found.by_frame, found.weight_by_frame
         most_exchanged = own + MAX_EXCHANGED_SIGMAS * found.sigma_by_frame

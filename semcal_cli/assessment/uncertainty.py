@@ -75,8 +75,8 @@ def estimate_uncertainty(
     Returns:
         The uncertainty; None if the labels do not determine the pose.
     """
-    # What segments tell is rough at full resolution, with tops as wide as a pixel.
-    measure = determined_sensitivity if observations.has_segments else sensitivity
+    # What has many tops is rough at full resolution, with tops as wide as a pixel.
+    measure = sensitivity if observations.starts is None else determined_sensitivity
     around = measure(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     if around is None or not around.is_determined:
         return None

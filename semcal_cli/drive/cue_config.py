@@ -25,12 +25,14 @@ class EdgesConfig:
 
     range_steps_m: tuple[float, ...] = (0.3, 1.0, 3.0)
     """Least steps in range of the levels, metres."""
-    range_share: float = 0.02
+    range_share: float = 0.01
     """Share of a point's range that adds to them."""
     intensity_shares: tuple[float, ...] = (0.1, 0.05, 0.02)
     """Shares of the points that have the largest steps in intensity, of the levels."""
     same_surface_m: float = 0.3
     """Neighbours that differ by less than this in range lie on one surface, whose intensity may step."""
+    plain_per_edge: float = 3.0
+    """Number of points without an edge that are compared for each one with an edge; more cost time and tell little."""
     num_levels: int = 8
     """Number of equally frequent levels of the gradient of a picture."""
     blur_deg: float = 0.08

@@ -117,7 +117,16 @@ def _classes(
     allowed = config.range_share * np.linalg.norm(cloud.points, axis=1)
     for level, step_m in enumerate(config.range_steps_m):
         classes[steps.range_m > step_m + allowed] = len(limits) + level + 1
+    is_edge = classes != NO_EDGE
     classes[np.isnan(steps.range_m)] = NO_CLASS
+    return _thinned(classes, max(int(config.plain_per_edge * is_edge.sum()), 1))
+
+
+def _thinned(classes: Classes, num_plain: int) -> Classes:
+    """Leave at most about `num_plain` of the points beside which nothing changes: they differ little, and are many."""
+    plain = np.flatnonzero(classes == NO_EDGE)
+    is_dropped = np.random.default_rng(0).random(len(plain)) * len(plain) > num_plain
+    classes[plain[is_dropped]] = NO_CLASS
     return classes
 
 
