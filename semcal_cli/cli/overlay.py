@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,9 +19,11 @@ from semcal_cli.cli.options import (
 
 if TYPE_CHECKING:
     from semcal_cli.config import Cue
+    from semcal_cli.drive.document import Drive
+    from semcal_cli.drive.observations import Observations
     from semcal_cli.report.overlay import Coloring
 
-COLORINGS = ("class", "depth", "agreement", "segment")
+COLORINGS = ("class", "depth", "agreement", "segment", "edge")
 WITHOUT_LABELS = ("depth", "segment")
 
 
@@ -44,8 +47,9 @@ WITHOUT_LABELS = ("depth", "segment")
     "--by",
     type=click.Choice(COLORINGS),
     help="Meaning of the colours: the class of the point; its distance from the camera; whether its class and the "
-    "pixel's go together; or the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
-    "object. Distance and parts need no labels.  [default: class; with --against, agreement]",
+    "pixel's go together; the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
+    "object; or how far range (orange) or intensity (blue) steps beside it, on the edges of the picture. Distance, parts "
+    "and edges need no labels.  [default: class; with --against, agreement; with --cue edges, edge]",
 )
 @cue_option
 @number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
@@ -66,16 +70,16 @@ def overlay(
     from semcal_cli.cli.outputs import check_image_folder
     from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console
-    from semcal_cli.drive.cues import load_cues
+    from semcal_cli.drive.cues import maximised
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
-    from semcal_cli.drive.reading import load_points
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.report.overlay import Overlays
     from semcal_cli.result.applied import apply_result, seen_as
     from semcal_cli.rig.document import find_rig
 
-    by = by or ("class" if against is None else "agreement")
+    with_labels: Coloring = "class" if against is None else "agreement"
+    by = by or ("edge" if maximised(cues)[0] == "edges" else with_labels)
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig_pages import overlay_rig
 
@@ -94,8 +98,28 @@ def overlay(
         for change in each.changes:
             console.print(labelled(*change), markup=False)
     spec = seen.pop(str(calibration)).drive.model_copy(update={"frames": tuple(frames)})
-    # Pixels of one cue share no information with points of another: the first one is shown.
-    observations = load_points(spec) if by in WITHOUT_LABELS else load_cues(spec, cues[:1], is_raw=True)
+    observations = observe(spec, by, cues)
     others = {name: seen_as(observations, spec, each.drive) for name, each in seen.items()}
     for path in Overlays(spec, observations, poses, by, others).write_all(output):
         console.print(str(path), markup=False)
+
+
+def observe(drive: Drive, by: Coloring, cues: Sequence[Cue]) -> Observations:
+    """Load what colours show of the frames of a drive.
+
+    Args:
+        drive: The drive.
+        by: Meaning of the colours.
+        cues: Cues that classes are of, where colours show classes.
+
+    Raises:
+        InputError: a file is missing or wrong, or the drive does not name one that is needed.
+        CalibrationError: the points or the pixels carry no information.
+    """
+    from semcal_cli.drive.cues import load_cues, maximised
+    from semcal_cli.drive.reading import load_points
+
+    if by in WITHOUT_LABELS:
+        return load_points(drive)
+    # Pixels of one cue share no information with points of another: the first one is shown.
+    return load_cues(drive, ("edges",) if by == "edge" else maximised(cues)[:1], is_raw=True)

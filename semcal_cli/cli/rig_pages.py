@@ -108,13 +108,10 @@ def _draw(
     drive: Drive, name: str, T_camera_lidar: Pose, folder: Path, by: Coloring, cues: Sequence[Cue]
 ) -> list[Path]:
     """Draw the frames of one camera, and give the paths of the pictures."""
-    from semcal_cli.cli.overlay import WITHOUT_LABELS
-    from semcal_cli.drive.cues import load_cues
-    from semcal_cli.drive.reading import load_points
+    from semcal_cli.cli.overlay import observe
     from semcal_cli.report.overlay import Overlays
 
-    # Pixels of one cue share no information with points of another: the first one is shown.
-    observations = load_points(drive) if by in WITHOUT_LABELS else load_cues(drive, cues[:1], is_raw=True)
+    observations = observe(drive, by, cues)
     return list(Overlays(drive, observations, {name: T_camera_lidar}, by).write_all(folder))
 
 

@@ -155,6 +155,11 @@ class Observations:
         return not self.by_classes and any(cloud.partitions is not None for cloud in self.clouds)
 
     @property
+    def is_local(self) -> bool:
+        """Whether points tell only small offsets of the pose: by edges or intensity alone."""
+        return self.starts is not None and not self.has_segments
+
+    @property
     def unit(self) -> str:
         """Unit of what points tell of pixels: nats, or a share, the adjusted mutual information (AMI), of segments."""
         return "AMI" if self.has_segments else "nats"

@@ -20,8 +20,15 @@ from semcal_cli.refinement.pyramid import Level
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """Ends of ascents that are nearer to a better one than this have met it, and do not go on."""
-NUM_FINISHED = 2
-"""Number of the best ends that are finished by Newton's method, beside the given poses."""
+JOINING = 4
+"""Side of the blocks, pixels, from which on the given poses join at each level: coarser ones may lead away."""
+MIN_SIGMAS = 2.0
+"""Standard errors by which a farther top must be better than a nearer one. With one frame, tops differ by chance."""
+NUM_FINISHED = 3
+"""Number of the best ends that are finished by Newton's method."""
+NEAR_A_TOP = 0.5
+"""A given pose is finished, too, if it has this share of the best end's information: others are on no slope to a top that
+is as high."""
 
 
 class SeveralStarts:
@@ -73,7 +80,7 @@ class SeveralStarts:
         else:
             self.poses[0] = T_start  # The best one, moved to where priors allow it.
         self.poses = self.poses[: starts.num_starts[min(self._num_levels, len(starts.num_starts) - 1)]]
-        if factor == 1:
+        if factor <= JOINING:
             self.poses += self.given
         self._num_levels += 1
         for _ in range(starts.num_rounds):
@@ -82,7 +89,7 @@ class SeveralStarts:
             if not found:
                 # The level has no top within reach; finer ones may have.
                 return Level(factor, T_start, 0.0, ends[0].num_points)
-            self.poses = _apart([end.T_camera_lidar for end in found])
+            self.poses = [end.T_camera_lidar for end in _tops(found)]
             if len(self.poses) < 2:
                 break
         drift = found[0].drift
@@ -105,24 +112,57 @@ class SeveralStarts:
         return sorted(ends, key=lambda end: -end.mutual_information)
 
     def _finished(self, *, visible_only: bool) -> list[_core.Aligned]:
-        """Finish the best ends, and the given poses, by Newton's method, and compare them in full resolution."""
+        """Finish the best ends, and given poses near a top, by Newton's method, and take one in full resolution.
+
+        It is the nearest one to the start of those that are as good as the best, as far as their scatter tells, and no
+        worse than any of the given poses.
+        """
         polish = PolishConfig(max_baseline_m=self.config.max_baseline_m, edge_band_px=self.config.edge_band_px)
-        starts = _apart([*self.poses[:NUM_FINISHED], *self.given])
-        finished = [newton(self.observations, pose, polish).T_camera_lidar for pose in starts]
-        candidates = [*self.poses[:NUM_FINISHED], *(pose for pose in finished if self._is_near(pose))]
-        return self._align(self.observations, candidates, 1, visible_only=visible_only, steps=0)
+
+        def compared(poses: Sequence[Pose]) -> list[_core.Aligned]:
+            return self._align(self.observations, poses, 1, visible_only=visible_only, steps=0)
+
+        def finished(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:
+            poses = [newton(self.observations, end.T_camera_lidar, polish).T_camera_lidar for end in ends]
+            return compared([each for each in poses if self._is_near(each)]) if ends else []
+
+        ends, given = compared(self.poses)[:NUM_FINISHED], compared(self.given)
+        least = NEAR_A_TOP * ends[0].mutual_information
+        of_given = [*given, *finished([each for each in given if each.mutual_information >= least])]
+        least = max(each.mutual_information for each in of_given)
+        tops = _tops(sorted([*finished(ends), *ends, *of_given], key=lambda end: -end.mutual_information))
+        best, *others = [top for top in tops if top.mutual_information >= least]
+        gains = _core.information_gains(
+            self.observations.core,
+            best.T_camera_lidar,
+            [other.T_camera_lidar for other in others],
+            self.config.edge_band_px,
+        )
+        as_good = [
+            other for other, gain in zip(others, gains, strict=True) if -gain.gain < MIN_SIGMAS * gain.sigma
+        ]
+        return sorted([best, *as_good], key=lambda top: self._distance(top.T_camera_lidar))
+
+    def _distance(self, T_camera_lidar: Pose) -> float:
+        """Distance from the start, in those of the farthest starts."""
+        away, starts = compare_poses(T_camera_lidar, self.given[0]), self.starts
+        return max(away.rotation_deg / starts.spread_deg[1], 0.01 * away.camera_center_cm / starts.spread_m[1])
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
         return _is_within(T_camera_lidar, self.given[0], self.starts.farthest_deg, self.starts.farthest_m)
 
 
-def _apart(poses: list[Pose]) -> list[Pose]:
-    """Keep the poses that are not at a better one, best first."""
-    kept: list[Pose] = []
-    for pose in poses:
-        if not any(_is_within(pose, better, MEETING_DEG, MEETING_M) for better in kept):
-            kept.append(pose)
+def _tops(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:
+    """Keep the ends that are not at a better one, best first."""
+    kept: list[_core.Aligned] = []
+    for end in ends:
+        if not any(_is_at(end.T_camera_lidar, better.T_camera_lidar) for better in kept):
+            kept.append(end)
     return kept
+
+
+def _is_at(T_camera_lidar: Pose, T_other: Pose) -> bool:
+    return _is_within(T_camera_lidar, T_other, MEETING_DEG, MEETING_M)
 
 
 def _is_within(T_camera_lidar: Pose, T_other: Pose, angle_deg: float, distance_m: float) -> bool:

@@ -48,6 +48,18 @@ CARLA_COLORS = {
     "rail_track": (230, 150, 140),
     "guard_rail": (180, 165, 180),
 }
+# Red, green, blue, of the classes of the cue edges. Larger steps are brighter; range is told from intensity by the hue.
+NO_EDGE_NAME = "no edge"
+STEP_COLORS = {
+    "intensity step 1": (0, 85, 140),
+    "intensity step 2": (0, 130, 205),
+    "intensity step 3": (70, 190, 255),
+    "range step 1": (150, 65, 0),
+    "range step 2": (205, 90, 0),
+    "range step 3": (255, 120, 10),
+}
+GRADIENT_COLORS = {f"gradient {level}": (28 * level, 40 + 30 * level, 60 + 22 * level) for level in range(8)}
+KNOWN_COLORS = {**CARLA_COLORS, NO_EDGE_NAME: (110, 110, 110), **STEP_COLORS, **GRADIENT_COLORS}
 # Red, green, blue. Okabe and Ito's colours without black, then some of Tol's: told apart by the colour-blind.
 QUALITATIVE_COLORS = (
     (230, 159, 0),
@@ -76,10 +88,10 @@ NO_SEGMENT_COLOR = (70, 70, 70)
 
 
 def class_colors(names: Sequence[str]) -> Colors:
-    """Choose the colour of each class: CARLA's for its names, else the next of a fixed list, then of the hues."""
-    unknown = [name for name in names if name not in CARLA_COLORS]
+    """Choose the colour of each class: that of its name, as of CARLA's, else the next of a list, then of the hues."""
+    unknown = [name for name in names if name not in KNOWN_COLORS]
     colors = {name: _rgb(number) for number, name in enumerate(unknown)}
-    rgb = [(CARLA_COLORS | colors)[name] for name in names]
+    rgb = [(KNOWN_COLORS | colors)[name] for name in names]
     return np.array(rgb, dtype=np.uint8).reshape(-1, 3)[:, ::-1]
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.config import LABELS, MAX_FRAMES, Cue
-from semcal_cli.drive.cues import CUES, choose_frames, load_cues
+from semcal_cli.drive.cues import CUES, choose_frames, load_cues, maximised
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
@@ -18,6 +18,7 @@ from semcal_cli.drive.shutter import unrolled
 from semcal_cli.files.messages import listed
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
+from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.result.applied import apply_result, as_begun, seen_as
 from semcal_cli.result.calibration import Calibration, InputFrame
@@ -77,7 +78,8 @@ class ReportInput:
             self.drive.model_copy(update={"frames": frames}),
             self.observations.of_frames(indices),
             poses | {self.name: self.T_camera_lidar},
-            others=others,
+            coloring_of(self.observations),
+            others,
         )
 
     def seen_as(self, other: Drive) -> Observations:
@@ -200,8 +202,9 @@ def _distinct(
 def _cues(record: Calibration | None) -> tuple[Cue, ...]:
     """Cue that the frames are read with: labels, unless the calibration was made without them.
 
-    It is one, since pixels of one cue share no information with points of another.
+    It is the first one by which the pose was refined, and no other: pixels of one cue share no information with points
+    of another.
     """
     known = {} if record is None else record.settings.options.get("cues")
     used = tuple(cue for cue in CUES if isinstance(known, dict) and cue in known)
-    return LABELS if not used or "labels" in used else used[:1]
+    return LABELS if not used or "labels" in used else maximised(used)[:1]

@@ -1,4 +1,4 @@
-"""Drawings of LiDAR points on camera images, coloured by class, depth or agreement."""
+"""Drawings of LiDAR points on camera images, coloured by class, depth, agreement, segment or edge."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import Colors, Legend, palettes, segment_colors
+from semcal_cli.report.edges import EDGE_LEGEND, edge_picture, edges_by_strength
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
-Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment"]
+Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
 
 # Red, green, blue, of Okabe and Ito's.
 AGREEMENT_COLORS = {
@@ -149,7 +150,8 @@ class Overlays:
     """T_camera_lidar (4, 4) by caption; at least one."""
     by: Coloring = "class"
     """Meaning of the colours: the point's class; its distance from the camera; whether its class and the pixel's are
-    found together more often than by chance at the last pose; or the segment of the sweep that it is part of."""
+    found together more often than by chance at the last pose; the segment of the sweep that it is part of; or how far
+    range or intensity steps beside it, on the edges of the picture, by observations of the cue edges."""
     others: Mapping[str, Observations] = field(default_factory=dict)
     """The same frames by the captions of poses that belong to another camera or clock: see `applied.seen_as`."""
 
@@ -208,7 +210,7 @@ class Overlays:
             raise InputError(
                 f"{self.drive.path}: found {observations.num_frames} frames, needed one numbered {frame}"
             )
-        background = _background(self.drive, observations, frame)
+        background = self._background(frame)
         images: dict[str, Image] = {}
         legend: Legend = {}
         for caption, view in self.views.items():
@@ -240,8 +242,18 @@ class Overlays:
         names = self.observations.point_class_names
         palette, _ = palettes(self.observations)
         pixels, classes = _by_class(seen, self.observations.clouds[frame].classes)
+        if self.by == "edge":
+            drawn = edges_by_strength(classes)
+            pixels, classes = pixels[drawn], classes[drawn]
         present = {names[index]: tuple(palette[index].tolist()) for index in np.unique(classes).tolist()}
-        return pixels, palette[classes], present
+        return pixels, palette[classes], present | (EDGE_LEGEND if self.by == "edge" else {})
+
+    def _background(self, frame: int) -> Image:
+        """The image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
+        if self.by == "edge":
+            return edge_picture(self.drive, self.drive.frames[frame])
+        image, is_photograph = picture_of(self.drive, self.observations, frame)
+        return _dim(image) if is_photograph else (LABEL_STRENGTH * image).astype(np.uint8)
 
     @cached_property
     def _segmented(self) -> list[_core.SegmentedSweep]:
@@ -336,12 +348,6 @@ def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) 
     # Dots are assigned in the order of the points, so that the last one on a pixel stays.
     canvas[v[inside], u[inside]] = np.broadcast_to(colors[:, None], (*u.shape, 3))[inside]
     return canvas
-
-
-def _background(drive: Drive, observations: Observations, frame: int) -> Image:
-    """The image of a frame, dimmed; without an image, its label image at half strength."""
-    image, is_photograph = picture_of(drive, observations, frame)
-    return _dim(image) if is_photograph else (LABEL_STRENGTH * image).astype(np.uint8)
 
 
 def picture_of(drive: Drive, observations: Observations, frame: int) -> tuple[Image, bool]:

@@ -1,4 +1,4 @@
-// Points on pictures: each frame's points are packed once, and drawn by class, by depth or by agreement.
+// Points on pictures: each frame's points are packed once, and drawn by class or edge, by depth or by agreement.
 const Points = (() => {
   const NOT_SEEN = 255, NO_PAIR = 3, HIDDEN = 2, DISAGREES = 1;
   const COLUMNS_PER_RADIUS = 640;
@@ -15,7 +15,11 @@ const Points = (() => {
     })),
   });
 
-  const packedColors = (table) => Uint32Array.from(table, ([r, g, b]) => (255 << 24 | b << 16 | g << 8 | r) >>> 0);
+  const packedColors = (table) => Uint32Array.from(table, (color) => {
+    if (!color) return 0;
+    const [r, g, b] = color;
+    return (255 << 24 | b << 16 | g << 8 | r) >>> 0;
+  });
   const tables = (palette) => Object.fromEntries(Object.entries(palette).map(([name, table]) => [name, packedColors(table)]));
 
   // Color of a point, or 0 if the choice does not show it.
@@ -25,7 +29,7 @@ const Points = (() => {
     if (kind === HIDDEN) return 0;
     if (choice === "depth") return colors.depth[pose.levels[i]];
     if (choice === "intensity") return colors.depth[points.intensities[i]];
-    return colors.class[points.classes[i]] || 0;
+    return colors[choice][points.classes[i]] || 0;  // by class or edge
   };
 
   // Draws onto a canvas the part of the picture that `window` names: left, upper end, width and height in pixels.

@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -15,12 +16,15 @@ import PIL.Image
 import PIL.WebPImagePlugin
 
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.edges import NO_EDGE
 from semcal_cli.drive.observations import Observations
 from semcal_cli.report.colors import hex_color, palettes
+from semcal_cli.report.edges import EDGE_LEGEND, coloring_of, edge_picture, is_edge
 from semcal_cli.report.overlay import (
     AGREEMENT_COLORS,
     DEPTH_STEPS_M,
     DISAGREES,
+    Coloring,
     Image,
     Overlays,
     depth_colors,
@@ -72,8 +76,8 @@ class Picture:
     """Number of the frame among those shown, from 0."""
     width: int
     height: int
-    is_photograph: bool
-    """Whether it is a picture; label images are shown where a drive has none."""
+    ground: Literal["photograph", "labels", "edges"]
+    """What it shows: the label image where a drive has no picture, and the picture's edges with those of sweeps."""
     uri: str
     agreements: tuple[float | None, ...]
     """Share of the visible points that agree, by drawn pose."""
@@ -89,14 +93,16 @@ class Pictures:
     """What the poses are called. If points cannot be seen to move between them, only the last one is drawn."""
     best: Picture
     """The picture on which most points agree."""
+    by: Coloring
+    """What colours say at first."""
     others: tuple[Picture, ...]
     """All others, in the order of the drive."""
     worst: tuple[Picture, Crop] | None
-    """The part of all pictures in which most points disagree."""
+    """The part of all pictures in which most points disagree; None of edges, of which many have no partner anywhere."""
     moved_px: tuple[float, float] | None
     """Median and 95 % quantile of the pixels by which points move between the poses; None for one pose."""
-    palette: dict[str, list[list[int]]]
-    """Red, green and blue by class, by level of depth, and by agreement."""
+    palette: dict[str, list[list[int] | None]]
+    """Red, green and blue by class or edge, by level of depth, and by agreement; None for what is not drawn."""
     legends: dict[str, dict[str, str]]
     """Colour of each name, #rrggbb, by what colours say."""
 
@@ -134,8 +140,9 @@ def make_pictures(overlays: Overlays) -> Pictures:
     return Pictures(
         captions=tuple(overlays.poses),
         best=made[best],
+        by=overlays.by,
         others=tuple(picture for number, picture in enumerate(made) if number != best),
-        worst=_worst(projected, made),
+        worst=_worst(projected, made) if coloring_of(observations) == "class" else None,
         moved_px=moved_px,
         palette=color_tables(observations),
         legends=legends(observations, np.concatenate(shown)),
@@ -159,21 +166,35 @@ def _packer(overlays: Overlays, projected: Sequence[FramePoints], best: int) -> 
     def pack(number: int) -> Picture:
         share = BEST_SHARES if number == best else 1
         points = projected[number]
-        few = points.thinned(min(MAX_POINTS, share * MAX_POINT_BYTES // (num_shares * bytes_per_point)))
-        image, is_photograph = picture_of(overlays.drive, overlays.observations, number)
+        most = min(MAX_POINTS, share * MAX_POINT_BYTES // (num_shares * bytes_per_point))
+        few = few_points(overlays.observations, points, most)
+        image, ground = _ground(overlays, number)
         height, width = image.shape[:2]
         return Picture(
             name=overlays.frame_names[number],
             number=number,
             width=width,
             height=height,
-            is_photograph=is_photograph,
+            ground=ground,
             uri=data_uri(image, min(MAX_BYTES, share * MAX_PICTURE_BYTES // num_shares)),
             agreements=tuple(pose.agreement for pose in points.poses),
             points=few.packed(width, height),
         )
 
     return pack
+
+
+def _ground(overlays: Overlays, number: int) -> tuple[Image, Literal["photograph", "labels", "edges"]]:
+    """Draw what lies beneath the points of a frame."""
+    if coloring_of(overlays.observations) == "edge":
+        return edge_picture(overlays.drive, overlays.drive.frames[number]), "edges"
+    image, is_photograph = picture_of(overlays.drive, overlays.observations, number)
+    return image, "photograph" if is_photograph else "labels"
+
+
+def few_points(observations: Observations, points: FramePoints, most: int) -> FramePoints:
+    """Keep at most this number of points of a frame, those with an edge before all others."""
+    return points.thinned(most, is_edge(points.classes) if coloring_of(observations) == "edge" else None)
 
 
 def _worst(projected: Sequence[FramePoints], made: Sequence[Picture]) -> tuple[Picture, Crop] | None:
@@ -208,26 +229,31 @@ def _moved_px(projected: Sequence[FramePoints]) -> tuple[float, float]:
     return float(np.median(moved)), float(np.quantile(moved, 0.95))
 
 
-def color_tables(observations: Observations) -> dict[str, list[list[int]]]:
-    """List red, green and blue by class, by level of depth, and by agreement."""
-    of_points, _ = palettes(observations)
+def color_tables(observations: Observations) -> dict[str, list[list[int] | None]]:
+    """List red, green and blue by class or edge, by level of depth, and by agreement; None for points without an edge."""
+    coloring, (of_points, _) = coloring_of(observations), palettes(observations)
+    of_classes: list[list[int] | None] = of_points[:, ::-1].tolist()
+    if coloring == "edge":
+        of_classes[NO_EDGE] = None
     return {
-        "class": of_points[:, ::-1].tolist(),
+        coloring: of_classes,
         "depth": level_colors(np.arange(256, dtype=np.uint8))[:, ::-1].tolist(),
         "agreement": [list(color) for color in AGREEMENT_COLORS.values()],
     }
 
 
 def legends(observations: Observations, classes: npt.NDArray[np.uint8]) -> dict[str, dict[str, str]]:
-    """List the colours, #rrggbb, of the classes that occur, of depths, and of agreement, by their names."""
-    of_points, _ = palettes(observations)
-    present = [index for index in np.unique(classes).tolist() if index != NO_CLASS]
+    """List the colours, #rrggbb, of the classes or edges that occur, of depths, and of agreement, by their names."""
+    coloring, (of_points, _) = coloring_of(observations), palettes(observations)
+    shown, drawn = (is_edge(classes), EDGE_LEGEND) if coloring == "edge" else (classes != NO_CLASS, {})
+    present = np.unique(classes[shown]).tolist()
     depths = depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist()
     return {
-        "class": {
+        coloring: {
             observations.point_class_names[index]: hex_color(tuple(of_points[index].tolist()))
             for index in present
-        },
+        }
+        | {name: hex_color(color) for name, color in drawn.items()},
         "depth": {
             f"{step} m": hex_color(tuple(color)) for step, color in zip(DEPTH_STEPS_M, depths, strict=True)
         },

@@ -67,9 +67,12 @@ class FramePoints:
     """(N,) class of each point."""
     poses: tuple[PosePoints, ...]
 
-    def thinned(self, count: int) -> FramePoints:
-        """Keep at most this number of points, evenly spaced in their order."""
-        kept = np.array(evenly_spaced(range(len(self.classes)), count), np.intp)
+    def thinned(self, count: int, is_first: npt.NDArray[np.bool_] | None = None) -> FramePoints:
+        """Keep at most this number of points, evenly spaced in their order: those of a mask (N,) before all others."""
+        first = np.zeros(len(self.classes), bool) if is_first is None else is_first
+        chosen = evenly_spaced(np.flatnonzero(first).tolist(), count)
+        others = evenly_spaced(np.flatnonzero(~first).tolist(), count - len(chosen))
+        kept = np.sort(np.array([*chosen, *others], np.intp))
         poses = (PosePoints(p.positions[kept], p.kinds[kept], p.levels[kept]) for p in self.poses)
         return FramePoints(self.indices[kept], self.classes[kept], tuple(poses))
 

@@ -11,8 +11,9 @@ from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.files.writing import write_text
 from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import Overlays
+from semcal_cli.report.overlay import Coloring, Overlays
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import Verdict, linked
@@ -50,7 +51,8 @@ def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialP
     poses = {initial_pose.name: initial_pose.T_camera_lidar, FOUND: found.T_camera_lidar}
     of_estimate = few.drive.model_copy(update={"time_offset_s": found.time_offset_s})
     others = {FOUND: seen_as(few.first_cue, few.drive, of_estimate)}
-    return Overlays(few.drive, few.first_cue, poses, "agreement", others)
+    by: Coloring = "edge" if coloring_of(few.first_cue) == "edge" else "agreement"
+    return Overlays(few.drive, few.first_cue, poses, by, others)
 
 
 def write_verification(

@@ -24,7 +24,7 @@ HOST = "127.0.0.1"
 MAX_BODY_BYTES, MAX_DIGITS = 10_000, 9
 MAX_ERROR = 500
 TOKEN_BYTES = 24
-PICTURE = re.compile(r"picture/([0-9]{1,9})")
+PICTURE = re.compile(r"(picture|edges)/([0-9]{1,9})")
 HEADERS = {
     "Cache-Control": "no-store",
     "Referrer-Policy": "no-referrer",
@@ -97,7 +97,7 @@ class Handler(BaseHTTPRequestHandler):
         if name == "":
             self._send(HTTPStatus.OK, "text/html; charset=utf-8", page_html(self.server.session).encode())
         elif name is not None and (found := PICTURE.fullmatch(name)):
-            self._answer(lambda: self.server.session.picture(int(found[1])))
+            self._answer(lambda: self.server.session.picture(int(found[2]), by_edge=found[1] == "edges"))
         else:
             self._refuse(HTTPStatus.NOT_FOUND)
 

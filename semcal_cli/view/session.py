@@ -29,9 +29,10 @@ from semcal_cli.geometry.poses import Pose, pose_from_mounting
 from semcal_cli.geometry.twists import apply_twist
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
+from semcal_cli.report.edges import coloring_of, edge_picture
 from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlay import View, over_chance, picture_of
-from semcal_cli.report.pictures import color_tables, legends
+from semcal_cli.report.pictures import color_tables, few_points, legends
 from semcal_cli.report.points import frame_points, packed
 from semcal_cli.report.words import verdict_of
 from semcal_cli.result.calibration import Calibration
@@ -136,7 +137,7 @@ class Session:
     def page(self) -> dict[str, Any]:
         """What the page is made of that does not change with the pose."""
         observations, camera = self.observations, self.data.drive.camera
-        choices = ["class"] * self.has_labels + ["depth"]
+        choices = [coloring_of(observations)] * self.has_labels + ["depth"]
         choices += ["intensity"] * self.has_intensities + ["agreement"] * self.has_labels
         classes = np.unique(np.concatenate([cloud.classes for cloud in observations.clouds]))
         return {
@@ -157,14 +158,17 @@ class Session:
             },
         }
 
-    def picture(self, frame: int) -> bytes:
-        """Encode the picture of a frame as JPEG.
+    def picture(self, frame: int, *, by_edge: bool = False) -> bytes:
+        """Encode the picture of a frame, or a drawing of its edges, as JPEG.
 
         Raises:
             InputError: there is no such frame, or its picture is wrong.
         """
         self._check_frame(frame)
-        image, _ = picture_of(self.data.drive, self.observations, frame)
+        if by_edge:
+            image = edge_picture(self.data.drive, self.data.drive.frames[frame])
+        else:
+            image, _ = picture_of(self.data.drive, self.observations, frame)
         if image.shape[1] > MAX_COLUMNS:
             size = MAX_COLUMNS, max(1, round(image.shape[0] * MAX_COLUMNS / image.shape[1]))
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
@@ -191,7 +195,7 @@ class Session:
                 "agreement": agreement.label_agreement,
             }
         found = frame_points([View(observations, T)], frame, together)
-        few = found.thinned(MAX_POINTS)
+        few = few_points(observations, found, MAX_POINTS)
         shown = few.packed(observations.camera.width, observations.camera.height)
         levels = self._intensities[frame]
         if levels is not None:

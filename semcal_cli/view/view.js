@@ -163,12 +163,18 @@
     place(2, offsets[2] - 0.02 * event.deltaY);
   }, { passive: false });
 
+  // Edges of the sweep are drawn on those of the picture.
+  function showBackground() {
+    const byEdge = chosen("colors") === "edge", source = `${byEdge ? "edges" : "picture"}/${frame}`;
+    if (background.getAttribute("src") !== source) background.src = source;
+    picture.classList.toggle("edges", byEdge);
+    picture.classList.toggle("photograph", !byEdge && data.is_photograph[frame]);
+  }
   function showFrame(number) {
     frame = Math.min(data.frames.length - 1, Math.max(0, number));
     byId("frame").value = frame;
     points = null;
-    background.src = `picture/${frame}`;
-    picture.classList.toggle("photograph", data.is_photograph[frame]);
+    showBackground();
     update();
   }
   byId("frame").addEventListener("input", (event) => showFrame(Number(event.target.value)));
@@ -177,6 +183,7 @@
 
   const choose = () => {
     for (const legend of document.querySelectorAll("[data-colors]")) legend.hidden = legend.dataset.colors !== chosen("colors");
+    showBackground();
     draw();
   };
   for (const input of document.querySelectorAll("input[name=colors]")) input.addEventListener("change", choose);
