@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, TypeAlias
 
-Cue: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features"]
-"""What points and pixels are compared by."""
+Cue: TypeAlias = Literal["labels", "segments", "edges", "intensity", "features", "auto"]
+"""What points and pixels are compared by; auto takes the best of what the files of a drive allow."""
 Estimator: TypeAlias = Literal["exact", "mine"]
 """How mutual information is estimated: by the histogram of classes, or by a network's lower bound."""
 Device: TypeAlias = Literal["cpu", "cuda"]
@@ -26,6 +26,7 @@ ReadoutDirection: TypeAlias = Literal["down", "up", "right", "left"]
 """Way in which the lines of a picture are read, one after another."""
 
 LABELS: tuple[Cue, ...] = ("labels",)
+AUTO: tuple[Cue, ...] = ("auto",)
 MAX_SEED = 2**63 - 1
 """Largest seed of random choices."""
 MAX_FRAMES = 70
@@ -208,8 +209,8 @@ SEGMENT_STARTS = StartsConfig(
     farthest_deg=6.0,
     first_frames=6,
 )
-"""For segments. The initial calibration, by their kinds, ends up to 3 degrees off. Of ten runs on a real jam by segments
-and intensity, from 2 degrees and 0.2 m, 8 came back with ten starts and 6 from one."""
+"""For segments. The initial calibration, by their kinds, ends up to 3 degrees off. Of ten runs on a real jam by
+segments and intensity, from 2 degrees and 0.2 m, 8 came back with ten starts and 6 from one."""
 EDGE_STARTS = StartsConfig(
     coarsest_block_deg=2.6,
     min_blocks=8,
@@ -343,7 +344,7 @@ class CalibrationConfig:
 
     seed: int = 0
     """Seed of every random choice: the same seed gives the same bytes."""
-    cues: tuple[Cue, ...] = LABELS
+    cues: tuple[Cue, ...] = AUTO
     """What points and pixels are compared by."""
     max_frames: int = MAX_FRAMES
     """Largest number of frames that are used of a longer drive."""

@@ -24,6 +24,8 @@ def check_config(config: CalibrationConfig) -> None:
     refinement = config.refinement
     if not isinstance(config.cues, tuple) or not config.cues or len(set(config.cues)) < len(config.cues):
         raise InputError(f"cues: found {config.cues!r}, needed a tuple of different cues")
+    if "auto" in config.cues and len(config.cues) > 1:
+        raise InputError(f"cues: found {config.cues!r}, needed auto alone")
     for cue in config.cues:
         _check_choice("cues", cue, get_args(Cue))
     _check_choice("estimator", refinement.estimator, get_args(Estimator))

@@ -9,15 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
+
+import numpy as np
 
 from semcal_cli import _core, stage_words
 from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.assess import assess_rejected
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
+from semcal_cli.assessment.guide import check_guide
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.joint import estimate_jointly as estimate
 from semcal_cli.assessment.joint_checks import check_beside_pose, is_polished
@@ -25,6 +29,7 @@ from semcal_cli.assessment.pose_checks import check_motion, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.repeatability import compare_seeds
+from semcal_cli.assessment.rivals import MIN_SIGMAS, sigmas_behind
 from semcal_cli.config import (
     FAR_DEG,
     CalibrationConfig,
@@ -38,14 +43,15 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import can_be_unrolled
-from semcal_cli.errors import CalibrationError, about
+from semcal_cli.errors import CalibrationError, InputError, about
 from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import Initialization, as_given
+from semcal_cli.initialization.search import Initialization, as_given, is_rival
 from semcal_cli.initialization.search import initialize as search
 from semcal_cli.refinement.estimators import make_estimator
+from semcal_cli.refinement.several_starts import coarse_top
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.refinement.polish import polish as polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement
@@ -57,8 +63,8 @@ from semcal_cli.result.stage import StageResult
 from semcal_cli.stages import Stages, findings_of, settings_of
 
 NO_START = (
-    "edges alone tell no mountings apart, needed a start within 5 degrees and 0.3 m without --search-deg, from --init or "
-    "--init-rpy-xyz, or labels of the pictures, with --cue segments,edges"
+    "edges alone tell no mountings apart, needed a start within 5 degrees and 0.3 m without --search-deg, from --init "
+    "or --init-rpy-xyz, or labels of the pictures, with --cue segments,edges"
 )
 """What is missing where a search is asked for by edges alone."""
 
@@ -120,8 +126,8 @@ def initialize(
 
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
-        InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for by
-            edges alone.
+        InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for
+            by edges alone.
     """
     start = perf_counter()
     if initial_pose is None:
@@ -196,6 +202,8 @@ def _refine_and_polish(
     refined = refine(
         data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar, others=others
     )
+    if data.guide is not None and isinstance(initial, Initialization) and initial.findings:
+        initial, refined = _decided_by_edges(data, initial, refined, config, seed)
     seen = None
     if can_be_unrolled(data.observations):
         refined = refine(
@@ -213,6 +221,43 @@ def _refine_and_polish(
     if priors:
         return replace(found, fused=fuse(data, polished.T_camera_lidar, config, priors, on_event))
     return found
+
+
+def _decided_by_edges(
+    data: LoadedDrive,
+    initial: Initialization,
+    refined: Refinement,
+    config: RefinementConfig,
+    seed: int,
+) -> tuple[Initialization, Refinement]:
+    """Decide by edges between mountings that segments cannot tell apart.
+
+    The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
+    are ascended are refined in full, and the best one is taken.
+    """
+    best, *others = initial.hypotheses
+    taken, is_clear = best, True
+    for rival in others:
+        if not is_rival(best, rival, InitializationConfig.runner_up_deg):
+            continue
+        T_rival = np.array(rival.T_camera_lidar)
+        with suppress(CalibrationError):
+            coarse = coarse_top(
+                make_estimator(data.observations, config, seed)[0], T_rival, data.drive.camera
+            )
+            if _is_behind(data, refined.T_camera_lidar, coarse):
+                continue
+            found = refine(data, T_rival, config, seed)
+            if found.agreement.mutual_information > refined.agreement.mutual_information:
+                taken, refined, found = rival, found, refined
+            is_clear &= _is_behind(data, refined.T_camera_lidar, found.T_camera_lidar)
+    findings = () if is_clear else initial.findings
+    return replace(initial, T_camera_lidar=np.array(taken.T_camera_lidar), findings=findings), refined
+
+
+def _is_behind(data: LoadedDrive, T_camera_lidar: Pose, T_rival: Pose) -> bool:
+    """Whether the pose of another mounting is clearly behind."""
+    return sigmas_behind(data.observations, T_camera_lidar, [T_rival])[0] >= MIN_SIGMAS
 
 
 def refine(
@@ -333,6 +378,9 @@ def assess(
             stages.joint,
             with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"},
         )
+    if data.guide is not None:
+        of_guide = check_guide(data.guide, T_camera_lidar, stages.initial.T_camera_lidar)
+        found = replace(found, findings=(*found.findings, *of_guide))
     if with_remedies:
         findings = advise(
             found.findings,

@@ -10,12 +10,15 @@ from click.testing import CliRunner
 
 from semcal_cli.cli import semcal
 from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cues import load_cues
 from semcal_cli.drive.document import Camera, Drive, Frame, read_drive
 from semcal_cli.drive.observations import FrameObservation, LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import load_observations
 from semcal_cli.errors import InputError
 from semcal_cli.formats import write_transform
-from semcal_cli.report.colors import class_colors
+from semcal_cli.geometry.twists import apply_twist
+from semcal_cli.report.colors import NO_EDGE_NAME, STEP_COLORS, class_colors
+from semcal_cli.report.edges import GREY_STRENGTH, coloring_of, edge_picture, edges_by_strength
 from semcal_cli.report.overlay import (
     Overlays,
     before_after,
@@ -128,7 +131,7 @@ def test_wrong_input(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["small.png"]
 
 
-@pytest.mark.parametrize("by", ["class", "depth", "agreement", "segment"])
+@pytest.mark.parametrize("by", ["class", "depth", "agreement", "segment", "edge"])
 def test_overlay_of_a_drive(street: Path, street_truth: np.ndarray, tmp_path: Path, by: str) -> None:
     off = street_truth.copy()
     off[0, 3] += 0.3
@@ -168,13 +171,18 @@ def test_near_is_red_and_far_is_blue() -> None:
     assert far[0] > far[2]
 
 
-def test_a_drive_without_labels_is_shown_by_depth_and_by_segment(street: Path, tmp_path: Path) -> None:
-    drive = Path(shutil.copytree(street, tmp_path / "drive"))
+def without(drive: Path, *keys: str) -> None:
+    """Take files of a kind out of all frames of a drive."""
     document = yaml.safe_load((drive / "drive.yaml").read_text())
     for frame in document["frames"]:
-        del frame["point_labels"], frame["image_labels"]
+        for key in keys:
+            del frame[key]
     (drive / "drive.yaml").write_text(yaml.safe_dump(document))
-    for by, is_enough in (("depth", True), ("segment", True), ("class", False)):
+
+
+def test_a_drive_without_labels_is_shown_by_what_needs_none(drive: Path, tmp_path: Path) -> None:
+    without(drive, "point_labels", "image_labels")
+    for by, is_enough in (("depth", True), ("segment", True), ("edge", True), ("class", False)):
         arguments = ["overlay", str(drive), str(drive), "--by", by, "-o", str(tmp_path / by), "-q"]
         found = CliRunner().invoke(semcal, arguments)
         assert (found.exit_code == 0) == is_enough
@@ -218,3 +226,134 @@ def test_the_strip_names_frame_agreement_and_pose(street: Path, street_truth: np
     assert (name, agree, caption) == (Path(drive.frames[0].points).stem, "agree", "truth")
     assert 95.0 < float(share) <= 100.0
     assert overlays.strip(0, "truth") != overlays.strip(1, "truth")
+
+
+# By edge.
+
+EDGE_NAMES = (NO_EDGE_NAME, *STEP_COLORS)
+RANGE_3, INTENSITY_1 = EDGE_NAMES.index("range step 3"), EDGE_NAMES.index("intensity step 1")
+STEP_COLUMN, STEP_ROW = 400, 250
+"""Where the picture of `draw_edges` steps: its right part is brighter, and so is its lower part."""
+
+
+def color_of(index: int) -> list[int]:
+    """Blue, green and red of a class of the cue edges."""
+    return list(STEP_COLORS[EDGE_NAMES[index]][::-1])
+
+
+def draw_edges(folder: Path, points: list[list[float]], classes: list[int]) -> np.ndarray:
+    """Draw points by edge on a picture with two steps."""
+    picture = np.full((360, 640, 3), 60, np.uint8)
+    picture[:, STEP_COLUMN:] += 60
+    picture[STEP_ROW:] += 60
+    cv2.imwrite(str(folder / "image.png"), picture)
+    frame = Frame(points="p.bin", image=str(folder / "image.png"))
+    cloud = LabelledCloud(np.array(points, np.float32), np.array(classes, np.uint8))
+    pixels = LabelledImage(np.zeros((360, 640), np.uint8))
+    observations = Observations(CAMERA, None, (FrameObservation(cloud, pixels),), EDGE_NAMES, ["gradient 0"])
+    drive = Drive(semcal_drive=1, camera=CAMERA, frames=(frame,))
+    pictures, legend = Overlays(drive, observations, {"it": T_CAMERA_LIDAR}, "edge").draw(0)
+    assert set(legend) <= {*STEP_COLORS, "edge in the picture"}
+    return pictures["it"]
+
+
+def test_only_points_with_an_edge_are_drawn_and_in_the_colour_of_their_step(tmp_path: Path) -> None:
+    classes = [*range(len(EDGE_NAMES)), NO_CLASS]
+    columns = [40 * (1 + place) for place in range(len(classes))]
+    drawn = draw_edges(tmp_path, [point(u, 100, 8.0) for u in columns], classes)
+    is_colored = (drawn != drawn[..., :1]).any(axis=2)
+    for index, u in zip(classes, columns, strict=True):
+        is_step = 0 < index < NO_CLASS
+        assert is_colored[90:110, u - 10 : u + 10].any() == is_step
+        assert not is_step or drawn[100, u].tolist() == color_of(index)
+    assert not is_colored[:90].any()
+    assert not is_colored[110:].any()
+
+
+def test_steps_from_left_to_right_are_white_on_a_dark_picture(tmp_path: Path) -> None:
+    """And those from above to below are not: the cue does not compare them."""
+    drawn = draw_edges(tmp_path, [point(100, 100, 8.0)], [0])[..., 0].astype(int)
+    assert drawn[100, STEP_COLUMN] > 180
+    beside = np.r_[20 : STEP_COLUMN - 20, STEP_COLUMN + 20 : 620]
+    for v in (100, STEP_ROW, 340):
+        assert drawn[v, beside].max() <= GREY_STRENGTH * 180
+
+
+def test_hidden_edges_are_left_out(tmp_path: Path) -> None:
+    """A wall without edges at 2 m covers columns 0 to 300; edges at 50 m are seen beside it alone."""
+    wall = [point(u, v, 2.0) for u in range(0, 300, 3) for v in range(0, 360, 3)]
+    far = [point(u, 181, 50.0) for u in (100, 200, 500)]
+    drawn = draw_edges(tmp_path, wall + far, [0] * len(wall) + [RANGE_3] * len(far))
+    is_edge = (drawn == color_of(RANGE_3)).all(axis=2)
+    assert set(np.nonzero(is_edge)[1].tolist()) <= set(range(497, 504))
+    assert is_edge[181, 500]
+
+
+def test_a_strong_edge_lies_above_a_weak_one_that_is_nearer(tmp_path: Path) -> None:
+    drawn = draw_edges(tmp_path, [point(100, 100, 8.1), point(100, 100, 8.0)], [RANGE_3, INTENSITY_1])
+    assert drawn[100, 100].tolist() == color_of(RANGE_3)
+
+
+def test_edges_are_in_the_order_of_their_strength() -> None:
+    found = edges_by_strength(np.array([RANGE_3, 0, INTENSITY_1, NO_CLASS, INTENSITY_1], np.uint8))
+    assert found.tolist() == [2, 4, 0]
+
+
+def test_all_classes_of_the_cue_have_colours_of_edges(
+    street: Path, street_observations: Observations
+) -> None:
+    edges = load_cues(read_drive(street), ("edges",))
+    assert tuple(edges.point_class_names) == EDGE_NAMES
+    assert coloring_of(edges) == "edge"
+    assert coloring_of(street_observations) == "class"
+    gradients = class_colors(edges.image_class_names).astype(int).sum(axis=1)
+    assert (np.diff(gradients) > 0).all()
+
+
+def test_edges_of_sweep_and_picture_coincide_at_the_truth_alone(
+    street: Path, street_truth: np.ndarray
+) -> None:
+    """Strong steps in range lie on pixels that are drawn brighter than with the camera turned by a degree."""
+    drive = read_drive(street)
+    observations, brightness = load_cues(drive, ("edges",)), []
+    for turn_deg in (-1.0, 0.0, 1.0):
+        T = apply_twist(street_truth, np.array([0.0, 0.0, 0.0, 0.0, np.radians(turn_deg), 0.0]))
+        found = []
+        for frame, cloud in zip(drive.frames, observations.clouds, strict=True):
+            seen = points_in_image(cloud.points, T, observations.camera)
+            shown = ~seen.is_hidden & (cloud.classes[seen.indices] == RANGE_3)
+            u, v = seen.pixels[shown].clip(0, (639, 359)).T
+            found.append(edge_picture(drive, frame)[v, u, 0])
+        brightness.append(float(np.concatenate(found).mean()))
+    # Foliage is full of edges, which lie on edges of the picture at any pose.
+    assert brightness[1] > 1.05 * max(brightness[0], brightness[2])
+
+
+def test_edges_need_pictures(drive: Path, tmp_path: Path) -> None:
+    without(drive, "image")
+    arguments = ["overlay", str(drive), str(drive), "--by", "edge", "-o", str(tmp_path / "out")]
+    found = CliRunner().invoke(semcal, arguments)
+    assert isinstance(found.exception, InputError)
+    assert str(found.exception).endswith(".image: found nothing, needed a picture")
+
+
+def test_the_cue_edges_is_shown_by_edge(drive: Path, tmp_path: Path) -> None:
+    """Also beside segments, which only bring a pose near, beside another transform, and where a drive has no labels."""
+    common = ["overlay", str(drive), str(drive), "--max-frames", "1", "-q"]
+    asked = {
+        "edge": ["--by", "edge"],
+        "edges": ["--cue", "edges"],
+        "both": ["--cue", "segments,edges"],
+        "labels": [],
+        "class": ["--cue", "edges", "--by", "class"],
+    }
+    for name, options in asked.items():
+        assert CliRunner().invoke(semcal, [*common, *options, "-o", str(tmp_path / name)]).exit_code == 0
+    without(drive, "point_labels")
+    for name, options in (("unlabelled", []), ("against", ["--against", str(drive)])):
+        assert CliRunner().invoke(semcal, [*common, *options, "-o", str(tmp_path / name)]).exit_code == 0
+    pictures = {path.parent.name: path.read_bytes() for path in tmp_path.glob("*/000000.png")}
+    assert pictures["edge"] == pictures["edges"] == pictures["both"] == pictures["unlabelled"]
+    assert len({pictures[name] for name in ("edge", "labels", "class")}) == 3
+    beside = cv2.imdecode(np.frombuffer(pictures["against"], np.uint8), cv2.IMREAD_COLOR)
+    assert (beside == color_of(RANGE_3)).all(axis=2).any()

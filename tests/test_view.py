@@ -127,6 +127,38 @@ def test_a_drive_without_labels_is_shown_and_refines_nothing(street: Path, T_off
         bare.refine(asked)
 
 
+@pytest.fixture(scope="module")
+def by_edge(street: Path, street_truth: Pose) -> Session:
+    config = CalibrationConfig(cues=("segments", "edges"))
+    data = load(read_drive(street), config)
+    return Session(data, read_clouds(data.drive), config, street_truth)
+
+
+def test_a_drive_by_edges_is_shown_by_edge(by_edge: Session, street_truth: Pose) -> None:
+    assert by_edge.page["choices"] == ["edge", "depth", "intensity", "agreement"]
+    assert by_edge.page["palette"]["edge"][0] is None
+    assert "range step 3" in by_edge.page["legends"]["edge"]
+    assert "no edge" not in by_edge.page["legends"]["edge"]
+    at = [
+        by_edge.points({"base": street_truth.tolist(), "offsets": [0.0] * 4 + [yaw, 0.0], "frame": 0})
+        for yaw in (-1.0, 0.0, 1.0)
+    ]
+    assert at[1]["mutual_information"] > max(at[0]["mutual_information"], at[2]["mutual_information"])
+
+
+def test_the_picture_of_edges_is_grey_and_that_of_the_frame_is_not(by_edge: Session) -> None:
+    shown = [
+        cv2.imdecode(np.frombuffer(by_edge.picture(0, by_edge=each), np.uint8), cv2.IMREAD_COLOR).astype(int)
+        for each in (False, True)
+    ]
+    color = [int(np.abs(each - each.mean(axis=2, keepdims=True)).max()) for each in shown]
+    assert color[0] > 30
+    assert color[1] <= 2
+    assert shown[0].shape == shown[1].shape
+    with pytest.raises(InputError, match="frame: found 4, needed one of 0 to 3"):
+        by_edge.picture(4, by_edge=True)
+
+
 # The server.
 
 
@@ -177,6 +209,9 @@ def test_a_picture_is_the_frame_s(server: ViewServer, street: Path) -> None:
     assert np.abs(shown - stored).mean() < 4.0
     assert request(server, f"/{server.token}/picture/99")[0] == 400
     assert request(server, f"/{server.token}/picture/x")[0] == 404
+    assert (
+        request(server, f"/{server.token}/edges/1")[1] == server.session.picture(1, by_edge=True) != content
+    )
 
 
 def test_a_body_that_is_too_large_is_not_read(server: ViewServer) -> None:
@@ -347,6 +382,36 @@ def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, sessio
         browser.find_element(By.CSS_SELECTOR, "#mounting option:nth-child(3)").click()
         # Back, against x.
         WebDriverWait(browser, 10).until(lambda _: np.allclose(pose(browser)[2, :3], [-1, 0, 0], atol=1e-9))
+    finally:
+        server.ended.set()
+        thread.join()
+
+
+def test_edges_are_drawn_on_edges_and_other_colours_on_the_picture(
+    browser: webdriver.Chrome, by_edge: Session
+) -> None:
+    server = ViewServer(by_edge)
+    thread = threading.Thread(target=server.answer_until_ended, daemon=True)
+    thread.start()
+    try:
+        browser.get_log("browser")
+        browser.get(server.address)
+        wait_for_move(browser, 0)
+        background, picture = (browser.find_element(By.ID, name) for name in ("background", "picture"))
+        drawn = "return Number(document.getElementById('points').dataset.drawn)"
+        num_edges = browser.execute_script(drawn)
+        assert background.get_attribute("src") == f"{server.address}edges/0"
+        assert "photograph" not in (picture.get_attribute("class") or "").split()
+        assert serious_findings(browser) == []
+        browser.find_element(By.CSS_SELECTOR, "input[value=depth]").click()
+        assert background.get_attribute("src") == f"{server.address}picture/0"
+        assert "photograph" in (picture.get_attribute("class") or "").split()
+        assert 100 < num_edges < 0.7 * browser.execute_script(drawn)
+        browser.find_element(By.CSS_SELECTOR, "input[value=edge]").click()
+        count = shown(browser)
+        browser.find_element(By.ID, "next").click()
+        wait_for_move(browser, count)
+        assert background.get_attribute("src") == f"{server.address}edges/1"
     finally:
         server.ended.set()
         thread.join()

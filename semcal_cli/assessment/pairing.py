@@ -22,8 +22,8 @@ MAX_EXCHANGED = 0.5
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""
 MAX_EXCHANGED_SIGMAS = 2.0
-"""The same for other cues than labels, as a distance above that with the frame's own picture, in its standard errors: some frames
-have few segments, and streets are alike."""
+"""The same for other cues than labels, as a distance above that with the frame's own picture, in its standard errors:
+some frames have few segments or edges, and streets are alike."""
 NUM_EXCHANGES = 3
 """Number of other frames whose pictures are tried."""
 

@@ -6,6 +6,7 @@ What they tell has many tops. Around a wrong pose they are about as high as its 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -46,9 +47,8 @@ def check_rivals(observations: Observations, T_camera_lidar: Pose) -> tuple[Find
         T_camera_lidar: (4, 4) pose, metres.
     """
     tops = _tops(observations, T_camera_lidar)
-    gains = _core.information_gains(observations.core, T_camera_lidar, tops, EDGE_BAND_PX)
     behind, T_rival = min(
-        ((_sigmas_behind(gain), top) for gain, top in zip(gains, tops, strict=True)),
+        zip(sigmas_behind(observations, T_camera_lidar, tops), tops, strict=True),
         key=lambda each: each[0],
         default=(math.inf, T_camera_lidar),
     )
@@ -87,6 +87,7 @@ def _is_other(away: PoseError) -> bool:
     return away.rotation_deg > MAX_HALF_WIDTH_DEG or away.camera_center_cm > 100.0 * MAX_HALF_WIDTH_M
 
 
-def _sigmas_behind(gain: _core.HeldOutGain) -> float:
-    """Standard errors by which a rival is behind; none if too few squares are seen to tell."""
-    return -gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0
+def sigmas_behind(observations: Observations, T_camera_lidar: Pose, rivals: Sequence[Pose]) -> list[float]:
+    """Standard errors by which each rival (4, 4) is behind a pose (4, 4); 0 if too few squares are seen to tell."""
+    gains = _core.information_gains(observations.core, T_camera_lidar, rivals, EDGE_BAND_PX)
+    return [-gain.gain / max(gain.sigma, 1e-12) if math.isfinite(gain.sigma) else 0.0 for gain in gains]

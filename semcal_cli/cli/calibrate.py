@@ -27,7 +27,7 @@ from semcal_cli.cli.options import (
 from semcal_cli.cli.paper import PAPER_PARAMETERS, make_paper, paper_options
 from semcal_cli.cli.refinement import check_estimator, make_refinement, refinement_options
 from semcal_cli.cli.search import make_search, search_options
-from semcal_cli.config import LABELS, CalibrationConfig, Cue
+from semcal_cli.config import AUTO, LABELS, CalibrationConfig, Cue
 from semcal_cli.files.streams import takes_several
 
 if TYPE_CHECKING:
@@ -189,6 +189,8 @@ def settings_of(values: Mapping[str, Any], given: Sequence[click.Parameter]) -> 
 
     options = dict(values)
     is_paper = options["method"] == "paper"
+    if options["method"] != "mi" and options["cues"] == AUTO:
+        options["cues"] = LABELS
     _check_method(options["method"], options["cues"], given)
     check_json(options, given)
     image_labels = take_image_labels(options)

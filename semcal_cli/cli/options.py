@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args
 import click
 
 from semcal_cli.config import (
-    LABELS,
+    AUTO,
     MAX_BASELINE_M,
     MAX_FRAMES,
     MAX_POINTS,
@@ -226,6 +226,8 @@ class CueList(click.ParamType[tuple[str, ...]]):
             self.fail(f"found {value!r}, needed each cue once.", param, ctx)
         if "features" in names and len(names) > 1:
             self.fail(f"found {value!r}, but features go alone.", param, ctx)
+        if "auto" in names and len(names) > 1:
+            self.fail(f"found {value!r}, but auto goes alone.", param, ctx)
         return tuple(name for name in CUES if name in names)
 
 
@@ -235,12 +237,14 @@ cue_option = click.option(
     "--cue",
     "cues",
     type=CueList(),
-    default=LABELS,
+    default=AUTO,
     metavar="CUE[,CUE]",
-    help="Cues to compare, alone or together: labels of points and pictures; segments (parts of the sweeps by their "
-    "shape, against labels of pictures alone); intensity (the LiDAR's against the picture's grey values, without any "
-    "labels, from a start that is known to a few degrees); or features (vectors of points and pixels, alone, by "
-    "`semcal calibrate --estimator mine`).  [default: labels]",
+    help="Cues to compare, alone or together: labels of points and pictures; edges (steps along the scans against "
+    "gradients of the pictures, without any labels, from a start that is known to 5 degrees and 0.3 m); segments "
+    "(parts of the sweeps by their shape, against labels of pictures alone, which give edges a start); intensity (the "
+    "LiDAR's against the picture's grey values, without any labels); or features (vectors of points and pixels, alone, "
+    "by `semcal calibrate --estimator mine`).  [default: labels; if points have none, segments,edges, or what the "
+    "files of DRIVE allow of both]",
 )
 
 

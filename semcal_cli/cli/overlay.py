@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,8 +47,8 @@ WITHOUT_LABELS = ("depth", "segment")
     type=click.Choice(COLORINGS),
     help="Meaning of the colours: the class of the point; its distance from the camera; whether its class and the "
     "pixel's go together; the part of the sweep, by shape alone, that it belongs to: a cell of the ground, or an "
-    "object; or how far range (orange) or intensity (blue) steps beside it, on the edges of the picture. Distance, parts "
-    "and edges need no labels.  [default: class; with --against, agreement; with --cue edges, edge]",
+    "object; or how far range (orange) or intensity (blue) steps beside it, drawn on the edges of the picture. "
+    "Distance, parts and edges need no labels.  [default: class; with --against, agreement; by the cue edges, edge]",
 )
 @cue_option
 @number_option("--max-frames", default=20, help="Number of evenly spaced frames drawn of a longer drive.")
@@ -70,7 +69,6 @@ def overlay(
     from semcal_cli.cli.outputs import check_image_folder
     from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console
-    from semcal_cli.drive.cues import maximised
     from semcal_cli.drive.document import drive_file, read_drive
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.formats import read_extrinsic
@@ -78,8 +76,6 @@ def overlay(
     from semcal_cli.result.applied import apply_result, seen_as
     from semcal_cli.rig.document import find_rig
 
-    with_labels: Coloring = "class" if against is None else "agreement"
-    by = by or ("edge" if maximised(cues)[0] == "edges" else with_labels)
     if (rig := find_rig(drive)) is not None:
         from semcal_cli.cli.rig_pages import overlay_rig
 
@@ -98,28 +94,40 @@ def overlay(
         for change in each.changes:
             console.print(labelled(*change), markup=False)
     spec = seen.pop(str(calibration)).drive.model_copy(update={"frames": tuple(frames)})
-    observations = observe(spec, by, cues)
+    by, observations = observe(spec, by, cues, "class" if against is None else "agreement")
     others = {name: seen_as(observations, spec, each.drive) for name, each in seen.items()}
     for path in Overlays(spec, observations, poses, by, others).write_all(output):
         console.print(str(path), markup=False)
 
 
-def observe(drive: Drive, by: Coloring, cues: Sequence[Cue]) -> Observations:
+def observe(
+    drive: Drive, by: Coloring | None, cues: tuple[Cue, ...], of_classes: Coloring
+) -> tuple[Coloring, Observations]:
     """Load what colours show of the frames of a drive.
 
     Args:
         drive: The drive.
-        by: Meaning of the colours.
+        by: Meaning of the colours; None takes edges, if a pose is refined by them, or else `of_classes`.
         cues: Cues that classes are of, where colours show classes.
+        of_classes: Meaning of the colours of points with classes.
 
     Raises:
         InputError: a file is missing or wrong, or the drive does not name one that is needed.
         CalibrationError: the points or the pixels carry no information.
     """
-    from semcal_cli.drive.cues import load_cues, maximised
+    from semcal_cli.config import AUTO, LABELS
+    from semcal_cli.drive.cues import chosen, load_cues, maximised
     from semcal_cli.drive.reading import load_points
+    from semcal_cli.files.point_clouds import Sweeps
 
     if by in WITHOUT_LABELS:
-        return load_points(drive)
+        return by, load_points(drive)
+    if by == "edge":
+        return by, load_cues(drive, ("edges",))
+    sweeps = Sweeps()
+    # Who asks for classes means labels: without any, the error says what is missing.
+    cues = LABELS if by == "class" and cues == AUTO else chosen(cues, drive, sweeps)
     # Pixels of one cue share no information with points of another: the first one is shown.
-    return load_cues(drive, ("edges",) if by == "edge" else maximised(cues)[:1], is_raw=True)
+    shown = maximised(cues)[:1]
+    by = by or ("edge" if shown == ("edges",) else of_classes)
+    return by, load_cues(drive, shown, sweeps, is_raw=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -62,7 +61,7 @@ def overlay_rig(
     result: Path,
     output: Path,
     against: Path | None,
-    by: Coloring,
+    by: Coloring | None,
     cues: tuple[Cue, ...],
     max_frames: int,
     max_points: int,
@@ -75,7 +74,7 @@ def overlay_rig(
         result: Folder that `semcal calibrate` wrote, or its rig_calibration.yaml.
         output: Folder of the cameras' folders.
         against: Another transform; it is of one camera, and so refused.
-        by: Meaning of the colours.
+        by: Meaning of the colours; None takes what suits the drive of each camera.
         cues: Cues whose labels are shown.
         max_frames: Number of frames drawn of each camera.
         max_points: Points of the largest sweep that is read.
@@ -105,13 +104,13 @@ def overlay_rig(
 
 
 def _draw(
-    drive: Drive, name: str, T_camera_lidar: Pose, folder: Path, by: Coloring, cues: Sequence[Cue]
+    drive: Drive, name: str, T_camera_lidar: Pose, folder: Path, by: Coloring | None, cues: tuple[Cue, ...]
 ) -> list[Path]:
     """Draw the frames of one camera, and give the paths of the pictures."""
     from semcal_cli.cli.overlay import observe
     from semcal_cli.report.overlay import Overlays
 
-    observations = observe(drive, by, cues)
+    by, observations = observe(drive, by, cues, "class")
     return list(Overlays(drive, observations, {name: T_camera_lidar}, by).write_all(folder))
 
 

@@ -10,7 +10,7 @@ from typing import TypeAlias, get_args
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.config import EDGE_STARTS, SEGMENT_STARTS, Cue, StartsConfig
+from semcal_cli.config import AUTO, EDGE_STARTS, LABELS, SEGMENT_STARTS, Cue, StartsConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cue_config import EdgesConfig, FeaturesConfig, IntensityConfig, SegmentsConfig
 from semcal_cli.drive.document import Drive
@@ -19,9 +19,9 @@ from semcal_cli.drive.features import observe_features
 from semcal_cli.drive.frame_selection import evenly_spaced, select_frames
 from semcal_cli.drive.intensity import observe_intensity, observe_raw_intensity
 from semcal_cli.drive.observations import FrameObservation, Observations
-from semcal_cli.drive.reading import load_observations, read_observations
+from semcal_cli.drive.reading import load_observations, read_clouds, read_observations
 from semcal_cli.drive.segments import observe_segments
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.files.point_clouds import Sweeps
 
 Classes: TypeAlias = npt.NDArray[np.uint8]
@@ -34,6 +34,35 @@ INTENSITY, FEATURES = IntensityConfig(), FeaturesConfig()
 def maximised(cues: Sequence[Cue]) -> tuple[Cue, ...]:
     """Name the cues by which a pose is refined: where edges make it exact, segments only bring it near."""
     return tuple(cue for cue in cues if cue != "segments" or "edges" not in cues)
+
+
+def chosen(cues: Sequence[Cue], drive: Drive, sweeps: Sweeps) -> tuple[Cue, ...]:
+    """Replace `auto` by the best cues that the files of a drive allow.
+
+    Real drives end a tenth of a degree off by edges and a degree off by segments, which need no start, however. A drive
+    whose files allow none is left to labels, whose error says what is missing.
+
+    Raises:
+        InputError: the first sweep is missing or wrong.
+    """
+    if tuple(cues) != AUTO:
+        return tuple(cues)
+    has_image_labels, has_images = (
+        all(getattr(frame, key) is not None for frame in drive.frames) for key in ("image_labels", "image")
+    )
+    if has_image_labels and _has_point_labels(drive, sweeps):
+        return LABELS
+    found: dict[Cue, bool] = {"segments": has_image_labels, "edges": has_images}
+    return tuple(cue for cue, is_there in found.items() if is_there) or LABELS
+
+
+def _has_point_labels(drive: Drive, sweeps: Sweeps) -> bool:
+    """Whether all points have labels, in files of their own or in a field of the clouds, as in the first one."""
+    if any(frame.point_labels is not None for frame in drive.frames):
+        return True  # If another frame has none, the error says which.
+    first = drive.model_copy(update={"frames": drive.frames[:1]})
+    (cloud,) = read_clouds(first, sweeps)
+    return cloud.labels is not None or cloud.label_shares is not None
 
 
 def load_cues(
@@ -110,6 +139,8 @@ def _load(drive: Drive, cue: Cue, sweeps: Sweeps, is_raw: bool) -> Observations:
             return (observe_raw_intensity if is_raw else observe_intensity)(drive, INTENSITY, sweeps)
         case "features":
             return observe_features(drive, FEATURES, sweeps)
+        case "auto":
+            raise InputError("cues: found auto, needed those that were chosen for the drive")
 
 
 def summed(first: Observations, second: Observations) -> Observations:

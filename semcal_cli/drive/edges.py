@@ -55,7 +55,9 @@ def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = Non
     moved = compensated(drive, clouds)
     classes, names = classes_of_points(clouds, config)
     if not any((each[each != NO_CLASS] != NO_EDGE).any() for each in classes):
-        raise CalibrationError(f"{drive.path}: found no edges in any sweep, needed steps in range or intensity")
+        raise CalibrationError(
+            f"{drive.path}: found no edges in any sweep, needed steps in range or intensity"
+        )
     seen = lens_mask(drive.camera)
     with thread_pool() as pool:
         images = list(
@@ -64,7 +66,9 @@ def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = Non
             )
         )
     if not any(len(np.unique(image[image != NO_CLASS])) > 1 for image in images):
-        raise CalibrationError(f"{drive.path}: image is nearly the same everywhere: it says nothing of the pose")
+        raise CalibrationError(
+            f"{drive.path}: image is nearly the same everywhere: it says nothing of the pose"
+        )
     labelled = [LabelledCloud(sweep.points, each) for sweep, each in zip(moved, classes, strict=True)]
     # Certain, but as shares: levels have no borders whose pixels are in doubt.
     pictures = [LabelledImage(image, _core.ClassShares.certain(image.ravel())) for image in images]
@@ -156,9 +160,11 @@ def gradients(
     blur_px, around_px = config.blur_deg * pixels_per_deg, config.surroundings_deg * pixels_per_deg
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
-    padded = np.pad(seen.astype(np.uint8), 1, mode="edge")  # The border of the picture is no border of the lens.
+    padded = np.pad(
+        seen.astype(np.uint8), 1, mode="edge"
+    )  # The border of the picture is no border of the lens.
     is_inside = cv2.erode(padded, np.ones((reach, reach), np.uint8))[1:-1, 1:-1] > 0
-    strength = np.where(is_inside, np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)), 0.0)
+    strength = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0, ksize=3)).astype(np.float32) * is_inside
 
     # The surroundings vary slowly, so a small image is enough.
     factor = max(1.0, around_px / BLOCKS_A_SIGMA)
@@ -171,4 +177,4 @@ def gradients(
 
     weights = np.maximum(mean_around(is_inside.astype(np.float32)), np.finfo(np.float32).tiny)
     beside = strength / (mean_around(strength) / weights + LEAST_GRADIENT)
-    return cv2.GaussianBlur(beside, (0, 0), blur_px), is_inside
+    return np.asarray(cv2.GaussianBlur(beside, (0, 0), blur_px), np.float32), is_inside

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from semcal_cli.config import LABELS, MAX_FRAMES, CalibrationConfig, Cue
+from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, Cue
 from semcal_cli.config_checks import check_config
 from semcal_cli.drive.alike import copied_frames
-from semcal_cli.drive.cues import choose_frames, load_cues, maximised
+from semcal_cli.drive.cues import choose_frames, chosen, load_cues, maximised
 from semcal_cli.drive.document import Drive, Motion, read_drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
@@ -55,7 +55,7 @@ class LoadedDrive:
         Raises:
             InputError: it was loaded by others.
         """
-        if self.cues != cues:
+        if cues not in (self.cues, AUTO):
             found, needed = (" and ".join(names) for names in (self.cues, cues))
             raise InputError(
                 f"{self.drive.path}: found a drive loaded by {found}, needed one loaded by {needed}"
@@ -130,13 +130,17 @@ def load(
         return drive
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
-    used = choose_frames(whole, config.cues, config.max_frames)
+    sweeps = sweeps or Sweeps()
+    cues = chosen(config.cues, whole, sweeps)
+    used = choose_frames(whole, cues, config.max_frames)
     on_event(Progress(f"reading {len(used.frames)} frames"))
-    sweeps, refined_by = sweeps or Sweeps(), maximised(config.cues)
+    refined_by = maximised(cues)
     observations = load_cues(used, refined_by, sweeps, is_raw=config.is_raw).with_scenes
-    guide = None if refined_by == config.cues else load_cues(used, ("segments",), sweeps)
-    data = _without_copies(LoadedDrive(used, observations, config.cues, guide, config.max_frames))
-    note, details = _describe(data, len(whole.frames)), _details(data)
+    guide = None if refined_by == cues else load_cues(used, ("segments",), sweeps)
+    data = _without_copies(LoadedDrive(used, observations, cues, guide, config.max_frames))
+    is_chosen = config.cues == AUTO and cues != LABELS
+    note = _describe(data, len(whole.frames)) + ", since points have no labels" * is_chosen
+    details = _details(data)
     on_event(StageDone("load", perf_counter() - start, note, details=details))
     return data
 

@@ -134,6 +134,11 @@ def runner_up(hypotheses: Sequence[Hypothesis], least_deg: float) -> Hypothesis 
     return next((other for other in hypotheses if other.rotation_from_best_deg >= least_deg), None)
 
 
+def is_rival(best: Hypothesis, other: Hypothesis, least_deg: float) -> bool:
+    """Whether a hypothesis is another mounting that is not far enough behind the best one."""
+    return other.rotation_from_best_deg >= least_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
+
+
 def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
     """Check that the runner-up is far enough behind the best hypothesis."""
     if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:

@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.config import ExactConfig, PolishConfig, StartsConfig
+from semcal_cli.config import EDGE_STARTS, ExactConfig, PolishConfig, PyramidConfig, StartsConfig
+from semcal_cli.drive.document import Camera
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
@@ -16,7 +17,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import Level
+from semcal_cli.refinement.pyramid import Level, LevelOptimizer, pyramid_factors
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """Ends of ascents that are nearer to a better one than this have met it, and do not go on."""
@@ -27,8 +28,8 @@ MIN_SIGMAS = 2.0
 NUM_FINISHED = 3
 """Number of the best ends that are finished by Newton's method."""
 NEAR_A_TOP = 0.5
-"""A given pose is finished, too, if it has this share of the best end's information: others are on no slope to a top that
-is as high."""
+"""A given pose is finished, too, if it has this share of the best end's information: others are on no slope to a top
+that is as high."""
 
 
 class SeveralStarts:
@@ -98,7 +99,13 @@ class SeveralStarts:
         return Level(factor, found[0].T_camera_lidar, drift, found[0].num_points)
 
     def _align(
-        self, observations: Observations, poses: Sequence[Pose], factor: int, *, visible_only: bool, steps: int = -1
+        self,
+        observations: Observations,
+        poses: Sequence[Pose],
+        factor: int,
+        *,
+        visible_only: bool,
+        steps: int = -1,
     ) -> list[_core.Aligned]:
         """Ascend from poses (4, 4), and sort the ends, the best first; without steps they are only compared."""
         config = self.config
@@ -117,7 +124,9 @@ class SeveralStarts:
         It is the nearest one to the start of those that are as good as the best, as far as their scatter tells, and no
         worse than any of the given poses.
         """
-        polish = PolishConfig(max_baseline_m=self.config.max_baseline_m, edge_band_px=self.config.edge_band_px)
+        polish = PolishConfig(
+            max_baseline_m=self.config.max_baseline_m, edge_band_px=self.config.edge_band_px
+        )
 
         def compared(poses: Sequence[Pose]) -> list[_core.Aligned]:
             return self._align(self.observations, poses, 1, visible_only=visible_only, steps=0)
@@ -146,10 +155,21 @@ class SeveralStarts:
     def _distance(self, T_camera_lidar: Pose) -> float:
         """Distance from the start, in those of the farthest starts."""
         away, starts = compare_poses(T_camera_lidar, self.given[0]), self.starts
-        return max(away.rotation_deg / starts.spread_deg[1], 0.01 * away.camera_center_cm / starts.spread_m[1])
+        return max(
+            away.rotation_deg / starts.spread_deg[1], 0.01 * away.camera_center_cm / starts.spread_m[1]
+        )
 
     def _is_near(self, T_camera_lidar: Pose) -> bool:
         return _is_within(T_camera_lidar, self.given[0], self.starts.farthest_deg, self.starts.farthest_m)
+
+
+def coarse_top(several: LevelOptimizer, T_start: Pose, camera: Camera) -> Pose:
+    """Ascend from several starts around a pose (4, 4) on the coarse blocks of edges, which is fast."""
+    pyramid = PyramidConfig(EDGE_STARTS.coarsest_block_deg, EDGE_STARTS.min_blocks)
+    for factor in pyramid_factors(camera, pyramid):
+        if factor >= JOINING:
+            T_start = several.ascend(factor, T_start, visible_only=False).T_camera_lidar
+    return T_start
 
 
 def _tops(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:

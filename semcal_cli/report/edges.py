@@ -21,7 +21,7 @@ EDGE_STRENGTH = 170.0
 """Grey value that the strongest edges add: bright, but not so bright that dots on them are lost."""
 STRONGEST = 0.99
 """Quantile of the gradients of a picture from which an edge is drawn at full strength."""
-EDGE_LEGEND = {"edge of the picture": (210, 210, 210)}
+EDGE_LEGEND = {"edge in the picture": (210, 210, 210)}
 """Blue, green and red of what is drawn into the picture."""
 
 

@@ -230,7 +230,7 @@ def _moved_px(projected: Sequence[FramePoints]) -> tuple[float, float]:
 
 
 def color_tables(observations: Observations) -> dict[str, list[list[int] | None]]:
-    """List red, green and blue by class or edge, by level of depth, and by agreement; None for points without an edge."""
+    """List red, green and blue by class or edge, by level of depth, and by agreement; None where there is no edge."""
     coloring, (of_points, _) = coloring_of(observations), palettes(observations)
     of_classes: list[list[int] | None] = of_points[:, ::-1].tolist()
     if coloring == "edge":

@@ -224,8 +224,9 @@ def _held_out(record: Calibration, sign: float) -> str:
     """Gain of the polish on held-out data with its standard error; empty if it is not known how sure that is."""
     assert record.polish is not None
     sigma = record.polish.held_out_sigma_nats
-    known = str(record.settings.options.get("cues"))
-    unit = "AMI" if "segments" in maximised([cue for cue in CUES if cue in known]) else "nats"
+    known = record.settings.options.get("cues")
+    used = [cue for cue in CUES if isinstance(known, dict) and cue in known]
+    unit = "AMI" if "segments" in maximised(used) else "nats"
     gain = sign * record.polish.held_out_gain_nats
     return "" if sigma is None else f"{gain:.4f} +- {sigma:.4f} {unit}"
 

@@ -1,7 +1,7 @@
 """The real drives that benchmarks measure on, each written as a `drive.yaml` with its published pose.
 
-The folder holds frames of KITTI (object, raw, a jam), OpenCalib, nuScenes, DDAD and SUSTechPOINTS, in these data sets' own
-layouts. What is missing is left out.
+The folder holds frames of KITTI (object, raw, a jam), OpenCalib, nuScenes, DDAD and SUSTechPOINTS, in these data sets'
+own layouts. What is missing is left out.
 """
 
 from __future__ import annotations
@@ -18,10 +18,22 @@ from semcal_cli.datasets import kitti
 from semcal_cli.files.images import read_image
 from semcal_cli.formats.values import numbers, read_keyed
 
-CITYSCAPES = (
-    "road sidewalk building wall fence pole light sign vegetation terrain sky person rider car truck bus train "
-    "motorcycle bicycle"
-).split()
+CITYSCAPES = [
+    *(
+        "road",
+        "sidewalk",
+        "building",
+        "wall",
+        "fence",
+        "pole",
+        "light",
+        "sign",
+        "vegetation",
+        "terrain",
+        "sky",
+    ),
+    *("person", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle"),
+]
 
 
 class RealDrive(NamedTuple):
@@ -49,10 +61,7 @@ def _kitti_object(source: Path, folder: Path) -> Iterator[RealDrive]:
     same = [path for path in images if read_image(path).shape[:2] == (height, width)]
     for labels in ("image_labels", "image_labels_dicenet"):
         frames = [
-            _frame(
-                source / f"velodyne/{path.stem}.bin", path, source / labels / path.name
-            )
-            for path in same
+            _frame(source / f"velodyne/{path.stem}.bin", path, source / labels / path.name) for path in same
         ]
         network = "" if labels == "image_labels" else ", labels by DiCENet"
         yield _write(folder, f"KITTI object, {len(frames)} pairs{network}", camera, frames, T)
@@ -79,7 +88,9 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
         @ kitti.rotation(velo_to_cam, velo, "R")
     )
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
-    yield _write(folder, f"{name}, {len(frames)} pairs", kitti.pinhole(cam_to_cam, "P", P, width, height), frames, T)
+    yield _write(
+        folder, f"{name}, {len(frames)} pairs", kitti.pinhole(cam_to_cam, "P", P, width, height), frames, T
+    )
 
 
 def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:

@@ -4,8 +4,8 @@
     python tests/benchmarks/real_drives.py ../shared/data --start nothing --cue segments,edges --only KITTI
     python tests/benchmarks/real_drives.py ../shared/data --start close --pairs 1 --only "KITTI object"
 
-Each run starts near the published pose, in a direction of its own, as `semcal refine` would, or from nothing with a seed
-of its own. With `--pairs N` each takes N frames of the drive: one after the other, or at random.
+Each run starts near the published pose, in a direction of its own, as with `semcal calibrate --init`, or from nothing
+with a seed of its own. With `--pairs N` each takes N frames of the drive: one after the other, or at random.
 """
 
 from __future__ import annotations
@@ -41,8 +41,9 @@ NEAR_DEG, NEAR_CM = 0.5, 20.0
 """Errors within which a run is near, and beyond which none may be trusted."""
 CUES = ("edges", "segments,edges", "segments", "segments,intensity", "intensity")
 HEADER = (
-    f"| real drive | start | cue | n | rotation, deg: median, worst | camera centre, cm: median, worst | ends apart | within "
-    f"{RIGHT_DEG:g} deg, {RIGHT_CM:g} cm | within {NEAR_DEG:g} deg, {NEAR_CM:g} cm | trusted | wrong and trusted | seconds |"
+    *("real drive", "start", "cue", "n", "rotation, deg: median, worst", "camera centre, cm: median, worst"),
+    *("ends apart", f"within {RIGHT_DEG:g} deg, {RIGHT_CM:g} cm", f"within {NEAR_DEG:g} deg, {NEAR_CM:g} cm"),
+    *("trusted", "wrong and trusted", "seconds"),
 )
 
 
@@ -131,10 +132,16 @@ def evaluate(
 @click.option("--pairs", "numbers", multiple=True, type=int, help="Frames of each run; all if not given.")
 @click.option("--only", default="", help="Only drives whose names contain this.")
 def main(
-    data: Path, start: str, cues: Sequence[str], starts: int, first_seed: int, numbers: Sequence[int], only: str
+    data: Path,
+    start: str,
+    cues: Sequence[str],
+    starts: int,
+    first_seed: int,
+    numbers: Sequence[int],
+    only: str,
 ) -> None:
     """Print the table."""
-    print(f"{HEADER}\n|{'---|' * HEADER.count(' | ')}---|")
+    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
     with TemporaryDirectory() as folder:
         for found in real_drives(data.resolve(), Path(folder)):
             for cue in cues:
