@@ -51,11 +51,11 @@ from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.initialization.search import Initialization, as_given, is_rival
 from semcal_cli.initialization.search import initialize as search
 from semcal_cli.refinement.estimators import make_estimator
-from semcal_cli.refinement.several_starts import coarse_top
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.refinement.polish import polish as polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement
 from semcal_cli.refinement.pyramid import refine as refine_pose
+from semcal_cli.refinement.several_starts import coarse_top
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
