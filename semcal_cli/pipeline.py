@@ -55,7 +55,7 @@ from semcal_cli.refinement.polish import Polish
 from semcal_cli.refinement.polish import polish as polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement
 from semcal_cli.refinement.pyramid import refine as refine_pose
-from semcal_cli.refinement.several_starts import coarse_top
+from semcal_cli.refinement.several_starts import coarse_top, pyramid_of
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
@@ -458,8 +458,7 @@ def make_calibration(
 
 def _pyramid(observations: Observations, *, from_afar: bool) -> PyramidConfig:
     if observations.starts is not None:
-        starts = observations.starts
-        return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
+        return pyramid_of(observations.starts)
     return PyramidConfig(coarsest_block_deg=FAR_DEG) if from_afar else PyramidConfig()
 
 

@@ -163,10 +163,14 @@ class SeveralStarts:
         return _is_within(T_camera_lidar, self.given[0], self.starts.farthest_deg, self.starts.farthest_m)
 
 
+def pyramid_of(starts: StartsConfig) -> PyramidConfig:
+    """The pyramid that several starts ascend."""
+    return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
+
+
 def coarse_top(several: LevelOptimizer, T_start: Pose, camera: Camera) -> Pose:
     """Ascend from several starts around a pose (4, 4) on the coarse blocks of edges, which is fast."""
-    pyramid = PyramidConfig(EDGE_STARTS.coarsest_block_deg, EDGE_STARTS.min_blocks)
-    for factor in pyramid_factors(camera, pyramid):
+    for factor in pyramid_factors(camera, pyramid_of(EDGE_STARTS)):
         if factor >= JOINING:
             T_start = several.ascend(factor, T_start, visible_only=False).T_camera_lidar
     return T_start

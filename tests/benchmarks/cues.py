@@ -1,6 +1,7 @@
-"""Set cues beside each other on synthetic drives, as a Markdown table: labels, intensity, and both.
+"""Set cues beside each other on synthetic drives, as a Markdown table: labels, edges and intensity, alone and together.
 
     python tests/benchmarks/cues.py --seeds 10 --first-seed 40000
+    python tests/benchmarks/cues.py --cue edges --rig 16_channels --rig rosette --rig narrow --rig wide --rig fisheye
 
 Every run starts 2 degrees and 0.2 m off, in a direction of its own. Beside the errors: how intensity and grey values
 spread within classes and between them, so that one sees that they are no labels by other names.
@@ -8,9 +9,12 @@ spread within classes and between them, so that one sees that they are no labels
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 import cv2
@@ -18,20 +22,26 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
-from semcal_cli.config import CalibrationConfig, Cue, SynthConfig
+from semcal_cli.cli.options import CueList
+from semcal_cli.config import CalibrationConfig, SynthConfig
 from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.cues import summed
 from semcal_cli.drive.document import Drive, read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
 from semcal_cli.drive.reading import read_frame_image
+from semcal_cli.experiments.accuracy import RIGS as RIGS_BY_LABELS
 from semcal_cli.experiments.page_tables import run_script
 from semcal_cli.formats import read_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
+from semcal_cli.synthetic.label_noise import as_by_a_network
 from semcal_cli.synthetic.synthesis import synthesize
 
 START_DEG, START_M = 2.0, 0.2
-CUES: tuple[tuple[Cue, ...], ...] = (("labels",), ("intensity",), ("labels", "intensity"))
+CUES = ("labels", "edges", "intensity", "labels,edges", "labels,intensity")
+RIGS: dict[str, dict[str, object]] = RIGS_BY_LABELS | {"fisheye": {"lens": "fisheye"}}
 
 
 def start(T: Pose, seed: int) -> Pose:
@@ -69,7 +79,9 @@ def spreads(drive: Drive, T: Pose) -> tuple[float, float]:
     return found[0], found[1]
 
 
-def run(street: SynthConfig) -> Iterator[tuple[str, float, float, str]]:
+def run(
+    street: SynthConfig, cues: Sequence[str], *, by_network: bool
+) -> Iterator[tuple[str, float, float, str]]:
     """One drive, by every cue: errors in degrees and centimetres, and the status."""
     with TemporaryDirectory() as folder:
         synthesize(street, Path(folder) / "drive")
@@ -79,37 +91,57 @@ def run(street: SynthConfig) -> Iterator[tuple[str, float, float, str]]:
         click.echo(
             f"seed {street.seed}: within by between classes {within[0]:.2f}, {within[1]:.2f}", err=True
         )
-        for cues in CUES:
-            config = CalibrationConfig(cues=cues)
-            calibration = calibrate(drive, config, initial_pose=InitialPose(start(T, street.seed), "start"))
+        for cue in cues:
+            config = CalibrationConfig(cues=tuple(CueList().convert(cue, None, None)))
+            data = load(drive, config)
+            if by_network and "labels" in config.cues:
+                data = _by_network(data, np.random.default_rng(street.seed))
+            calibration = calibrate(data, config, initial_pose=InitialPose(start(T, street.seed), "start"))
             error = compare_poses(calibration.pose, T)
-            yield ",".join(cues), error.rotation_deg, error.camera_center_cm, calibration.status
+            yield cue, error.rotation_deg, error.camera_center_cm, calibration.status
+
+
+def _by_network(data: LoadedDrive, rng: np.random.Generator) -> LoadedDrive:
+    """Make the labels those of a network, and leave other cues as they are."""
+    labels = as_by_a_network(data.of_cue("labels"), rng)
+    others = [data.of_cue(cue) for cue in data.cues if cue != "labels"]
+    return replace(data, observations=reduce(summed, [labels, *others]))
 
 
 @click.command()
 @click.option("--seeds", default=10)
 @click.option("--first-seed", default=40000)
+@click.option("--cue", "cues", multiple=True, default=CUES)
+@click.option("--rig", "rigs", multiple=True, type=click.Choice(list(RIGS)), default=["default"])
 @click.option("--label-noise", default=0.0)
+@click.option("--by-network", is_flag=True, help="Labels of both sides as by a network.")
 @click.option("--frames", default=20, show_default=True)
 @click.option("--width", default=1280, show_default=True, help="Columns of the pictures, 16 to 9.")
-def main(seeds: int, first_seed: int, label_noise: float, frames: int, width: int) -> None:
+def main(
+    seeds: int,
+    first_seed: int,
+    cues: Sequence[str],
+    rigs: Sequence[str],
+    label_noise: float,
+    by_network: bool,
+    frames: int,
+    width: int,
+) -> None:
     """Print the table."""
-    streets = [
-        SynthConfig(
-            num_frames=frames, seed=seed, label_noise=label_noise, width=width, height=width * 9 // 16
-        )
-        for seed in range(first_seed, first_seed + seeds)
-    ]
-    results = [result for street in streets for result in run(street)]
-    print("| cue | n | rotation, deg: median, worst | camera centre, cm: median, worst | trusted |")
-    print("|---|---|---|---|---|")
-    for cues in map(",".join, CUES):
-        found = [result for result in results if result[0] == cues]
-        (deg, cm), trusted = np.array([r[1:3] for r in found]).T, sum(r[3] == "trusted" for r in found)
-        print(
-            f"| {cues} | {len(found)} | {np.median(deg):.4f}, {deg.max():.4f} | {np.median(cm):.2f}, {cm.max():.2f} "
-            f"| {trusted} |"
-        )
+    print("| rig | cue | n | rotation, deg: median, worst | camera centre, cm: median, worst | trusted |")
+    print("|---|---|---|---|---|---|")
+    for rig in rigs:
+        common: dict[str, Any] = {"width": width, "height": width * 9 // 16, **RIGS[rig]}
+        streets = [
+            SynthConfig(num_frames=frames, seed=seed, label_noise=label_noise, **common)
+            for seed in range(first_seed, first_seed + seeds)
+        ]
+        results = [result for street in streets for result in run(street, cues, by_network=by_network)]
+        for cue in cues:
+            found = [result for result in results if result[0] == cue]
+            (deg, cm), trusted = np.array([r[1:3] for r in found]).T, sum(r[3] == "trusted" for r in found)
+            cells = f"{np.median(deg):.4f}, {deg.max():.4f} | {np.median(cm):.2f}, {cm.max():.2f} | {trusted}"
+            print(f"| {rig} | {cue} | {len(found)} | {cells} |", flush=True)
 
 
 if __name__ == "__main__":

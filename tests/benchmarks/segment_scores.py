@@ -10,13 +10,12 @@ the published pose, over its own range. The table says where each is largest.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import click
 import numpy as np
-from real_drives import jam, nuscenes, opencalib
+from real_data import real_drives
 
 from semcal_cli import _core
 from semcal_cli.assessment.segment_information import segment_information
@@ -92,9 +91,9 @@ def _entropy(shares: np.ndarray) -> float:
 
 def drives(data: Path, folder: Path, only: str, max_frames: int) -> Iterator[tuple[str, Profiles]]:
     """Load the drives that are drawn."""
-    for name, where in chain.from_iterable(kind(data, folder) for kind in (jam, opencalib, nuscenes)):
+    for name, path, _ in real_drives(data, folder):
         if name in DRIVES and only in name:
-            drive = read_drive(where)
+            drive = read_drive(path)
             drive = drive.model_copy(update={"frames": drive.frames[:max_frames]})
             found = load(drive, CalibrationConfig(cues=("segments",)))
             yield name, Profiles(found, read_transform(drive.path))

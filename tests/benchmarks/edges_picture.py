@@ -1,0 +1,82 @@
+"""Draw a real frame before and after `--cue edges`: steps along the scan on the gradients of the picture.
+
+    python tests/benchmarks/edges_picture.py ../shared/data -o docs/pictures/edges.png
+
+The frame is one of KITTI's jam, of which no picture is shown: only how much it changes from left to right.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import click
+import cv2
+import numpy as np
+from real_data import real_drives
+
+from semcal_cli import _core
+from semcal_cli.config import CalibrationConfig
+from semcal_cli.drive.camera import core_camera
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.geometry.twists import displaced
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
+
+START_DEG, START_M = 2.0, 0.2
+SCALE, WIDTH, TITLE_PX = 2, 1400, 40
+COLORS = {"intensity": (255, 170, 60), "range": (40, 140, 255)}
+"""Blue, green and red of steps in intensity and in range."""
+
+
+def draw(data: LoadedDrive, frame: int, T_camera_lidar: Pose, title: str) -> np.ndarray:
+    """One panel: levels of the gradient from black to white, and the visible edges of the sweep."""
+    observed = data.observations.frame_observations[frame]
+    classes = observed.image.classes
+    grey = (220.0 * (classes / classes[classes < 255].max()) ** 3).astype(np.uint8)
+    large = cv2.resize(grey, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_LINEAR)
+    panel = cv2.copyMakeBorder(
+        cv2.cvtColor(large, cv2.COLOR_GRAY2BGR), TITLE_PX, 0, 0, 0, cv2.BORDER_CONSTANT
+    )
+    cloud = observed.cloud
+    projected = _core.project_points(core_camera(data.drive.camera), cloud.points, T_camera_lidar)
+    seen = np.isfinite(projected.ranges) & ~projected.is_hidden
+    for level, name in enumerate(data.observations.point_class_names):
+        color = COLORS.get(name.split()[0])
+        for u, v in SCALE * (projected.pixels[seen & (cloud.classes == level)] + 0.5) if color else ():
+            cv2.circle(panel, (round(u), round(v) + TITLE_PX), 2, color, -1, cv2.LINE_AA)
+    cv2.putText(panel, title, (12, 29), cv2.FONT_HERSHEY_SIMPLEX, 0.9, (255, 255, 255), 2, cv2.LINE_AA)
+    return panel
+
+
+@click.command()
+@click.argument("data", type=click.Path(path_type=Path, exists=True))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True)
+@click.option("--frame", default=6, show_default=True, help="Frame that is shown.")
+@click.option("--seed", default=3, show_default=True, help="Seed of the start.")
+@click.option("--max-frames", default=70, help="Frames of the drive.")
+def main(data: Path, output: Path, frame: int, seed: int, max_frames: int) -> None:
+    """Draw both panels into one picture."""
+    with TemporaryDirectory() as folder:
+        jam = next(each for each in real_drives(data.resolve(), Path(folder)) if "jam" in each.name)
+        config = CalibrationConfig(cues=("edges",), max_frames=max_frames)
+        loaded = load(read_drive(jam.path), config)
+        start = displaced(read_transform(jam.path), START_DEG, START_M, np.random.default_rng(seed))
+        found = calibrate(loaded, config, initial_pose=InitialPose(start, "start"))
+        frame = min(frame, len(loaded.drive.frames) - 1)
+        before = f"before: {START_DEG:g} degrees and {START_M:g} m off"
+        panels = [
+            draw(loaded, frame, T, title)
+            for title, T in ((before, start), ("after", np.array(found.T_camera_lidar)))
+        ]
+    picture = np.vstack(panels)
+    size = WIDTH, round(picture.shape[0] * WIDTH / picture.shape[1])
+    cv2.imwrite(str(output), cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+    print(f"written to {output}")
+
+
+if __name__ == "__main__":
+    main()
