@@ -7,11 +7,12 @@
 
 use std::f64::consts::{FRAC_PI_2, TAU};
 
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::point_cloud::to_f64;
 use crate::segmentation::is_return;
-use crate::spherical::{azimuth, elevation};
+use crate::spherical::{azimuth, elevation, from_angles};
 
 /// Height of the rows by which neighbours are looked up, radians.
 const ROW: f64 = 1e-3;
@@ -26,15 +27,24 @@ const REACH: f64 = 0.02;
 /// Beyond this many times the usual distance of neighbours there is none: a beam went astray.
 const GAP: f64 = 7.0;
 
+/// Smallest cosine of an elevation: at the poles azimuths mean nothing.
+const LEAST_COSINE: f64 = 1e-3;
+
 /// What changes from each point of a sweep to its neighbours.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Steps {
     /// By how much the farther one of the two neighbours is farther than the point, metres: infinite where there is no
     /// return beside the point, NaN where the point is none itself.
     pub range_m: Vec<f32>,
+    /// From each point to half-way towards that neighbour's ray, metres: the surface ends in between.
+    pub to_range_step_m: Vec<[f32; 3]>,
     /// The larger difference of intensity to a neighbour on the same surface, NaN where no neighbour is; `None` without
     /// intensities.
     pub intensity: Option<Vec<f32>>,
+    /// From each point to half-way towards that neighbour, metres.
+    pub to_intensity_step_m: Vec<[f32; 3]>,
+    /// The median angle between neighbouring rays, radians.
+    pub spacing: f64,
 }
 
 /// The steps of each of some sweeps.
@@ -48,23 +58,35 @@ fn of_sweep(points: &[[f32; 3]], intensity: Option<&[f32]>, same_surface_m: f64)
     let rays = Rays::of(points);
     let beside: Vec<[Option<Beside>; 2]> =
         (0..rays.sorted.len()).into_par_iter().map(|at| rays.beside(at)).collect();
-    let reach = GAP * usual_distance(&beside);
+    let spacing = usual_distance(&beside);
     let mut found = Steps {
         range_m: vec![f32::NAN; points.len()],
+        to_range_step_m: vec![[0.0; 3]; points.len()],
         intensity: intensity.map(|values| vec![f32::NAN; values.len()]),
+        to_intensity_step_m: vec![[0.0; 3]; points.len()],
+        spacing,
     };
     for (ray, sides) in rays.sorted.iter().zip(&beside) {
-        let sides = sides.map(|side| side.filter(|beside| beside.distance <= reach));
+        let sides = sides.map(|side| side.filter(|beside| beside.distance <= GAP * spacing));
         let step = |side: Option<Beside>| {
             side.map_or(f64::INFINITY, |beside| rays.sorted[beside.at].range - ray.range)
         };
-        found.range_m[ray.index] = f64::max(step(sides[0]), step(sides[1])) as f32;
-        if let Some((intensity, found)) = intensity.zip(found.intensity.as_mut()) {
-            let other = |beside: &Beside| &rays.sorted[beside.at];
-            let same = sides.iter().flatten().map(other);
-            let same = same.filter(|other| (other.range - ray.range).abs() < same_surface_m);
-            let differences = same.map(|other| (intensity[other.index] - intensity[ray.index]).abs());
-            found[ray.index] = differences.fold(f32::NAN, f32::max);
+        let [left, right] = sides.map(step);
+        let side = usize::from(right > left);
+        found.range_m[ray.index] = f64::max(left, right) as f32;
+        let neighbour = sides[side].map(|beside| rays.sorted[beside.at]);
+        found.to_range_step_m[ray.index] = ray.half_way(neighbour, side, spacing);
+        if let Some((intensity, values)) = intensity.zip(found.intensity.as_mut()) {
+            for (side, beside) in sides.iter().enumerate() {
+                let Some(other) = beside.map(|beside| rays.sorted[beside.at]) else { continue };
+                let difference = (intensity[other.index] - intensity[ray.index]).abs();
+                let is_same = (other.range - ray.range).abs() < same_surface_m;
+                let value = &mut values[ray.index];
+                if is_same && (value.is_nan() || difference > *value) {
+                    *value = difference;
+                    found.to_intensity_step_m[ray.index] = ray.half_way(Some(other), side, spacing);
+                }
+            }
         }
     }
     found
@@ -78,6 +100,28 @@ struct Ray {
     range: f64,
     /// Among all points of the sweep.
     index: usize,
+}
+
+impl Ray {
+    fn direction(&self) -> Vector3<f64> {
+        from_angles(self.azimuth, self.elevation)
+    }
+
+    /// From the point, metres, to its range half-way to a neighbour's ray on a side; without a neighbour, that is half
+    /// the usual spacing of rays, radians.
+    fn half_way(&self, neighbour: Option<Self>, side: usize, spacing: f64) -> [f32; 3] {
+        let own = self.direction();
+        let middle = match neighbour {
+            Some(other) => own + other.direction(),
+            None => {
+                let turn =
+                    if side == 0 { 0.5 } else { -0.5 } * spacing / self.elevation.cos().max(LEAST_COSINE);
+                from_angles(self.azimuth + turn, self.elevation)
+            }
+        };
+        let by = (middle.normalize() - own) * self.range;
+        [by.x as f32, by.y as f32, by.z as f32]
+    }
 }
 
 /// The neighbour of a ray on one side.
@@ -123,7 +167,7 @@ impl Rays {
     /// The neighbours of a ray: in the direction of larger azimuths, and of smaller ones.
     fn beside(&self, at: usize) -> [Option<Beside>; 2] {
         let ray = &self.sorted[at];
-        let across = ray.elevation.cos().max(1e-3);
+        let across = ray.elevation.cos().max(LEAST_COSINE);
         let reach_rows = ((LEAST_HEIGHT + SLOPE * REACH) / ROW).ceil() as usize;
         let own = row(ray.elevation);
         let mut found = [None, None];

@@ -897,6 +897,18 @@ class Steps:
         """
 
     @property
+    def to_range_step_m(self) -> _Float32:
+        """(N, 3) from each point to half-way towards that neighbour's ray, metres: the surface ends in between."""
+
+    @property
+    def to_intensity_step_m(self) -> _Float32:
+        """(N, 3) from each point to half-way towards the neighbour whose intensity differs more, metres."""
+
+    @property
+    def spacing(self) -> float:
+        """Median angle between neighbouring rays, radians; 0 without any."""
+
+    @property
     def intensity(self) -> NDArray[np.float32] | None:
         """(N,) the larger difference of intensity to a neighbour on the same surface; NaN without such a neighbour."""
 

@@ -48,8 +48,8 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     "cues": (
         "cues.py --seeds 1 --frames 2 --width 160",
         [
-            rf"\| {cue} \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER}, {NUMBER} \| [01] \|"
-            for cue in ("labels", "intensity", "labels,intensity")
+            rf"\| default \| {cue} \| 1 \| {NUMBER}, {NUMBER} \| {NUMBER}, {NUMBER} \| [01] \|"
+            for cue in ("labels", "edges", "intensity", "labels,edges", "labels,intensity")
         ],
     ),
     "features": (
@@ -96,10 +96,10 @@ RUNS: dict[str, tuple[str, list[str]]] = {
         ],
     ),
     "real drives": (
-        "real_drives.py DATA --starts 1 --only KITTI --max-frames 1",
+        "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges",
         [
-            rf"\| KITTI jam, 13 pairs \| {cues} \| 1 \|( {NUMBER}, {NUMBER} \|){{2}} [01] \| 0 \| 0 \|"
-            for cues in ("segments", "segments,intensity", "intensity")
+            rf"\| nuScenes back, 1 of them \| near \| {cues} \| 1 \|( {NUMBER}, {NUMBER} \|){{2}} - \|( [01] \|){{2}} 0 "
+            for cues in ("edges", "segments,edges")
         ],
     ),
     "pictures": (
@@ -138,9 +138,16 @@ RUNS: dict[str, tuple[str, list[str]]] = {
             for score in ("mutual information", "uncertainty coefficient", "adjusted mutual information")
         ],
     ),
-    "segments' picture": (
-        "segments_picture.py DATA -o OUT/segments.png --max-frames 1",
+    "edges' picture": (
+        "edges_picture.py DATA -o OUT/edges.png --max-frames 1",
         [r"written to .*"],
+    ),
+    "edges' ideas": (
+        "edge_ideas.py DATA -o OUT/ideas.png --only jam --max-frames 1 --starts 1 --steps 1",
+        [
+            rf"\| KITTI jam, 13 pairs \| {idea} \| {NUMBER} deg, {NUMBER} cm \| (-?{NUMBER}|inf) \| [01] of 1 \|"
+            for idea in ("steps in range", "steps in intensity", "planes that meet")
+        ],
     ),
     "speed ratio": (
         "speed_ratio.py --before SEMCAL --after SEMCAL --pool POOL/speed "
@@ -162,7 +169,7 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     ),
 }
 """Arguments of the smallest run of each script, and lines that it prints."""
-WITHOUT_TABLES = {"knocked_drive.py", "pictures.py", "segments_picture.py"}
+WITHOUT_TABLES = {"knocked_drive.py", "pictures.py", "edges_picture.py"}
 """Scripts that make pictures."""
 CASES = {
     "synth": ["synth pinhole --frames 1 --width 64 --height 48 -q"],

@@ -66,6 +66,7 @@ WITH_TORCH = {
 WITH_OPENCV = {
     "files/images",
     "drive/intensity",
+    "drive/edges",
     "labelling/views",
     "bags/pictures",
     "labelling/sides",

@@ -16,7 +16,7 @@ from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.cli import semcal
-from semcal_cli.config import CalibrationConfig, Cue, ExactConfig
+from semcal_cli.config import SEGMENT_STARTS, CalibrationConfig, Cue, ExactConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cues import SEGMENTS, load_cues
 from semcal_cli.drive.document import read_drive
@@ -29,7 +29,7 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import refine_and_polish, start_at
-from semcal_cli.refinement.several_starts import NUM_STARTS, SeveralStarts
+from semcal_cli.refinement.several_starts import SeveralStarts
 
 FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
 """2 degrees and 0.2 m."""
@@ -164,7 +164,7 @@ def test_beside_intensity_segments_weigh_less_and_are_searched_alone(street: Pat
     searched = LoadedDrive(drive, both, cues).for_search
     assert searched.num_frames == len(drive.frames)
     assert not searched.has_segments
-    assert both.has_many_tops
+    assert both.starts == SEGMENT_STARTS
 
 
 def test_pictures_of_unsure_labels_are_exchanged_as_sure_as_their_own(
@@ -238,17 +238,15 @@ def test_a_right_pose_has_no_rival_and_a_wrong_one_has(seen: Observations, stree
 
 
 def test_starts_that_meet_go_on_as_one(seen: Observations, street_truth: Pose) -> None:
-    starts = SeveralStarts(seen, ExactConfig(), seed=0)
+    starts = SeveralStarts(seen, ExactConfig(), 0, SEGMENT_STARTS)
     level = starts.ascend(8, street_truth, visible_only=False)
     assert compare_poses(level.T_camera_lidar, street_truth).rotation_deg < 0.5
-    assert len(starts.others) < NUM_STARTS[0] // 2
+    assert len(starts.poses) < SEGMENT_STARTS.num_starts[0] // 2
 
 
-def test_a_level_without_tops_in_reach_stays_where_it_was(
-    seen: Observations, street_truth: Pose, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("semcal_cli.refinement.several_starts.FARTHEST_M", 0.0)
-    level = SeveralStarts(seen, ExactConfig(), seed=0).ascend(8, street_truth, visible_only=False)
+def test_a_level_without_tops_in_reach_stays_where_it_was(seen: Observations, street_truth: Pose) -> None:
+    nowhere = replace(SEGMENT_STARTS, farthest_m=0.0)
+    level = SeveralStarts(seen, ExactConfig(), 0, nowhere).ascend(8, street_truth, visible_only=False)
     assert np.array_equal(level.T_camera_lidar, street_truth)
 
 

@@ -402,6 +402,7 @@ def test_edges_are_drawn_on_edges_and_other_colours_on_the_picture(
         num_edges = browser.execute_script(drawn)
         assert background.get_attribute("src") == f"{server.address}edges/0"
         assert "photograph" not in (picture.get_attribute("class") or "").split()
+        assert background.value_of_css_property("filter") == "none"  # the drawing is dark already
         assert serious_findings(browser) == []
         browser.find_element(By.CSS_SELECTOR, "input[value=depth]").click()
         assert background.get_attribute("src") == f"{server.address}picture/0"

@@ -1,9 +1,9 @@
 //! Steps along the scans of sweeps.
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::arrays::borrowed_rows;
+use super::arrays::{borrowed_rows, to_array2};
 use super::errors::value_error;
 use super::threads::detached;
 use crate::edges::{self, Steps};
@@ -11,6 +11,9 @@ use crate::edges::{self, Steps};
 #[pyclass(name = "Steps", frozen, get_all)]
 pub(super) struct PySteps {
     range_m: Py<PyArray1<f32>>,
+    to_range_step_m: Py<PyArray2<f32>>,
+    to_intensity_step_m: Py<PyArray2<f32>>,
+    spacing: f64,
     intensity: Option<Py<PyArray1<f32>>>,
 }
 
@@ -34,12 +37,17 @@ pub(super) fn edge_steps(
     }
     let sweeps: Vec<_> = rows.iter().map(AsRef::as_ref).zip(values).collect();
     let found = detached(py, || edges::steps(&sweeps, same_surface_m));
-    Ok(found.into_iter().map(|steps| PySteps::new(py, &steps)).collect())
+    found.iter().map(|steps| PySteps::new(py, steps)).collect()
 }
 
 impl PySteps {
-    fn new(py: Python<'_>, steps: &Steps) -> Self {
-        let intensity = steps.intensity.as_ref().map(|values| PyArray1::from_slice(py, values).unbind());
-        Self { range_m: PyArray1::from_slice(py, &steps.range_m).unbind(), intensity }
+    fn new(py: Python<'_>, steps: &Steps) -> PyResult<Self> {
+        Ok(Self {
+            range_m: PyArray1::from_slice(py, &steps.range_m).unbind(),
+            to_range_step_m: to_array2(py, &steps.to_range_step_m)?.unbind(),
+            to_intensity_step_m: to_array2(py, &steps.to_intensity_step_m)?.unbind(),
+            spacing: steps.spacing,
+            intensity: steps.intensity.as_ref().map(|values| PyArray1::from_slice(py, values).unbind()),
+        })
     }
 }

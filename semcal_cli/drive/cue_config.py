@@ -35,9 +35,11 @@ class EdgesConfig:
     """Number of points without an edge that are compared for each one with an edge; more cost time and tell little."""
     num_levels: int = 8
     """Number of equally frequent levels of the gradient of a picture."""
-    blur_deg: float = 0.08
-    """Standard deviation of the blur of a picture before and after its gradient is taken: rays are 0.1 to 0.4 degrees
-    apart."""
+    blur_rays: float = 0.5
+    """Standard deviation of the blur of a picture before and after its gradient is taken, in angles between neighbouring
+    rays: a step lies anywhere between two."""
+    least_blur_px: float = 0.7
+    """Smallest such deviation, pixels."""
     surroundings_deg: float = 6.0
     """Standard deviation of the window over which the mean of the gradients is taken."""
 

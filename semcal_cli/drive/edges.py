@@ -9,6 +9,7 @@ weighs them by what the data say. Edges between rings are left out: they are hal
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -18,7 +19,7 @@ from semcal_cli import _core
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.cue_config import EdgesConfig
-from semcal_cli.drive.document import Camera, Drive
+from semcal_cli.drive.document import Camera, Drive, Frame
 from semcal_cli.drive.intensity import grey_values, lens_mask
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
@@ -53,43 +54,49 @@ def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = Non
     """
     clouds = read_clouds(drive, sweeps)
     moved = compensated(drive, clouds)
-    classes, names = classes_of_points(clouds, config)
-    if not any((each[each != NO_CLASS] != NO_EDGE).any() for each in classes):
-        raise CalibrationError(
-            f"{drive.path}: found no edges in any sweep, needed steps in range or intensity"
-        )
+    found = edges_of_sweeps(clouds, config)
+    if not any((each[each != NO_CLASS] != NO_EDGE).any() for each in found.classes):
+        raise CalibrationError(f"{drive.path}: found no edges in any sweep, needed steps in range or intensity")
     seen = lens_mask(drive.camera)
+    blur_px = max(
+        config.blur_rays * found.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
+    )
+
+    def levels_of(frame: Frame) -> Classes:
+        return _levels(drive.camera, grey_values(drive, frame), seen, blur_px, config)
+
     with thread_pool() as pool:
-        images = list(
-            pool.map(
-                lambda frame: _levels(drive.camera, grey_values(drive, frame), seen, config), drive.frames
-            )
-        )
+        images = list(pool.map(levels_of, drive.frames))
     if not any(len(np.unique(image[image != NO_CLASS])) > 1 for image in images):
         raise CalibrationError(
             f"{drive.path}: image is nearly the same everywhere: it says nothing of the pose"
         )
-    labelled = [LabelledCloud(sweep.points, each) for sweep, each in zip(moved, classes, strict=True)]
+    labelled = [
+        LabelledCloud(sweep.points + to_step, classes)
+        for sweep, to_step, classes in zip(moved, found.to_steps_m, found.classes, strict=True)
+    ]
     # Certain, but as shares: levels have no borders whose pixels are in doubt.
     pictures = [LabelledImage(image, _core.ClassShares.certain(image.ravel())) for image in images]
     levels = [f"gradient {level}" for level in range(config.num_levels)]
-    return make_observations(drive, clouds, moved, labelled, pictures, (names, levels))
+    return make_observations(drive, clouds, moved, labelled, pictures, (found.names, levels))
 
 
-def classes_of_points(
-    clouds: Sequence[_core.PointCloud], config: EdgesConfig
-) -> tuple[list[Classes], list[str]]:
-    """Find the edges of sweeps.
+class SweepEdges(NamedTuple):
+    """The edges of the sweeps of a drive."""
 
-    Args:
-        clouds: The sweeps, as they were scanned.
-        config: Settings of the cue.
+    classes: list[Classes]
+    """Class of each point (N,) of each sweep; `NO_CLASS` where it is no return, or where too many have no edge."""
+    to_steps_m: list[Values]
+    """(N, 3) from each point with an edge to where the step lies, half-way to its neighbour, metres; 0 for others."""
+    names: list[str]
+    """Names of the classes: no edge, levels of steps in intensity, and levels of steps in range, which come before those
+    in intensity where a point has both."""
+    spacing: float
+    """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
 
-    Returns:
-        Class of each point (N,) of each sweep, and the names of the classes: no edge, levels of steps in intensity, and
-        levels of steps in range, which come before those in intensity where a point has both. A point that is no return
-        has `NO_CLASS`.
-    """
+
+def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig) -> SweepEdges:
+    """Find the edges of sweeps, as they were scanned."""
     has_intensity = all(cloud.intensity is not None for cloud in clouds)
     intensities = [_finite(cloud.intensity) if has_intensity else None for cloud in clouds]
     steps = _core.edge_steps([cloud.points for cloud in clouds], intensities, config.same_surface_m)
@@ -104,7 +111,19 @@ def classes_of_points(
         *(f"intensity step {level + 1}" for level in range(len(limits))),
         *(f"range step {level + 1}" for level in range(len(config.range_steps_m))),
     ]
-    return [_classes(cloud, each, limits, config) for cloud, each in zip(clouds, steps, strict=True)], names
+    classes = [_classes(cloud, each, limits, config) for cloud, each in zip(clouds, steps, strict=True)]
+    to_steps_m = [
+        _to_steps(each, found, len(limits)) for each, found in zip(steps, classes, strict=True)
+    ]
+    return SweepEdges(classes, to_steps_m, names, float(np.median([each.spacing for each in steps])))
+
+
+def _to_steps(steps: _core.Steps, classes: Classes, num_intensity: int) -> Values:
+    """Choose where the steps lie (N, 3) by the classes (N,) of points: steps in range, in intensity, or none."""
+    is_edge = (classes != NO_CLASS) & (classes != NO_EDGE)
+    of_range = is_edge & (classes > num_intensity)
+    to_steps = np.where(of_range[:, None], steps.to_range_step_m, steps.to_intensity_step_m)
+    return np.asarray(np.where(is_edge[:, None], to_steps, 0.0), np.float32)
 
 
 def _finite(intensity: Values | None) -> Values | None:
@@ -134,16 +153,18 @@ def _thinned(classes: Classes, num_plain: int) -> Classes:
     return classes
 
 
-def _levels(camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, config: EdgesConfig) -> Classes:
+def _levels(
+    camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
+) -> Classes:
     """Compute the level (H, W) of the gradient of grey values (H, W) from left to right, beside its surroundings."""
-    strength, is_inside = gradients(camera, grey, seen, config)
+    strength, is_inside = gradients(camera, grey, seen, blur_px, config)
     limits = np.quantile(strength[is_inside], np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1])
     levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(grey.shape)
     return np.where(is_inside, levels, NO_CLASS).astype(np.uint8)
 
 
 def gradients(
-    camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, config: EdgesConfig
+    camera: Camera, grey: npt.NDArray[np.float64], seen: Mask, blur_px: float, config: EdgesConfig
 ) -> tuple[Values, Mask]:
     """Compute the gradients of a picture from left to right, over their mean in the surroundings.
 
@@ -151,13 +172,13 @@ def gradients(
         camera: The camera, whose lens says how large an angle is in pixels.
         grey: (H, W) grey values, 0 to 255.
         seen: (H, W) pixels that the lens reaches.
+        blur_px: Standard deviation of the blur before and after the gradient is taken.
         config: Settings of the cue.
 
     Returns:
         Strength of the gradient (H, W), and whether (H, W) all pixels that it comes from are reached.
     """
-    pixels_per_deg = np.radians(1.0) * core_camera(camera).pixels_per_radian
-    blur_px, around_px = config.blur_deg * pixels_per_deg, config.surroundings_deg * pixels_per_deg
+    around_px = np.radians(config.surroundings_deg) * core_camera(camera).pixels_per_radian
     smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), blur_px)
     reach = 2 * int(np.ceil(3.0 * blur_px)) + 3
     padded = np.pad(

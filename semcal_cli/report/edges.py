@@ -17,6 +17,8 @@ from semcal_cli.report.colors import NO_EDGE_NAME, STEP_COLORS
 
 GREY_STRENGTH = 0.25
 """Strength of the picture beneath its edges, which is there to find one's way."""
+BLUR_PX = 1.0
+"""Blur of the picture, pixels: an eye wants sharper edges than sparse rays do."""
 EDGE_STRENGTH = 170.0
 """Grey value that the strongest edges add: bright, but not so bright that dots on them are lost."""
 STRONGEST = 0.99
@@ -49,7 +51,7 @@ def edge_picture(drive: Drive, frame: Frame) -> npt.NDArray[np.uint8]:
         InputError: the frame has no picture, or it is wrong.
     """
     grey = grey_values(drive, frame)
-    strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), EDGES)
+    strength, is_inside = gradients(drive.camera, grey, lens_mask(drive.camera), BLUR_PX, EDGES)
     full = max(float(np.quantile(strength[is_inside], STRONGEST)), float(np.finfo(np.float32).tiny))
     drawn = GREY_STRENGTH * grey + EDGE_STRENGTH * np.minimum(strength / full, 1.0)
     return np.asarray(np.repeat(drawn.astype(np.uint8)[..., None], 3, axis=2))

@@ -1,0 +1,222 @@
+"""Edges as a cue: what they are, where they lead, from how far, and what a user sees."""
+
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner, Result
+from conftest import make_pose
+
+from semcal_cli import _core
+from semcal_cli.assessment.guide import check_guide
+from semcal_cli.cli import semcal
+from semcal_cli.config import AUTO, EDGE_STARTS, CalibrationConfig, ExactConfig, PolishConfig
+from semcal_cli.drive.classes import NO_CLASS
+from semcal_cli.drive.cues import EDGES, chosen
+from semcal_cli.drive.document import read_drive
+from semcal_cli.drive.edges import NO_EDGE, edges_of_sweeps, observe_edges
+from semcal_cli.drive.loading import load
+from semcal_cli.drive.observations import Observations
+from semcal_cli.drive.reading import read_clouds
+from semcal_cli.errors import InputError
+from semcal_cli.files.point_clouds import Sweeps
+from semcal_cli.formats import write_transform
+from semcal_cli.geometry.pose_error import compare_poses
+from semcal_cli.geometry.poses import Pose
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
+from semcal_cli.refinement.polish import newton
+from semcal_cli.refinement.several_starts import SeveralStarts
+
+FAR = make_pose((0.02, -0.015, 0.024), (0.1, -0.1, 0.14))
+"""2 degrees and 0.2 m."""
+UNMOVED = 0.95
+"""Share of the levels that another exposure leaves where they were: rounded grey values move some."""
+
+
+@pytest.fixture(scope="module")
+def seen(street: Path) -> Observations:
+    return observe_edges(read_drive(street), EDGES)
+
+
+@pytest.fixture
+def bare(drive: Path) -> Path:
+    """The drive without labels of points."""
+    return without(drive, "point_labels")
+
+
+def without(drive: Path, *keys: str) -> Path:
+    """Take files out of a drive."""
+    file = drive / "drive.yaml"
+    document = yaml.safe_load(file.read_text())
+    for frame in document["frames"]:
+        for key in keys:
+            frame.pop(key, None)
+    if "point_labels" in keys:
+        document.get("classes", {}).pop("points", None)
+    if "image_labels" in keys:
+        document.pop("classes", None)
+    file.write_text(yaml.safe_dump(document))
+    return drive
+
+
+def run(*words: object) -> Result:
+    return CliRunner().invoke(semcal, [str(word) for word in words])
+
+
+def test_points_with_and_without_edges(street: Path) -> None:
+    drive = read_drive(street)
+    clouds = read_clouds(drive)
+    found = edges_of_sweeps(clouds, EDGES)
+    assert found.names[0] == "no edge"
+    assert len(found.names) == 7
+    for cloud, classes, to_steps in zip(clouds, found.classes, found.to_steps_m, strict=True):
+        is_edge = (classes != NO_CLASS) & (classes != NO_EDGE)
+        assert 0.02 < is_edge.mean() < 0.5
+        # Of those without an edge, about `plain_per_edge` for each with one are compared.
+        assert np.sum(classes == NO_EDGE) <= 1.1 * EDGES.plain_per_edge * is_edge.sum()
+        assert not to_steps[~is_edge].any()
+        ranges = np.linalg.norm(cloud.points, axis=1)
+        # Half-way to a neighbour that is at most `REACH` of the core, 0.02 radians, away, and a little higher or lower.
+        assert (np.linalg.norm(to_steps, axis=1) <= 0.011 * ranges + 1e-6).all()
+    assert found.spacing == pytest.approx(np.radians(360.0 / 800), rel=0.05)
+
+
+def test_without_intensities_only_ranges_step(street: Path, tmp_path: Path) -> None:
+    drive = read_drive(street)
+    points = read_clouds(drive)[0].points
+    np.save(tmp_path / "bare.npy", points)
+    (cloud,) = _core.read_point_clouds([(tmp_path / "bare.npy", None)], len(points))
+    assert edges_of_sweeps([cloud], EDGES).names == [
+        "no edge",
+        *(f"range step {level}" for level in (1, 2, 3)),
+    ]
+
+
+def test_exposure_and_light_change_no_level(street: Path, seen: Observations, tmp_path: Path) -> None:
+    shutil.copytree(street, tmp_path / "dusk")
+    drive = read_drive(tmp_path / "dusk")
+    path = str(drive.resolve(str(drive.frames[0].image)))
+    picture = cv2.imread(path)
+    assert picture is not None
+    light = np.linspace(1.0, 0.7, picture.shape[1])[:, None]
+    cv2.imwrite(path, (picture * light).round().astype(np.uint8))
+    dark = observe_edges(drive.model_copy(update={"frames": drive.frames[:1]}), EDGES)
+    before, after = seen.images[0].classes, dark.images[0].classes
+    assert np.mean(np.abs(before.astype(int) - after.astype(int)) <= 1) > UNMOVED
+
+
+def test_information_is_highest_at_the_truth_about_every_axis(seen: Observations, street_truth: Pose) -> None:
+    own = information(seen, street_truth)
+    for axis in np.eye(3):
+        for side in (-0.02, 0.02):
+            turned = make_pose(tuple(axis * side), (0.0, 0.0, 0.0)) @ street_truth
+            assert information(seen, turned) < 0.9 * own
+
+
+def information(seen: Observations, T_camera_lidar: Pose) -> float:
+    agreement = _core.agreement(seen.core, T_camera_lidar)
+    return agreement.mutual_information - agreement.bias
+
+
+def test_a_start_two_degrees_off_comes_back_and_few_scenes_are_not_trusted(
+    street: Path, street_truth: Pose
+) -> None:
+    data = load(street, CalibrationConfig(cues=("edges",)))
+    found = calibrate(
+        data, CalibrationConfig(cues=("edges",)), initial_pose=InitialPose(FAR @ street_truth, "far")
+    )
+    error = compare_poses(found.pose, street_truth)
+    # A few frames of pictures 5 pixels a ray: half of that, at 20 m.
+    assert error.rotation_deg < 0.3
+    assert error.camera_center_cm < 8.0
+    if data.observations.num_frames < 4:
+        assert any("scene" in reason for reason in found.reasons)
+
+
+def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_truth: Pose) -> None:
+    start = make_pose((0.05, 0.05, 0.05), (0.2, 0.2, 0.2)) @ street_truth
+    single = replace(EDGE_STARTS, num_starts=(1,))
+    several = SeveralStarts(seen, ExactConfig(), 0, single, others=[street_truth])
+    T = start
+    for factor in (2, 1):
+        T = several.ascend(factor, T, visible_only=True).T_camera_lidar
+    least = newton(seen, street_truth, PolishConfig()).T_camera_lidar
+    config = replace(ExactConfig(), steps=0)
+    found, finished = _core.align(seen.core, [T, least], config, factor=1, visible_only=True, seed=0)
+    assert found.mutual_information >= finished.mutual_information - 1e-9
+
+
+@pytest.mark.parametrize(
+    ("missing", "expected"),
+    [
+        ((), ("labels",)),
+        (("point_labels",), ("segments", "edges")),
+        (("point_labels", "image_labels"), ("edges",)),
+        (("point_labels", "image"), ("segments",)),
+        (("point_labels", "image_labels", "image"), ("labels",)),
+    ],
+)
+def test_the_cue_is_chosen_by_the_files_of_a_drive(
+    drive: Path, missing: tuple[str, ...], expected: tuple[str, ...]
+) -> None:
+    assert chosen(AUTO, read_drive(without(drive, *missing)), Sweeps()) == expected
+    assert chosen(("intensity",), read_drive(drive), Sweeps()) == ("intensity",)
+
+
+def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
+    bare: Path, tmp_path: Path
+) -> None:
+    result = run("calibrate", bare, "-o", tmp_path / "found.yaml")
+    assert result.exit_code in (0, 3), result.output
+    assert "by segments and edges, since points have no labels" in result.stderr.replace("\n", " ")
+    cues = yaml.safe_load((tmp_path / "found.yaml").read_text())["settings"]["options"]["cues"]
+    assert list(cues) == ["segments", "edges"]
+    data = load(bare)
+    assert data.guide is not None
+    assert data.guide.has_segments
+    assert not data.observations.has_segments
+    assert data.of_cue("segments") is data.guide
+    assert data.of_frames([0]).guide is not None
+    assert data.of_frames([0]).guide.num_frames == 1
+
+
+def test_edges_alone_want_a_start(bare: Path, street_truth: Pose, tmp_path: Path) -> None:
+    drive = without(bare, "image_labels")
+    result = run("calibrate", drive, "-o", tmp_path / "found.yaml", "-q")
+    assert result.exit_code == 1
+    assert (
+        "drive.yaml: edges alone tell no mountings apart, needed a start within 5 degrees and 0.3 m"
+        in result.output
+    )
+    write_transform(FAR @ street_truth, tmp_path / "far.yaml")
+    result = run("calibrate", drive, "--init", tmp_path / "far.yaml", "-o", tmp_path / "found.yaml", "-q")
+    assert result.exit_code in (0, 3), result.output
+
+
+def test_a_frame_without_a_picture_is_named(bare: Path) -> None:
+    with pytest.raises(InputError, match=r"drive.yaml: .*image: found nothing, needed a picture"):
+        load(without(bare, "image"), CalibrationConfig(cues=("edges",)))
+
+
+def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth: Pose) -> None:
+    guide = load(bare).guide
+    assert guide is not None
+    assert check_guide(guide, street_truth, street_truth) == ()
+    walked = make_pose((0.0, 0.09, 0.0), (0.3, 0.0, 0.3)) @ street_truth
+    (finding,) = check_guide(guide, walked, street_truth)
+    assert finding.topic == "cues-disagree"
+    assert "5.2 degrees and 42 cm away" in finding.sentence
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"), [("edges,auto", "auto goes alone"), ("edge", "needed some of")]
+)
+def test_wrong_cues_are_named(bare: Path, value: str, expected: str) -> None:
+    result = run("calibrate", bare, "--cue", value)
+    assert result.exit_code == 2
+    assert expected in result.output
