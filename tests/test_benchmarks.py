@@ -98,7 +98,7 @@ RUNS: dict[str, tuple[str, list[str]]] = {
     "real drives": (
         "real_drives.py DATA --starts 1 --only nuScenes --pairs 1 --cue edges --cue segments,edges",
         [
-            rf"\| nuScenes back, 1 of them \| near \| {cues} \| 1 \|( {NUMBER}, {NUMBER} \|){{2}} - \|( [01] \|){{2}} 0 "
+            rf"\| nuScenes back, 1 of them \| near \| {cues} \| 1 \|( {NUMBER}, {NUMBER} \|){{2}} - \|( [01] \|)+"
             for cues in ("edges", "segments,edges")
         ],
     ),

@@ -193,7 +193,7 @@ def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:
 
 def test_what_cannot_be_done_is_said(bare: Path) -> None:
     with pytest.raises(InputError, match=r"drive.yaml: frames.*point_labels: found nothing"):
-        load(read_drive(bare), CalibrationConfig())
+        load(read_drive(bare), CalibrationConfig(cues=("labels",)))
     answer = CliRunner().invoke(semcal, ["calibrate", str(bare), "--cue", "segments", "--estimator", "mine"])
     assert answer.exit_code == 2
     assert "--cue segments: they differ from frame to frame" in answer.output
