@@ -1,6 +1,6 @@
 """Draw a real frame before and after `--cue edges`: steps along the scan on the gradients of the picture.
 
-    python tests/benchmarks/edges_picture.py ../shared/data -o docs/pictures/edges.png
+    python tests/benchmarks/edges_picture.py ../shared/data -o docs/pictures/edges.webp
 
 The frame is one of KITTI's jam, of which no picture is shown: only how much it changes from left to right.
 """
