@@ -47,10 +47,13 @@ pub struct Steps {
     pub spacing: f64,
 }
 
+/// The points of a sweep, metres, LiDAR frame, and the intensity of each, if there is one.
+pub type Scanned<'a> = (&'a [[f32; 3]], Option<&'a [f32]>);
+
 /// The steps of each of some sweeps.
 ///
 /// A neighbour is on the same surface if its range differs by less than `same_surface_m`.
-pub fn steps(sweeps: &[(&[[f32; 3]], Option<&[f32]>)], same_surface_m: f64) -> Vec<Steps> {
+pub fn steps(sweeps: &[Scanned], same_surface_m: f64) -> Vec<Steps> {
     sweeps.par_iter().map(|(points, intensity)| of_sweep(points, *intensity, same_surface_m)).collect()
 }
 
