@@ -166,4 +166,4 @@ def test_what_the_cue_needs_is_said(street: Path, tmp_path: Path) -> None:
         observe_intensity(flat, INTENSITY)
     found = CliRunner().invoke(semcal, ["calibrate", str(street), "--cue", "colour"])
     assert found.exit_code == 2
-    assert "needed some of labels, segments, intensity, features" in found.output
+    assert "needed some of labels, segments, edges, intensity, features, auto" in found.output

@@ -76,7 +76,7 @@ def test_stages_that_are_asked_for_tell_as_well(
         (CalibrationConfig(cues=()), "cues: found (), needed a tuple of different cues"),
         (
             CalibrationConfig(cues=("nope",)),
-            "cues: found 'nope', needed one of: labels, segments, intensity, features",
+            "cues: found 'nope', needed one of: labels, segments, edges, intensity, features, auto",
         ),  # type: ignore[arg-type]
         (CalibrationConfig(seed=-1), "seed: found -1, needed a number from 0 to 9223372036854775807"),
         (CalibrationConfig(max_frames=0), "max_frames: found 0, needed a number from 1 on"),
