@@ -133,7 +133,8 @@ class SeveralStarts:
 
         def finished(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:
             poses = [newton(self.observations, end.T_camera_lidar, polish).T_camera_lidar for end in ends]
-            return compared([each for each in poses if self._is_near(each)]) if ends else []
+            near = [each for each in poses if self._is_near(each)]
+            return compared(near) if near else []
 
         ends, given = compared(self.poses)[:NUM_FINISHED], compared(self.given)
         least = NEAR_A_TOP * ends[0].mutual_information
