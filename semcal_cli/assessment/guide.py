@@ -49,6 +49,8 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> t
     )
     return (
         Finding(
-            "cues-disagree", found, "add frames from other places, or check with `semcal overlay --by edge` whether edges coincide"
+            "cues-disagree",
+            found,
+            "add frames from other places, or check with `semcal overlay --by edge` whether edges coincide",
         ),
     )

@@ -36,8 +36,8 @@ class EdgesConfig:
     num_levels: int = 8
     """Number of equally frequent levels of the gradient of a picture."""
     blur_rays: float = 0.5
-    """Standard deviation of the blur of a picture before and after its gradient is taken, in angles between neighbouring
-    rays: a step lies anywhere between two."""
+    """Standard deviation of the blur of a picture before and after its gradient is taken, in angles between
+    neighbouring rays: a step lies anywhere between two."""
     least_blur_px: float = 0.7
     """Smallest such deviation, pixels."""
     surroundings_deg: float = 6.0

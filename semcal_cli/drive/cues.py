@@ -47,9 +47,10 @@ def chosen(cues: Sequence[Cue], drive: Drive, sweeps: Sweeps) -> tuple[Cue, ...]
     """
     if tuple(cues) != AUTO:
         return tuple(cues)
-    has_image_labels, has_images = (
-        all(getattr(frame, key) is not None for frame in drive.frames) for key in ("image_labels", "image")
-    )
+    # Where a frame lacks a file that others have, the cue is taken all the same: its error says which.
+    has_image_labels = any(frame.image_labels is not None for frame in drive.frames)
+    has_image = [frame.image is not None for frame in drive.frames]
+    has_images = all(has_image) if has_image_labels else any(has_image)
     if has_image_labels and _has_point_labels(drive, sweeps):
         return LABELS
     found: dict[Cue, bool] = {"segments": has_image_labels, "edges": has_images}

@@ -56,7 +56,9 @@ def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = Non
     moved = compensated(drive, clouds)
     found = edges_of_sweeps(clouds, config)
     if not any((each[each != NO_CLASS] != NO_EDGE).any() for each in found.classes):
-        raise CalibrationError(f"{drive.path}: found no edges in any sweep, needed steps in range or intensity")
+        raise CalibrationError(
+            f"{drive.path}: found no edges in any sweep, needed steps in range or intensity"
+        )
     seen = lens_mask(drive.camera)
     blur_px = max(
         config.blur_rays * found.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px
@@ -89,8 +91,8 @@ class SweepEdges(NamedTuple):
     to_steps_m: list[Values]
     """(N, 3) from each point with an edge to where the step lies, half-way to its neighbour, metres; 0 for others."""
     names: list[str]
-    """Names of the classes: no edge, levels of steps in intensity, and levels of steps in range, which come before those
-    in intensity where a point has both."""
+    """Names of the classes: no edge, levels of steps in intensity, and levels of steps in range, which come before
+    those in intensity where a point has both."""
     spacing: float
     """Angle between neighbouring rays, radians: the median of the sweeps' medians."""
 
@@ -112,9 +114,7 @@ def edges_of_sweeps(clouds: Sequence[_core.PointCloud], config: EdgesConfig) -> 
         *(f"range step {level + 1}" for level in range(len(config.range_steps_m))),
     ]
     classes = [_classes(cloud, each, limits, config) for cloud, each in zip(clouds, steps, strict=True)]
-    to_steps_m = [
-        _to_steps(each, found, len(limits)) for each, found in zip(steps, classes, strict=True)
-    ]
+    to_steps_m = [_to_steps(each, found, len(limits)) for each, found in zip(steps, classes, strict=True)]
     return SweepEdges(classes, to_steps_m, names, float(np.median([each.spacing for each in steps])))
 
 
