@@ -31,8 +31,8 @@ TINY_FIGURES = {
     "points/000000.bin": (47480, 0.0797, 9.4961),
     "points/000001.bin": (47652, -0.1388, 10.8893),
 }
-"""Of the files of `TINY`: number of values, their mean and their standard deviation. Their bytes depend on the machine's
-sines and cosines, whose last digits differ between processors."""
+"""Of the files of `TINY`: number of values, their mean and their standard deviation. Their bytes depend on the
+machine's sines and cosines, whose last digits differ between processors."""
 ROUND_OFF = 0.002
 """Share of a standard deviation by which round-off on another processor may move a mean."""
 BORDER_PIXELS_AGREE = 0.97  # points within half a pixel of a border round to either side
