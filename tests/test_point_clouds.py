@@ -398,3 +398,19 @@ def test_a_las_that_promises_too_much_is_refused_at_once(
     with pytest.raises(InputError) as error:
         read(path)
     assert str(error.value).startswith(f"{path}: {complaint}")
+
+
+def test_padding_after_the_points_of_a_pcd_is_no_data(tmp_path: Path) -> None:
+    header = (
+        "VERSION 0.7\nFIELDS x y z _ intensity _\nSIZE 4 4 4 1 4 1\nTYPE F F F U F U\nCOUNT 1 1 1 4 1 0\n"
+        "WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA binary\n"
+    )
+    rows = np.arange(12, dtype="<f4").reshape(2, 6)
+    rows = np.hstack([rows[:, :3], np.zeros((2, 1), "<f4"), rows[:, 3:4]])
+    padded = tmp_path / "padded.pcd"
+    padded.write_bytes(header.encode() + rows.tobytes() + bytes(100))
+    (cloud,) = _core.read_point_clouds([(padded, None)], 10)
+    assert np.array_equal(cloud.points, rows[:, :3])
+    padded.write_bytes(header.encode() + rows.tobytes() + bytes(99) + b"x")
+    with pytest.raises(InputError, match="holds 140 bytes of data, its header promises 2 points of 20 bytes"):
+        _core.read_point_clouds([(padded, None)], 10)
