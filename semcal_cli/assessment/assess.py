@@ -52,9 +52,9 @@ TOGETHER = Finding(
 
 
 MIN_SCENES = 4
-"""Least number of scenes whose edges are trusted. On KITTI object, from 1 degree and 0.1 m, 5 of 14 runs with one
-frame, 7 of 14 with three and 13 of 14 with five end within half a degree and 20 cm; a frame of OpenCalib ends 31 cm
-off, with an interval of 3 cm."""
+"""Least number of scenes whose edges are trusted. On KITTI object, from 1 degree and 0.1 m, 4 of 14 runs with one
+frame, 4 of 10 with two and 9 of 10 with five end within half a degree and 20 cm; before this limit, a frame of
+OpenCalib was trusted 31 cm off, with an interval of 3 cm."""
 
 
 @dataclass(frozen=True)
