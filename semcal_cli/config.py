@@ -210,7 +210,8 @@ SEGMENT_STARTS = StartsConfig(
     first_frames=6,
 )
 """For segments. The initial calibration, by their kinds, ends up to 3 degrees off. Of ten runs on a real jam by
-segments and intensity, from 2 degrees and 0.2 m, 8 came back with ten starts and 6 from one."""
+segments and intensity, from 2 degrees and 0.2 m, 8 came back with six at first, and 6 from one start. Intensity alone
+takes the same starts, with which it was not measured."""
 EDGE_STARTS = StartsConfig(
     coarsest_block_deg=2.6,
     min_blocks=8,

@@ -202,7 +202,8 @@ def _refine_and_polish(
     refined = refine(
         data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar, others=others
     )
-    if data.guide is not None and isinstance(initial, Initialization) and initial.findings:
+    is_by_edges = data.guide is not None and data.is_searched_locally
+    if is_by_edges and isinstance(initial, Initialization) and initial.findings:
         initial, refined = _decided_by_edges(data, initial, refined, config, seed)
     seen = None
     if can_be_unrolled(data.observations):
@@ -236,11 +237,13 @@ def _decided_by_edges(
     are ascended are refined in full, and the best one is taken.
     """
     best, *others = initial.hypotheses
-    taken, is_clear = best, True
+    taken, num_compared, is_clear = best, 0, True
     for rival in others:
         if not is_rival(best, rival, InitializationConfig.runner_up_deg):
             continue
         T_rival = np.array(rival.T_camera_lidar)
+        num_compared += 1
+        # A mounting in which sweeps and pictures do not overlap is none.
         with suppress(CalibrationError):
             coarse = coarse_top(
                 make_estimator(data.observations, config, seed)[0], T_rival, data.drive.camera
@@ -251,7 +254,7 @@ def _decided_by_edges(
             if found.agreement.mutual_information > refined.agreement.mutual_information:
                 taken, refined, found = rival, found, refined
             is_clear &= _is_behind(data, refined.T_camera_lidar, found.T_camera_lidar)
-    findings = () if is_clear else initial.findings
+    findings = () if is_clear and num_compared else initial.findings
     return replace(initial, T_camera_lidar=np.array(taken.T_camera_lidar), findings=findings), refined
 
 
@@ -378,7 +381,7 @@ def assess(
             stages.joint,
             with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"},
         )
-    if data.guide is not None:
+    if data.guide is not None and data.is_searched_locally:
         of_guide = check_guide(data.guide, T_camera_lidar, stages.initial.T_camera_lidar)
         found = replace(found, findings=(*found.findings, *of_guide))
     if with_remedies:

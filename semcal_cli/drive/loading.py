@@ -105,7 +105,7 @@ class LoadedDrive:
     def of_cue(self, cue: Cue) -> Observations:
         """Observations of one of the cues by which the drive was loaded."""
         used = maximised(self.cues)
-        if self.guide is not None and cue not in used:
+        if self.guide is not None and cue == "segments":
             return self.guide
         return self.observations.of_cue(used.index(cue))
 
