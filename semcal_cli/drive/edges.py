@@ -158,6 +158,10 @@ def _levels(
 ) -> Classes:
     """Compute the level (H, W) of the gradient of grey values (H, W) from left to right, beside its surroundings."""
     strength, is_inside = gradients(camera, grey, seen, blur_px, config)
+    if not is_inside.any():
+        raise CalibrationError(
+            "the lens reaches no pixel far enough from its border, needed gradients of pictures"
+        )
     limits = np.quantile(strength[is_inside], np.linspace(0.0, 1.0, config.num_levels + 1)[1:-1])
     levels = np.digitize(strength, limits) if limits[0] < limits[-1] else np.zeros(grey.shape)
     return np.where(is_inside, levels, NO_CLASS).astype(np.uint8)
