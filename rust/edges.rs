@@ -2,10 +2,10 @@
 //!
 //! Rays are compared with their neighbours of direction, to the left and to the right at about the same elevation, so
 //! that a pattern needs no rings and points may come in any order. Of two surfaces only the nearer one has an edge: the
-//! other goes on behind it. The way from left to right is that of Levinson and Thrun, *Automatic Online Calibration of
-//! Cameras and Lasers* (RSS 2013), who take steps in range within a ring against edges of pictures.
+//! other goes on behind it. Comparing along the scan follows Levinson and Thrun, *Automatic Online Calibration of Cameras
+//! and Lasers* (RSS 2013), who take steps in range within a ring against edges of pictures.
 
-use std::f64::consts::{FRAC_PI_2, TAU};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -24,7 +24,7 @@ const LEAST_HEIGHT: f64 = 5e-4;
 const SLOPE: f64 = 0.3;
 /// A neighbour is at most this far away, radians.
 const REACH: f64 = 0.02;
-/// Beyond this many times the usual distance of neighbours there is none: a beam went astray.
+/// A gap of more than this many times the usual distance of neighbours means that returns are missing.
 const GAP: f64 = 7.0;
 
 /// Smallest cosine of an elevation: at the poles azimuths mean nothing.
@@ -171,6 +171,7 @@ impl Rays {
     fn beside(&self, at: usize) -> [Option<Beside>; 2] {
         let ray = &self.sorted[at];
         let across = ray.elevation.cos().max(LEAST_COSINE);
+        let least = LEAST_ANGLE / across;
         let reach_rows = ((LEAST_HEIGHT + SLOPE * REACH) / ROW).ceil() as usize;
         let own = row(ray.elevation);
         let mut found = [None, None];
@@ -179,8 +180,10 @@ impl Rays {
             if rays.is_empty() {
                 continue;
             }
-            let middle = rays.partition_point(|other| other.azimuth < ray.azimuth);
             for (side, found) in found.iter_mut().enumerate() {
+                // Rays that are nearer than `least` are passed over at once, however many there are.
+                let first = wrapped(ray.azimuth + if side == 0 { least } else { -least });
+                let middle = rays.partition_point(|other| other.azimuth < first);
                 for step in 0..rays.len() {
                     let place = match side {
                         0 => (middle + step) % rays.len(),
@@ -189,7 +192,12 @@ impl Rays {
                     let other = &rays[place];
                     let turn =
                         if side == 0 { other.azimuth - ray.azimuth } else { ray.azimuth - other.azimuth };
-                    let distance = turn.rem_euclid(TAU) * across;
+                    let turn = turn.rem_euclid(TAU);
+                    let distance = turn * across;
+                    // After a whole turn come the rays that were passed over; round-off puts none of the first there.
+                    if turn < 0.5 * least || turn > TAU - least {
+                        break;
+                    }
                     if distance > found.map_or(REACH, |best: Beside| best.distance) {
                         break;
                     }
@@ -215,6 +223,11 @@ fn usual_distance(beside: &[[Option<Beside>; 2]]) -> f64 {
     *distances.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
+/// An azimuth in [-pi, pi).
+fn wrapped(azimuth: f64) -> f64 {
+    (azimuth + PI).rem_euclid(TAU) - PI
+}
+
 fn row(elevation: f64) -> usize {
     ((elevation + FRAC_PI_2) / ROW) as usize
 }
@@ -223,7 +236,7 @@ fn row(elevation: f64) -> usize {
 mod tests {
     use super::*;
 
-    /// A wall at 10 m with a pole at 5 m before it, scanned by rings: directions, and whether each is on the pole.
+    /// A wall at 10 m with a pole at 5 m before it, scanned by rings: points, and intensities, which step on the wall.
     fn scene(turned_rad: f64) -> (Vec<[f32; 3]>, Vec<f32>) {
         let (mut points, mut intensity) = (Vec::new(), Vec::new());
         for ring in 0..8 {
@@ -274,6 +287,19 @@ mod tests {
         let expected: Vec<f32> = order.iter().map(|&i| straight.range_m[i]).collect();
         assert_eq!(mixed.range_m, expected);
         assert_eq!(mixed.intensity, None);
+    }
+
+    #[test]
+    fn points_in_one_direction_are_passed_over() {
+        // Quadratic, each takes half a minute: backward, at the seam of azimuths, and overhead.
+        let (alone, _) = scene(0.0);
+        for placeholder in [[-50.0, 0.0, 0.0], [0.0, 0.0, 50.0]] {
+            let all: Vec<_> =
+                alone.iter().copied().chain(std::iter::repeat_n(placeholder, 100_000)).collect();
+            let [without, with] = [&alone, &all].map(|points| steps(&[(points, None)], 0.3)[0].clone());
+            assert_eq!(with.range_m[..alone.len()], without.range_m);
+            assert_eq!(with.spacing, without.spacing);
+        }
     }
 
     #[test]

@@ -14,8 +14,6 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-
 from semcal_cli import _core, stage_words
 from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.assess import assess_rejected
@@ -31,8 +29,10 @@ from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.assessment.rivals import MIN_SIGMAS, sigmas_behind
 from semcal_cli.config import (
+    EDGE_STARTS,
     FAR_DEG,
     CalibrationConfig,
+    ExactConfig,
     InitializationConfig,
     PolishConfig,
     PyramidConfig,
@@ -48,14 +48,14 @@ from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.initialization.search import Initialization, as_given, is_rival
+from semcal_cli.initialization.search import Initialization, as_given, is_rival, led_by
 from semcal_cli.initialization.search import initialize as search
 from semcal_cli.refinement.estimators import make_estimator
 from semcal_cli.refinement.polish import Polish
 from semcal_cli.refinement.polish import polish as polish_pose
 from semcal_cli.refinement.pyramid import Level, Refinement
 from semcal_cli.refinement.pyramid import refine as refine_pose
-from semcal_cli.refinement.several_starts import coarse_top, pyramid_of
+from semcal_cli.refinement.several_starts import SeveralStarts, pyramid_of
 from semcal_cli.result.assembly import assemble
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import describe_input
@@ -144,7 +144,7 @@ def initialize(
     if is_searched and not data.tells_mountings:
         raise InputError(f"{data.drive.path}: {NO_START}")
     with about(data.drive.path):
-        if T_given is not None and not is_searched and data.is_searched_locally:
+        if T_given is not None and not is_searched and data.is_refined_by_edges:
             found = as_given(data.observations, T_given, config)
         else:
             found = search(data.for_search, config, seed, T_given, is_possible)
@@ -202,9 +202,9 @@ def _refine_and_polish(
     refined = refine(
         data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar, others=others
     )
-    is_by_edges = data.guide is not None and data.is_searched_locally
+    is_by_edges = data.guide is not None and data.is_refined_by_edges
     if is_by_edges and isinstance(initial, Initialization) and initial.findings:
-        initial, refined = _decided_by_edges(data, initial, refined, config, seed)
+        initial, refined = _decided_by_edges(data, initial, refined, config, seed, priors, on_event)
     seen = None
     if can_be_unrolled(data.observations):
         refined = refine(
@@ -230,32 +230,33 @@ def _decided_by_edges(
     refined: Refinement,
     config: RefinementConfig,
     seed: int,
+    priors: Sequence[Prior],
+    on_event: Listener,
 ) -> tuple[Initialization, Refinement]:
     """Decide by edges between mountings that segments cannot tell apart.
 
     The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
     are ascended are refined in full, and the best one is taken.
     """
-    best, *others = initial.hypotheses
-    taken, num_compared, is_clear = best, 0, True
-    for rival in others:
-        if not is_rival(best, rival, InitializationConfig.runner_up_deg):
-            continue
-        T_rival = np.array(rival.T_camera_lidar)
-        num_compared += 1
+    best = taken = initial.hypotheses[0]
+    rivals = [
+        other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
+    ]
+    is_clear, exact = bool(rivals), ExactConfig(max_baseline_m=config.max_baseline_m)
+    for rival in rivals:
+        on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away by edges"))
         # A mounting in which sweeps and pictures do not overlap is none.
         with suppress(CalibrationError):
-            coarse = coarse_top(
-                make_estimator(data.observations, config, seed)[0], T_rival, data.drive.camera
-            )
-            if _is_behind(data, refined.T_camera_lidar, coarse):
+            several = SeveralStarts(data.observations, exact, seed, EDGE_STARTS)
+            if _is_behind(data, refined.T_camera_lidar, several.coarse_top(rival.pose)):
                 continue
-            found = refine(data, T_rival, config, seed)
+            found = refine(data, rival.pose, config, seed, priors)
             if found.agreement.mutual_information > refined.agreement.mutual_information:
                 taken, refined, found = rival, found, refined
             is_clear &= _is_behind(data, refined.T_camera_lidar, found.T_camera_lidar)
-    findings = () if is_clear and num_compared else initial.findings
-    return replace(initial, T_camera_lidar=np.array(taken.T_camera_lidar), findings=findings), refined
+    return replace(
+        led_by(initial, taken, data.for_search), findings=() if is_clear else initial.findings
+    ), refined
 
 
 def _is_behind(data: LoadedDrive, T_camera_lidar: Pose, T_rival: Pose) -> bool:
@@ -381,7 +382,7 @@ def assess(
             stages.joint,
             with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"},
         )
-    if data.guide is not None and data.is_searched_locally:
+    if data.guide is not None and data.is_refined_by_edges:
         of_guide = check_guide(data.guide, T_camera_lidar, stages.initial.T_camera_lidar)
         found = replace(found, findings=(*found.findings, *of_guide))
     if with_remedies:

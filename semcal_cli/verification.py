@@ -98,9 +98,10 @@ def verify(
     """Verify a transform on a drive.
 
     The pose is refined from the transform. If this gives no pose near the transform or leaves findings, all mounting
-    directions are searched. An offset fails if its 95 % interval lies beyond the limit, and passes if it lies within.
-    Everything between is inconclusive, and so are offsets that the data do not determine. If the offset of the clock is
-    limited, it is estimated together with the pose, and if it is kept, the pose is that of both.
+    directions are searched; edges alone tell none, so that their first estimate stands. An offset fails if its 95 %
+    interval lies beyond the limit, and passes if it lies within. Everything between is inconclusive, and so are offsets
+    that the data do not determine. If the offset of the clock is limited, it is estimated together with the pose, and
+    if it is kept, the pose is that of both.
 
     Args:
         data: The drive, as `load` returns it.
@@ -122,11 +123,12 @@ def verify(
     jointly = JointlyConfig(with_delay=limits.delay_s is not None)
     config = RefinementConfig(max_baseline_m=max_baseline_m, jointly=jointly)
     T_stated = initial_pose.T_camera_lidar
-    stages = _nearby(data, initial_pose, config, seed, on_event)
-    if stages is None and data.tells_mountings:
-        stages = _from_nothing(data, config, seed, on_event)
-    elif stages is None:
-        stages = _estimate(data, start_at(data, initial_pose), config, seed, on_event)
+    if data.tells_mountings:
+        stages = _nearby(data, initial_pose, config, seed, on_event) or _from_nothing(
+            data, config, seed, on_event
+        )
+    else:
+        stages = _estimate(data, start_at(data, initial_pose, on_event), config, seed, on_event)
     findings = findings_of(stages, config)
     uncertainty = stages.uncertainty
     estimate = stages.T_camera_lidar

@@ -28,7 +28,8 @@ from semcal_cli.formats import write_transform
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
-from semcal_cli.pipeline import calibrate
+from semcal_cli.initialization.search import led_by
+from semcal_cli.pipeline import calibrate, initialize
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.several_starts import SeveralStarts
 
@@ -126,16 +127,15 @@ def information(seen: Observations, T_camera_lidar: Pose) -> float:
 def test_a_start_two_degrees_off_comes_back_and_few_scenes_are_not_trusted(
     street: Path, street_truth: Pose
 ) -> None:
-    data = load(street, CalibrationConfig(cues=("edges",)))
-    found = calibrate(
-        data, CalibrationConfig(cues=("edges",)), initial_pose=InitialPose(FAR @ street_truth, "far")
-    )
-    error = compare_poses(found.pose, street_truth)
+    config = CalibrationConfig(cues=("edges",))
+    data = load(street, config)
+    start = InitialPose(FAR @ street_truth, "far")
+    error = compare_poses(calibrate(data, config, initial_pose=start).pose, street_truth)
     # A few frames of pictures 5 pixels a ray: half of that, at 20 m.
     assert error.rotation_deg < 0.3
     assert error.camera_center_cm < 8.0
-    if data.observations.num_frames < 4:
-        assert any("scene" in reason for reason in found.reasons)
+    few = calibrate(data.of_frames([0, 1]), config, initial_pose=start)
+    assert any("edges of 2 scenes were compared, needed at least 4" in reason for reason in few.reasons)
 
 
 def test_a_given_pose_is_never_left_for_a_worse_one(seen: Observations, street_truth: Pose) -> None:
@@ -173,7 +173,7 @@ def test_without_labels_of_points_edges_are_refined_from_where_segments_lead(
 ) -> None:
     result = run("calibrate", bare, "-o", tmp_path / "found.yaml")
     assert result.exit_code in (0, 3), result.output
-    assert "by segments and edges, since points have no labels" in result.stderr.replace("\n", " ")
+    assert "by segments and edges, the best that its files allow" in result.stderr.replace("\n", " ")
     cues = yaml.safe_load((tmp_path / "found.yaml").read_text())["settings"]["options"]["cues"]
     assert list(cues) == ["segments", "edges"]
     data = load(bare)
@@ -218,3 +218,16 @@ def test_wrong_cues_are_named(bare: Path, value: str, expected: str) -> None:
     result = run("calibrate", bare, "--cue", value)
     assert result.exit_code == 2
     assert expected in result.output
+
+
+def test_a_mounting_that_edges_decide_for_leads_the_hypotheses(bare: Path) -> None:
+    data = load(bare)
+    found = initialize(data, CalibrationConfig().initialization)
+    second = found.hypotheses[1]
+    led = led_by(found, second, data.for_search)
+    assert np.array_equal(led.T_camera_lidar, second.pose)
+    assert led.hypotheses[0].pose.tolist() == second.pose.tolist()
+    assert led.hypotheses[0].rotation_from_best_deg == pytest.approx(0.0, abs=1e-6)
+    assert led.hypotheses[1].rotation_from_best_deg == pytest.approx(second.rotation_from_best_deg)
+    assert led.agreement.mutual_information == pytest.approx(second.mutual_information_nats)
+    assert led.runner_up_margin is None or led.runner_up_margin < 0.0

@@ -207,7 +207,7 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
     observations, names = data.for_checks, [frame.points for frame in data.drive.frames]
     check = check_frames(observations, T_camera_lidar, names)
     of_pairs = check_pairs(observations, T_camera_lidar, agreement, names)
-    findings = (*check.findings, *of_pairs, *(_few_scenes(observations) if data.is_searched_locally else ()))
+    findings = (*check.findings, *of_pairs, *(_few_scenes(observations) if data.is_refined_by_edges else ()))
     notes = (*data.notes, *_notes_on_scenes(observations))
     if data.cues[0] in ("labels", "segments"):
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from semcal_cli import _core
-from semcal_cli.config import EDGE_BAND_PX
+from semcal_cli.assessment.rivals import sigmas_behind
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
@@ -34,17 +33,14 @@ def check_guide(guide: Observations, T_camera_lidar: Pose, T_initial: Pose) -> t
         T_initial,
         *(displaced(T_camera_lidar, OTHERS_DEG, OTHERS_M, rng) for _ in range(NUM_OTHERS)),
     ]
-    gains = _core.information_gains(guide.core, T_camera_lidar, others, EDGE_BAND_PX)
-    sigmas = [
-        gain.gain / gain.sigma if np.isfinite(gain.sigma) and gain.sigma > 0.0 else 0.0 for gain in gains
-    ]
-    best = int(np.argmax(sigmas))
-    if sigmas[best] <= MAX_SIGMAS:
+    behind = sigmas_behind(guide, T_camera_lidar, others)
+    best = int(np.argmin(behind))
+    if -behind[best] <= MAX_SIGMAS:
         return ()
     away = compare_poses(others[best], T_camera_lidar)
     found = (
         f"segments and labels of the pictures prefer a pose {away.rotation_deg:.1f} degrees and "
-        f"{away.camera_center_cm:.0f} cm away from that of edges, by {sigmas[best]:.1f} standard errors, needed at "
+        f"{away.camera_center_cm:.0f} cm away from that of edges, by {-behind[best]:.1f} standard errors, needed at "
         f"most {MAX_SIGMAS:g}"
     )
     return (

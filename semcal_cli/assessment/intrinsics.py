@@ -28,7 +28,7 @@ two development drives, poses polished with K off by 4 pixels or 0.5 % moved by 
 of the displacement of the points, as in full resolution; the small effect of fy with 4 frames was 29 % off."""
 AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2, edge_band_px=0)
 """The same for edges and intensity, whose levels blocks of four pixels wash out. With these, one good calibration of
-five on a real jam had wrong intrinsics, it was said; with blocks of two pixels none of nine on three real drives."""
+five on a real jam was reported to have wrong intrinsics; with blocks of two pixels, none of nine on three drives."""
 FOCAL_SHARE = 0.001
 """Share of the focal lengths whose cost is stated."""
 LEAST_FALL = 0.2

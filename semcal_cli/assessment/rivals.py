@@ -1,4 +1,4 @@
-"""Rivals of a pose: other poses near it that segments or intensities explain nearly as well.
+"""Rivals of a pose: other poses near it that edges, segments or intensities explain nearly as well.
 
 What they tell has many tops. Around a wrong pose they are about as high as its own; around the right one they are not.
 """

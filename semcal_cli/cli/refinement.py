@@ -9,7 +9,7 @@ import click
 
 from semcal_cli.cli.options import Command, FiniteRange, choice_option, with_options
 from semcal_cli.cli.priors import make_priors, prior_options
-from semcal_cli.config import Cue, Device, Estimator, JointlyConfig, RefinementConfig
+from semcal_cli.config import AUTO, LABELS, Cue, Device, Estimator, JointlyConfig, RefinementConfig
 from semcal_cli.extras import check_torch
 
 if TYPE_CHECKING:
@@ -120,6 +120,8 @@ def make_refinement(
     jointly = _make_jointly(options)
     names = ("estimator", "device", "no_polish", "edge_band")
     estimator, device, no_polish, edge_band_px = (options.pop(name) for name in names)
+    if estimator == "mine" and options["cues"] == AUTO:
+        options["cues"] = LABELS
     if device != "cpu" and estimator != "mine":
         raise click.UsageError("--device: is where MINE's network computes: give --estimator mine")
     if "features" in options["cues"] and estimator != "mine":

@@ -36,6 +36,12 @@ def maximised(cues: Sequence[Cue]) -> tuple[Cue, ...]:
     return tuple(cue for cue in cues if cue != "segments" or "edges" not in cues)
 
 
+def recorded(settings: object) -> tuple[Cue, ...]:
+    """Name the cues that the settings of a calibration record under `cues`: labels, where they record none."""
+    found = tuple(cue for cue in CUES if isinstance(settings, dict) and cue in settings)
+    return found or LABELS
+
+
 def chosen(cues: Sequence[Cue], drive: Drive, sweeps: Sweeps) -> tuple[Cue, ...]:
     """Replace `auto` by the best cues that the files of a drive allow.
 

@@ -59,6 +59,10 @@ def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = Non
         raise CalibrationError(
             f"{drive.path}: found no edges in any sweep, needed steps in range or intensity"
         )
+    if found.spacing == 0.0:
+        raise CalibrationError(
+            f"{drive.path}: found no rays within 1.1 degrees of one another along the scans"
+        )
     seen = lens_mask(drive.camera)
     blur_px = max(
         config.blur_rays * found.spacing * core_camera(drive.camera).pixels_per_radian, config.least_blur_px

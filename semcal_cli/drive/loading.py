@@ -83,14 +83,14 @@ class LoadedDrive:
         return self.of_cue(self.cues[-1]) if self.cues == ("segments", "intensity") else self.first_cue
 
     @property
-    def is_searched_locally(self) -> bool:
-        """Whether a pose is refined by edges alone, from several starts around a given pose."""
+    def is_refined_by_edges(self) -> bool:
+        """Whether edges, and no labels, refine a pose, from several starts around it."""
         return "edges" in self.cues and "labels" not in self.cues
 
     @property
     def tells_mountings(self) -> bool:
         """Whether mounting directions can be told apart: edges tell what is near a pose alone."""
-        return not self.is_searched_locally or "segments" in self.cues
+        return not self.is_refined_by_edges or "segments" in self.cues
 
     @property
     def for_search(self) -> Observations:
@@ -139,7 +139,7 @@ def load(
     guide = None if refined_by == cues else load_cues(used, ("segments",), sweeps)
     data = _without_copies(LoadedDrive(used, observations, cues, guide, config.max_frames))
     is_chosen = config.cues == AUTO and cues != LABELS
-    note = _describe(data, len(whole.frames)) + ", since points have no labels" * is_chosen
+    note = _describe(data, len(whole.frames)) + ", the best that its files allow" * is_chosen
     details = _details(data)
     on_event(StageDone("load", perf_counter() - start, note, details=details))
     return data

@@ -139,6 +139,28 @@ def is_rival(best: Hypothesis, other: Hypothesis, least_deg: float) -> bool:
     return other.rotation_from_best_deg >= least_deg and best.margin(other) < MIN_RUNNER_UP_MARGIN
 
 
+def led_by(found: Initialization, first: Hypothesis, observations: Observations) -> Initialization:
+    """Put one of the hypotheses first, for which something else than the search decided."""
+    if first is found.hypotheses[0]:
+        return found
+    ordered = (first, *(other for other in found.hypotheses if other is not first))
+    hypotheses = tuple(
+        other.model_copy(update={"rotation_from_best_deg": rotation_error_deg(other.pose, first.pose)})
+        for other in ordered
+    )
+    other = runner_up(hypotheses, InitializationConfig.runner_up_deg)
+    margin = None if other is None else hypotheses[0].margin(other)
+    few = few_frames(observations, InitializationConfig.max_frames)
+    agreement = _core.agreement(few.core, first.pose)
+    return replace(
+        found,
+        T_camera_lidar=first.pose,
+        agreement=agreement,
+        hypotheses=hypotheses,
+        runner_up_margin=margin,
+    )
+
+
 def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
     """Check that the runner-up is far enough behind the best hypothesis."""
     if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from semcal_cli import _core
-from semcal_cli.config import EDGE_STARTS, ExactConfig, PolishConfig, PyramidConfig, StartsConfig
-from semcal_cli.drive.document import Camera
+from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, StartsConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.pose_error import compare_poses
@@ -17,13 +16,13 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
-from semcal_cli.refinement.pyramid import Level, LevelOptimizer, pyramid_factors
+from semcal_cli.refinement.pyramid import Level, pyramid_factors
 
 MEETING_DEG, MEETING_M = 0.4, 0.05
 """Ends of ascents that are nearer to a better one than this have met it, and do not go on."""
 JOINING = 4
 """Side of the blocks, pixels, from which on the given poses join at each level: coarser ones may lead away."""
-MIN_SIGMAS = 2.0
+TIED_SIGMAS = 2.0
 """Standard errors by which a farther top must be better than a nearer one. With one frame, tops differ by chance."""
 NUM_FINISHED = 3
 """Number of the best ends that are finished by Newton's method."""
@@ -35,8 +34,9 @@ that is as high."""
 class SeveralStarts:
     """Ascends the exact mutual information from several poses, and takes the best at each level.
 
-    Those that are given stay candidates: they join again at the finest level. There the best ones are finished by
-    Newton's method, so that none of the given poses, finished alike, is better than the result.
+    Those that are given, and within reach of the first, stay candidates: they join again from blocks of `JOINING`
+    pixels on. At the finest level the best ones are finished by Newton's method, so that none of the given poses,
+    finished alike, is better than the result.
     """
 
     def __init__(
@@ -69,6 +69,7 @@ class SeveralStarts:
         observations, starts = self.observations, self.starts
         if not self.poses:
             self.given = [T_start, *self.given]
+            self.given = [pose for pose in self.given if self._is_near(pose)]
             rng = np.random.default_rng(self.seed)
             distances = zip(
                 np.linspace(*starts.spread_deg, starts.num_starts[0] - 1),
@@ -97,6 +98,13 @@ class SeveralStarts:
         if factor == 1:
             found = self._finished(visible_only=visible_only)
         return Level(factor, found[0].T_camera_lidar, drift, found[0].num_points)
+
+    def coarse_top(self, T_start: Pose) -> Pose:
+        """Ascend from several starts around a pose (4, 4) on coarse blocks alone, which is fast."""
+        for factor in pyramid_factors(self.observations.camera, pyramid_of(self.starts)):
+            if factor >= JOINING:
+                T_start = self.ascend(factor, T_start, visible_only=False).T_camera_lidar
+        return T_start
 
     def _align(
         self,
@@ -149,7 +157,7 @@ class SeveralStarts:
             self.config.edge_band_px,
         )
         as_good = [
-            other for other, gain in zip(others, gains, strict=True) if -gain.gain < MIN_SIGMAS * gain.sigma
+            other for other, gain in zip(others, gains, strict=True) if -gain.gain < TIED_SIGMAS * gain.sigma
         ]
         return sorted([best, *as_good], key=lambda top: self._distance(top.T_camera_lidar))
 
@@ -167,14 +175,6 @@ class SeveralStarts:
 def pyramid_of(starts: StartsConfig) -> PyramidConfig:
     """The pyramid that several starts ascend."""
     return PyramidConfig(coarsest_block_deg=starts.coarsest_block_deg, min_blocks=starts.min_blocks)
-
-
-def coarse_top(several: LevelOptimizer, T_start: Pose, camera: Camera) -> Pose:
-    """Ascend from several starts around a pose (4, 4) on the coarse blocks of edges, which is fast."""
-    for factor in pyramid_factors(camera, pyramid_of(EDGE_STARTS)):
-        if factor >= JOINING:
-            T_start = several.ascend(factor, T_start, visible_only=False).T_camera_lidar
-    return T_start
 
 
 def _tops(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.config import LABELS, MAX_FRAMES, Cue
-from semcal_cli.drive.cues import CUES, choose_frames, load_cues, maximised
+from semcal_cli.drive.cues import choose_frames, load_cues, maximised, recorded
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
@@ -205,6 +205,5 @@ def _cues(record: Calibration | None) -> tuple[Cue, ...]:
     It is the first one by which the pose was refined, and no other: pixels of one cue share no information with points
     of another.
     """
-    known = {} if record is None else record.settings.options.get("cues")
-    used = tuple(cue for cue in CUES if isinstance(known, dict) and cue in known)
-    return LABELS if not used or "labels" in used else maximised(used)[:1]
+    used = LABELS if record is None else recorded(record.settings.options.get("cues"))
+    return maximised(used)[:1]

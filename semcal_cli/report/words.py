@@ -12,7 +12,7 @@ import numpy as np
 
 from semcal_cli.assessment.frame_offsets import FrameOffsets
 from semcal_cli.documentation import entry_address
-from semcal_cli.drive.cues import CUES, maximised
+from semcal_cli.drive.cues import maximised, recorded
 from semcal_cli.drive.document import Camera
 from semcal_cli.files.messages import listed
 from semcal_cli.initialization.search import MIN_RUNNER_UP_MARGIN
@@ -224,9 +224,7 @@ def _held_out(record: Calibration, sign: float) -> str:
     """Gain of the polish on held-out data with its standard error; empty if it is not known how sure that is."""
     assert record.polish is not None
     sigma = record.polish.held_out_sigma_nats
-    known = record.settings.options.get("cues")
-    used = [cue for cue in CUES if isinstance(known, dict) and cue in known]
-    unit = "AMI" if "segments" in maximised(used) else "nats"
+    unit = "AMI" if "segments" in maximised(recorded(record.settings.options.get("cues"))) else "nats"
     gain = sign * record.polish.held_out_gain_nats
     return "" if sigma is None else f"{gain:.4f} +- {sigma:.4f} {unit}"
 
