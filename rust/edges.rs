@@ -175,12 +175,23 @@ impl Rays {
         let reach_rows = ((LEAST_HEIGHT + SLOPE * REACH) / ROW).ceil() as usize;
         let own = row(ray.elevation);
         let mut found = [None, None];
-        for row in own.saturating_sub(reach_rows)..=(own + reach_rows).min(self.starts.len() - 2) {
+        let last = self.starts.len() - 2;
+        // Nearer rows first: a ray of a farther one is at least so far away that a nearer neighbour rules it out.
+        let rows = (0..=reach_rows).flat_map(|away| {
+            let below = own.checked_sub(away);
+            let above = (away > 0 && own + away <= last).then_some(own + away);
+            below.into_iter().chain(above).map(move |row| (away, row))
+        });
+        for (away, row) in rows {
             let rays = &self.sorted[self.starts[row]..self.starts[row + 1]];
             if rays.is_empty() {
                 continue;
             }
+            let nearest = ((away as f64 - 1.0) * ROW - LEAST_HEIGHT) / SLOPE;
             for (side, found) in found.iter_mut().enumerate() {
+                if found.is_some_and(|best: Beside| best.distance < nearest) {
+                    continue;
+                }
                 // Rays that are nearer than `least` are passed over at once, however many there are.
                 let first = wrapped(ray.azimuth + if side == 0 { least } else { -least });
                 let middle = rays.partition_point(|other| other.azimuth < first);

@@ -27,8 +27,8 @@ TIED_SIGMAS = 2.0
 NUM_FINISHED = 3
 """Number of the best ends that are finished by Newton's method."""
 NEAR_A_TOP = 0.5
-"""A given pose is finished, too, if it has this share of the best end's information: others are on no slope to a top
-that is as high."""
+"""A pose is finished if it has this share of the best end's information: others are on no slope to a top that is as
+high."""
 
 
 class SeveralStarts:
@@ -144,9 +144,13 @@ class SeveralStarts:
             near = [each for each in poses if self._is_near(each)]
             return compared(near) if near else []
 
-        ends, given = compared(self.poses)[:NUM_FINISHED], compared(self.given)
-        least = NEAR_A_TOP * ends[0].mutual_information
-        of_given = [*given, *finished([each for each in given if each.mutual_information >= least])]
+        def near_a_top(ends: Sequence[_core.Aligned]) -> list[_core.Aligned]:
+            return [end for end in ends if end.mutual_information >= NEAR_A_TOP * most]
+
+        ends, given = compared(self.poses), compared(self.given)
+        most = ends[0].mutual_information
+        ends = near_a_top(ends)[:NUM_FINISHED]
+        of_given = [*given, *finished(near_a_top(given))]
         least = max(each.mutual_information for each in of_given)
         tops = _tops(sorted([*finished(ends), *ends, *of_given], key=lambda end: -end.mutual_information))
         best, *others = [top for top in tops if top.mutual_information >= least]
