@@ -1,7 +1,7 @@
 """The real drives that benchmarks measure on, each written as a `drive.yaml` with its published pose.
 
-The folder holds frames of KITTI (object, raw, a jam), OpenCalib, nuScenes, DDAD and SUSTechPOINTS, in these data sets'
-own layouts. What is missing is left out.
+The folder holds frames of KITTI (object, raw, a jam), OpenCalib, nuScenes, DDAD, SUSTechPOINTS and RELLIS-3D, in these
+data sets' own layouts. What is missing is left out.
 """
 
 from __future__ import annotations
@@ -42,8 +42,15 @@ class RealDrive(NamedTuple):
     name: str
     path: Path
     """Folder of its drive.yaml."""
-    has_labels: bool = True
-    """Whether its pictures have labels."""
+    sides: tuple[str, ...] = ("image", "image_labels")
+    """Files of a frame, beside the points, that it has: with `point_labels` both sides have labels."""
+    published: tuple[float, ...] = (*(3 * [0.05]), *(3 * [0.15]))
+    """What the published pose may itself be off along the camera's axes, metres and degrees."""
+
+    def files_allow(self, cues: Sequence[str]) -> bool:
+        """Whether its files allow all of some cues."""
+        needed = {"labels": {"point_labels", "image_labels"}, "segments": {"image_labels"}}
+        return all(needed.get(cue, {"image"}) <= {*self.sides} for cue in cues)
 
 
 def real_drives(data: Path, folder: Path) -> Iterator[RealDrive]:
@@ -140,6 +147,12 @@ def _sustech(source: Path, folder: Path) -> Iterator[RealDrive]:
     yield _write(folder, f"SUSTechPOINTS, {len(frames)} pairs", lens, frames, T)
 
 
+def _rellis3d(source: Path, _: Path) -> Iterator[RealDrive]:
+    """Its published pose is not true to better than about 1 degree: labels agree better half a degree away."""
+    published = (*(3 * [0.3]), *(3 * [1.0]))
+    yield RealDrive("RELLIS-3D 000104", source, ("image", "image_labels", "point_labels"), published)
+
+
 READERS = {
     "kitti_object": _kitti_object,
     "kitti_raw_right": _kitti_raw,
@@ -148,6 +161,7 @@ READERS = {
     "nuscenes_keyframe": _nuscenes,
     "ddad_scene": _ddad,
     "sustech_front": _sustech,
+    "rellis3d_000104": _rellis3d,
 }
 
 
@@ -171,4 +185,4 @@ def _write(
     if has_labels:
         document["classes"] = {"image": {name: [index] for index, name in enumerate(CITYSCAPES)}}
     (path / "drive.yaml").write_text(yaml.safe_dump(document))
-    return RealDrive(name, path, has_labels)
+    return RealDrive(name, path, ("image", "image_labels") if has_labels else ("image",))

@@ -10,11 +10,12 @@ with a seed of its own. With `--pairs N` each takes N frames of the drive: one a
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
-from typing import NamedTuple
+from typing import NamedTuple, TextIO
 
 import click
 import numpy as np
@@ -39,11 +40,11 @@ RIGHT_DEG, RIGHT_CM = 0.2, 5.0
 """Errors within which a run is right."""
 NEAR_DEG, NEAR_CM = 0.5, 20.0
 """Errors within which a run is near, and beyond which none may be trusted."""
-CUES = ("edges", "segments,edges", "segments", "segments,intensity", "intensity")
+CUES = ("labels", "edges", "segments,edges", "segments", "segments,intensity", "intensity")
 HEADER = (
     *("real drive", "start", "cue", "n", "rotation, deg: median, worst", "camera centre, cm: median, worst"),
     *("ends apart", f"within {RIGHT_DEG:g} deg, {RIGHT_CM:g} cm", f"within {NEAR_DEG:g} deg, {NEAR_CM:g} cm"),
-    *("trusted", "wrong and trusted", "seconds"),
+    *("trusted", "wrong and trusted", "outside and trusted", "seconds"),
 )
 
 
@@ -53,8 +54,25 @@ class End(NamedTuple):
     T_camera_lidar: Pose | None
     rotation_deg: float
     center_cm: float
-    is_trusted: bool
+    status: str
+    """The verdict, or the error that ended the run."""
+    reasons: Sequence[str]
+    """What was found against the pose."""
+    offsets: Sequence[float]
+    """From the published pose, along the camera's axes: metres of its centre, and degrees."""
+    half_widths: Sequence[float]
+    """Of the 95 % intervals along these axes; none without an uncertainty."""
     seconds: float
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the verdict is that the pose can be trusted."""
+        return self.status == "trusted"
+
+    def is_outside(self, published: Sequence[float]) -> bool:
+        """Whether the published pose is outside the interval, widened by its own errors (6,)."""
+        widths = np.array(self.half_widths) + published
+        return bool((np.abs(self.offsets) > widths).any())
 
 
 def run(data: LoadedDrive, T_published: Pose, start: str, seed: int) -> End:
@@ -67,15 +85,22 @@ def run(data: LoadedDrive, T_published: Pose, start: str, seed: int) -> End:
     begun = perf_counter()
     try:
         calibration = calibrate(data, config, initial_pose=initial_pose)
-    except SemcalError:
-        return End(None, np.inf, np.inf, False, perf_counter() - begun)
-    seconds = perf_counter() - begun
-    T = np.array(calibration.T_camera_lidar)
-    error = compare_poses(T, T_published)
-    return End(T, error.rotation_deg, error.camera_center_cm, calibration.status == "trusted", seconds)
+    except SemcalError as failed:
+        return End(None, np.inf, np.inf, str(failed), (), (), (), perf_counter() - begun)
+    error, uncertainty = compare_poses(calibration.pose, T_published), calibration.uncertainty
+    return End(
+        calibration.pose,
+        error.rotation_deg,
+        error.camera_center_cm,
+        calibration.status,
+        calibration.reasons,
+        [*(0.01 * np.array(error.camera_center_xyz_cm)).tolist(), *error.rotation_xyz_deg],
+        uncertainty.half_widths if uncertainty else (),
+        perf_counter() - begun,
+    )
 
 
-def table_row(what: str, start: str, cue: str, ends: Sequence[End]) -> str:
+def table_row(what: str, start: str, cue: str, ends: Sequence[End], published: Sequence[float]) -> str:
     """Format the runs of a drive by a cue."""
     deg, cm = (np.array([getattr(end, name) for end in ends]) for name in ("rotation_deg", "center_cm"))
     trusted = np.array([end.is_trusted for end in ends])
@@ -92,6 +117,7 @@ def table_row(what: str, start: str, cue: str, ends: Sequence[End]) -> str:
         near.sum(),
         trusted.sum(),
         (trusted & ~near).sum(),
+        sum(end.is_trusted and end.is_outside(published) for end in ends),
         f"{np.median([end.seconds for end in ends]):.1f}",
     )
     return f"| {' | '.join(map(str, cells))} |"
@@ -131,6 +157,7 @@ def evaluate(
 @click.option("--first-seed", default=90, show_default=True)
 @click.option("--pairs", "numbers", multiple=True, type=int, help="Frames of each run; all if not given.")
 @click.option("--only", default="", help="Only drives whose names contain this.")
+@click.option("--runs", type=click.File("a"), help="Add a line of JSON for each run to this file.")
 def main(
     data: Path,
     start: str,
@@ -139,19 +166,23 @@ def main(
     first_seed: int,
     numbers: Sequence[int],
     only: str,
+    runs: TextIO | None,
 ) -> None:
     """Print the table."""
     print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
     with TemporaryDirectory() as folder:
         for found in real_drives(data.resolve(), Path(folder)):
             for cue in cues:
-                if only not in found.name or (not found.has_labels and "segments" in cue):
+                if only not in found.name or not found.files_allow(cue.split(",")):
                     continue
                 for num_pairs in numbers or (None,):
                     seeds = range(first_seed, first_seed + starts)
                     ends = evaluate(found, cue, start, seeds, num_pairs)
                     which = f"{found.name}, {num_pairs} of them" if num_pairs else found.name
-                    print(table_row(which, start, cue, ends), flush=True)
+                    print(table_row(which, start, cue, ends, found.published), flush=True)
+                    for end in ends if runs else ():
+                        named = {"drive": which, "start": start, "cue": cue, **end._asdict()}
+                        print(json.dumps(named | {"T_camera_lidar": None}), file=runs, flush=True)
 
 
 if __name__ == "__main__":
