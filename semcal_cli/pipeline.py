@@ -63,10 +63,10 @@ from semcal_cli.result.stage import StageResult
 from semcal_cli.stages import Stages, findings_of, settings_of
 
 NO_START = (
-    "edges alone tell no mountings apart, needed a start within 5 degrees and 0.3 m without --search-deg, from --init "
+    "edges tell no mountings apart, needed a start within 5 degrees and 0.3 m without --search-deg, from --init "
     "or --init-rpy-xyz, or labels of the pictures, with --cue segments,edges"
 )
-"""What is missing where a search is asked for by edges alone."""
+"""What is missing where a search is asked for by edges without labels of the pictures."""
 
 INITIAL_DEG, INITIAL_M = 5.0, 0.5
 """Largest error of a hypothesis of the initial calibration, in degrees and metres, when it is compared with priors."""
@@ -127,7 +127,7 @@ def initialize(
     Raises:
         CalibrationError: sweeps and images do not overlap, or no placement leads to a pose.
         InputError: the points do not lie in the field of view of the drive's `lidar:` block, or a search is asked for
-            by edges alone.
+            by edges without labels of the pictures.
     """
     start = perf_counter()
     if initial_pose is None:

@@ -54,7 +54,7 @@ def test_a_start_that_looks_away_is_no_overlap(
     code, _, err = run(capfd, "calibrate", street, "--init", tmp_path, "-o", tmp_path / "out.yaml", "-q")
     assert code == EXIT_FAILURE
     assert re.fullmatch(
-        r"semcal: error: .*drive.yaml: no overlap: 0 of \d+ labelled points land on labelled pixels, needed 100\n",
+        r"semcal: error: .*drive.yaml: no overlap: 0 of \d+ points land on pixels with classes, needed 100\n",
         err,
     )
     assert not (tmp_path / "out.yaml").exists()

@@ -111,7 +111,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     assert why == "why              docs/troubleshooting.md explains each doubt"
     assert calibration.topics == ("overlap",)
     assert re.fullmatch(
-        r"visible labelled points cover \d\.\d% of the picture, needed at least 3%: label more of the points, or "
+        r"visible points with classes cover \d\.\d% of the picture, needed at least 3%: label more of the points, or "
         "check which ids the drive ignores",
         calibration.reasons[0],
     )

@@ -57,7 +57,9 @@ def test_labels_that_tell_no_direction(street_observations: Observations, street
         cloud.with_classes(rng.permutation(cloud.classes)) for cloud in street_observations.clouds
     )
     found = sentences(shuffled, street_truth)
-    assert any(re.search(r"degrees labels fit (\d{3}% as well|better than)", line) for line in found)
+    assert any(
+        re.search(r"degrees points and pictures fit (\d{3}% as well|better than)", line) for line in found
+    )
 
 
 @pytest.mark.parametrize("scale", [0.9, 1.1])
@@ -73,7 +75,8 @@ def test_wrong_intrinsics_are_named(
     (intrinsics,) = wrong_intrinsics(around, seen.camera)
     right = "shorter" if scale > 1.0 else "longer"
     assert re.match(
-        rf"the focal length looks wrong, labels agree \d+\.\d% better with fx and fy 7% {right}: ", focal
+        rf"the focal length looks wrong, points and pictures agree \d+\.\d% better with fx and fy 7% {right}: ",
+        focal,
     )
     assert intrinsics.sentence.startswith("the intrinsics look wrong")
 

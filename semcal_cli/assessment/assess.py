@@ -40,7 +40,7 @@ from semcal_cli.threads import thread_pool
 
 NOTHING = Finding(
     "not-determined",
-    "labels do not determine the pose, their agreement does not fall in every direction",
+    "points and pictures do not determine the pose, their agreement does not fall in every direction",
     "record frames with objects near and far, at the left and at the right, or state what is known with "
     "--prior-translation-m",
 )

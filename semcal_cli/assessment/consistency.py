@@ -183,7 +183,7 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Fin
     if best <= most * own.information:
         return []
     fit = _as_well(best, own.information)
-    found = f"with the camera turned by {best_deg:.0f} degrees labels fit {fit}, needed at most {most:.0%}"
+    found = f"with the camera turned by {best_deg:.0f} degrees points and pictures fit {fit}, needed at most {most:.0%}"
     return [
         Finding(
             "other-azimuth",
@@ -246,7 +246,7 @@ def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[
         return []
     better = f"{best / own.information - 1.0:.1%} better" if own.information > 0.0 else "better"
     sentence = (
-        f"the focal length looks wrong, labels agree {better} with fx and fy {abs(best_change):.0%} "
+        f"the focal length looks wrong, points and pictures agree {better} with fx and fy {abs(best_change):.0%} "
         f"{'longer' if best_change > 0.0 else 'shorter'}"
     )
     return [
@@ -274,7 +274,7 @@ def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Findin
     if best_delay_s == 0.0:
         return []
     sentence = (
-        f"the clocks look wrong, labels agree better by {best:.1f} standard errors if pictures are "
+        f"the clocks look wrong, points and pictures agree better by {best:.1f} standard errors if pictures are "
         f"{1e3 * abs(best_delay_s):.0f} ms {'later' if best_delay_s > 0.0 else 'earlier'} than image_stamp says"
     )
     return [Finding("clocks", sentence, "check the clocks of camera and LiDAR, and correct image_stamp")]

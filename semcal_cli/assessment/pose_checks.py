@@ -88,14 +88,15 @@ def check_pose(
         found = f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
         findings.append(Finding("baseline", found, "give a larger --max-baseline-m if it is farther away"))
     if agreement.overlap < MIN_OVERLAP:
-        covered = f"visible labelled points cover {agreement.overlap:.1%} of the picture"
+        covered = f"visible points with classes cover {agreement.overlap:.1%} of the picture"
         found = f"{covered}, needed at least {MIN_OVERLAP:.0%}"
         findings.append(
             Finding("overlap", found, "label more of the points, or check which ids the drive ignores")
         )
     if not agreement.mutual_information > agreement.bias:
         by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
-        found = f"labels agree {by_chance:.0%} as well as unrelated ones do by chance, needed more than 100%"
+        how = f"{by_chance:.0%} as well as unrelated ones do by chance"
+        found = f"points and pictures agree {how}, needed more than 100%"
         findings.append(
             Finding("chance", found, "check that the labels are those of these sweeps and pictures")
         )

@@ -239,12 +239,12 @@ cue_option = click.option(
     type=CueList(),
     default=AUTO,
     metavar="CUE[,CUE]",
-    help="Cues to compare, alone or together: labels of points and pictures; edges (steps along the scans against "
-    "gradients of the pictures, without any labels, from a start that is known to 5 degrees and 0.3 m); segments "
-    "(parts of the sweeps by their shape, against labels of pictures alone, which give edges a start); intensity (the "
-    "LiDAR's against the picture's grey values, without any labels); or features (vectors of points and pixels, alone, "
-    "by `semcal calibrate --estimator mine`).  [default: labels; if points have none, segments,edges, or what the "
-    "files of DRIVE allow of both]",
+    help="Cues to compare, alone or together: auto (the best that the files of DRIVE allow); labels of points and "
+    "pictures; edges (steps along the scans against gradients of the pictures, without any labels, from a start that "
+    "is known to 5 degrees and 0.3 m); segments (parts of the sweeps by their shape, against labels of pictures alone, "
+    "which give edges a start); intensity (the LiDAR's against the picture's grey values, without any labels); or "
+    "features (vectors of points and pixels, alone, by `semcal calibrate --estimator mine`).  [default: auto: labels, "
+    "or, if points have none, segments,edges or what the files allow of both]",
 )
 
 

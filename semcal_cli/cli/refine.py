@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 def refine(
     drive: Path, init: Path, init_direction: Direction | None, max_baseline_m: float, **options: Any
 ) -> None:
-    """Refine a transform that is known to 20 degrees or so on DRIVE; by segments, to 6 degrees and 1 m."""
+    """Refine a transform on DRIVE that is known to 20 degrees or so by labels, to 5 degrees and 0.3 m by edges."""
     from semcal_cli.cli.drive import loaded_drive
     from semcal_cli.cli.outputs import Outputs
     from semcal_cli.pipeline import assess, make_calibration, refine_and_polish, start_at

@@ -129,7 +129,7 @@ def _session(
     is_given: bool,
     console: Console,
 ) -> Session:
-    """Load the drive; one without labels is shown without classes, unless a cue was asked for."""
+    """Load the drive; one whose files allow no cue is shown without classes, unless one was asked for."""
     from semcal_cli.drive.frame_selection import evenly_spaced
     from semcal_cli.drive.loading import LoadedDrive, load
     from semcal_cli.drive.reading import load_points, read_clouds
@@ -152,8 +152,6 @@ def _session(
         picture_of(data.drive, session.observations, frame)  # a missing one is told before the page is
     if unlabelled:
         console.print(f"note: nothing tells how well points fit: {unlabelled}", markup=False)
-        if all(frame.image_labels is not None for frame in few.frames):
-            console.print("note: with --cue segments, labels of the pictures alone tell it", markup=False)
     return session
 
 

@@ -24,7 +24,7 @@ from semcal_cli.drive.intensity import grey_values, lens_mask
 from semcal_cli.drive.motion import compensated
 from semcal_cli.drive.observations import LabelledCloud, LabelledImage, Observations
 from semcal_cli.drive.reading import make_observations, read_clouds
-from semcal_cli.errors import CalibrationError
+from semcal_cli.errors import CalibrationError, about
 from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.threads import thread_pool
 
@@ -69,7 +69,8 @@ def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = Non
     )
 
     def levels_of(frame: Frame) -> Classes:
-        return _levels(drive.camera, grey_values(drive, frame), seen, blur_px, config)
+        with about(drive.resolve(str(frame.image))):
+            return _levels(drive.camera, grey_values(drive, frame), seen, blur_px, config)
 
     with thread_pool() as pool:
         images = list(pool.map(levels_of, drive.frames))

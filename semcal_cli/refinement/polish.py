@@ -111,7 +111,7 @@ def _rejected(check: HeldOut, max_loss: float) -> tuple[Finding, ...]:
 
 def _unsettled(moved_px: float, most_px: float) -> tuple[Finding, ...]:
     if not math.isfinite(moved_px):
-        found = "the polish found no direction in which the pose changes the labels' agreement"
+        found = "the polish found no direction in which the pose changes the agreement"
         return (
             Finding("no-direction", found, "record frames with more classes, such as poles, cars and kerbs"),
         )

@@ -92,7 +92,7 @@ def refine(
         The pose after the finest level, with all levels, and a finding if it has not settled.
 
     Raises:
-        CalibrationError: too few labelled points land on labelled pixels.
+        CalibrationError: too few points land on pixels with classes.
     """
     factors = pyramid_factors(observations.camera, config)
     block_deg = math.degrees(1.0 / core_camera(observations.camera).pixels_per_radian)
@@ -122,7 +122,7 @@ def _check_overlap(observations: Observations, level: Level, min_points: int) ->
     if level.num_points < min_points:
         total = sum(int((cloud.classes != NO_CLASS).sum()) for cloud in observations.clouds)
         raise CalibrationError(
-            f"no overlap: {level.num_points} of {total} labelled points land on labelled pixels, "
+            f"no overlap: {level.num_points} of {total} points land on pixels with classes, "
             f"needed {min_points}"
         )
 

@@ -9,13 +9,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.config import LABELS, MAX_FRAMES, Cue
-from semcal_cli.drive.cues import choose_frames, load_cues, maximised, recorded
+from semcal_cli.config import AUTO, MAX_FRAMES, Cue
+from semcal_cli.drive.cues import choose_frames, chosen, load_cues, maximised, recorded
 from semcal_cli.drive.document import Drive, Frame
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
 from semcal_cli.files.messages import listed
+from semcal_cli.files.point_clouds import Sweeps
 from semcal_cli.formats import read_extrinsic
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.edges import coloring_of
@@ -138,7 +139,8 @@ def make_report_input(
     is_of_record = used is not None and not staying
     notices += staying
     notices += [] if before is None else before.notices
-    cues = _cues(record)
+    sweeps = Sweeps()
+    cues = _cues(record, drive, sweeps)
     used = used or choose_frames(drive, cues, MAX_FRAMES)
     return ReportInput(
         name=name,
@@ -148,7 +150,7 @@ def make_report_input(
         drive=used,
         begun=begun,
         changes=(*others, *changes),
-        observations=unrolled(load_cues(used, cues), T_camera_lidar),
+        observations=unrolled(load_cues(used, cues, sweeps), T_camera_lidar),
         is_of_record=is_of_record,
         notices=tuple(notices),
     )
@@ -199,11 +201,11 @@ def _distinct(
     return tuple(distinct.values())
 
 
-def _cues(record: Calibration | None) -> tuple[Cue, ...]:
-    """Cue that the frames are read with: labels, unless the calibration was made without them.
+def _cues(record: Calibration | None, drive: Drive, sweeps: Sweeps) -> tuple[Cue, ...]:
+    """Cue that the frames are read with: that of the calibration, or the best that the files of the drive allow.
 
     It is the first one by which the pose was refined, and no other: pixels of one cue share no information with points
     of another.
     """
-    used = LABELS if record is None else recorded(record.settings.options.get("cues"))
+    used = chosen(AUTO, drive, sweeps) if record is None else recorded(record.settings.options.get("cues"))
     return maximised(used)[:1]
