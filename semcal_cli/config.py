@@ -304,9 +304,11 @@ class JointlyConfig:
     intrinsics: tuple[str, ...] = ()
     """Names of the intrinsics, as fx, cy or k1."""
     focal_sigma: float | None = None
-    """Standard deviation of focal lengths, as a share of them; None is what the drive states, else `FOCAL_SIGMA`."""
+    """Standard deviation of focal lengths, as a share of them, whether they are estimated or not; 0 says that they are
+    exact. None is what the drive states, else `FOCAL_SIGMA` if they are estimated, and `DEFAULT_FOCAL_SIGMA` if not."""
     center_sigma_px: float | None = None
-    """Standard deviation of the principal point, pixels; None is what the drive states, else `CENTER_SIGMA_PX`."""
+    """The same of the principal point, pixels; None is what the drive states, else `CENTER_SIGMA_PX` or
+    `DEFAULT_CENTER_SIGMA_PX`."""
     lens_sigma: float = 0.1
     """Standard deviation of the numbers of the lens, such as k1, xi or w."""
     tangential_sigma: float = 0.005

@@ -41,7 +41,8 @@ def check_config(config: CalibrationConfig) -> None:
     jointly = refinement.jointly
     for name in ("focal_sigma", "center_sigma_px", "lens_sigma", "tangential_sigma", "delay_sigma_s"):
         if (sigma := getattr(jointly, name)) is not None:
-            _check_range(name, sigma, LEAST_SIGMA, MOST_SIGMA)
+            may_be_exact = name in ("focal_sigma", "center_sigma_px") and not jointly.intrinsics
+            _check_range(name, sigma, 0.0 if may_be_exact else LEAST_SIGMA, MOST_SIGMA)
 
 
 def check_limits(limits: Limits) -> None:

@@ -17,14 +17,17 @@ from semcal_cli.config import (
     RefinementConfig,
 )
 from semcal_cli.drive.delay import twists_per_s
+from semcal_cli.drive.document import Drive
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.events import Listener, ignore
+from semcal_cli.files.reading import hash_file
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, initialize, refine_and_polish, start_at
-from semcal_cli.result.stage import StageResult
+from semcal_cli.result.calibration import Calibration
+from semcal_cli.result.stage import Finding, StageResult
 from semcal_cli.stages import Stages, findings_of
 
 NEAR_DEG = 5.0
@@ -148,10 +151,24 @@ def verify(
         looks = recognise(T_stated, estimate) if verdict == "fail" else []
         told = [(LOOKS_LIKE, each) for each in looks]
     told += [(CLOCK_TOPIC, each) for each in of_clock]
+    if initial_pose.record is not None and (own := _made_from(data.drive, initial_pose.record)):
+        told += [(own.topic, own.sentence)]
+        verdict = "inconclusive" if verdict == "pass" else verdict
     topics, reasons = ((*column,) for column in zip(*told, strict=True)) if told else ((), ())
     clock = stages.joint.clock if stages.joint is not None and stages.is_joint else None
     time_offset_s = data.drive.time_offset_s if clock is None else clock.time_offset_s
     return Verification(verdict, checks, reasons, topics, notes, estimate, time_offset_s)
+
+
+def _made_from(drive: Drive, record: Calibration) -> Finding | None:
+    """Say that a calibration was made from most of the sweeps of a drive, by their contents: it agrees with itself."""
+    names = {frame.points for frame in record.input.frames}
+    known = {digest for name, digest in record.input.sha256.items() if name in names}
+    num_own = sum(hash_file(drive.resolve(frame.points)) in known for frame in drive.frames)
+    if 2 * num_own <= len(drive.frames):
+        return None
+    found = f"{num_own} of the {len(drive.frames)} sweeps are those that the transform was calibrated from"
+    return Finding("own-drive", found, "check it on another drive, for it agrees with its own")
 
 
 def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Check, list[str]]:

@@ -147,24 +147,23 @@ OPTIONS: dict[str, Hostile] = {
         for method in ("paper", "soic")
         for options in (NAMES, ("--estimate-delay",))
     },
-    "a sigma of nothing": refused(
-        r"--intrinsics-sigma: is of --refine-intrinsics: give it, too$", "--intrinsics-sigma", "2", "10"
-    ),
-    "a sigma of the clock": refused(
-        r"--intrinsics-sigma: is of --refine-intrinsics: give it, too$",
-        "--estimate-delay",
-        "--intrinsics-sigma",
-        "2",
-        "10",
-    ),
     **{
         f"a sigma of {' '.join(pair)}": refused(
-            r"'--intrinsics-sigma': \S+ is not (in the range 1e-09<=x<=1000\.0|a finite number|a valid float range)\.$",
+            r"'--intrinsics-sigma': \S+ is not (in the range 0\.0<=x<=1000\.0|a finite number|a valid float range)\.$",
             *NAMES,
             "--intrinsics-sigma",
             *pair,
         )
-        for pair in (("0", "10"), ("2", "0"), ("nan", "10"), ("2", "inf"), ("-1", "10"), ("2", "x"))
+        for pair in (("nan", "10"), ("2", "inf"), ("-1", "10"), ("2", "x"))
+    },
+    **{
+        f"an exact {' '.join(pair)} that is estimated": refused(
+            r"--intrinsics-sigma: found \d+ \d+, --refine-intrinsics requires 1e-09 or more of both\.$",
+            *NAMES,
+            "--intrinsics-sigma",
+            *pair,
+        )
+        for pair in (("0", "10"), ("2", "0"))
     },
     "one sigma of two": refused(
         r"(requires 2 arguments|is not a valid float range)\.$", *NAMES, "--intrinsics-sigma", "2"
@@ -194,8 +193,8 @@ OPTIONS: dict[str, Hostile] = {
     ),
     "a sigma of many drives": Hostile(
         nothing,
-        ("batch", "drive", "other", "-o", "results", "--", "--intrinsics-sigma", "2", "10"),
-        r"--intrinsics-sigma: is of --refine-intrinsics: give it, too$",
+        ("batch", "drive", "other", "-o", "results", "--", "--intrinsics-sigma", "-2", "10"),
+        r"'--intrinsics-sigma': -2\.0 is not in the range 0\.0<=x<=1000\.0\.$",
         2,
         check=absent("results", "x"),
     ),

@@ -25,7 +25,8 @@ def test_a_drive_comes_back_from_each_storage(kind: str, synthetic: Drive, tmp_p
     path = write_drive_as_bag(synthetic, tmp_path, kind, T_camera_lidar=T_MOUNT)
     imported(path, tmp_path / "drive")
     drive = read_drive(tmp_path / "drive")
-    assert drive.camera == synthetic.camera
+    # No recording states how well K is known.
+    assert drive.camera == synthetic.camera.model_copy(update={"intrinsics_sigma": None})
     np.testing.assert_allclose(drive.T_camera_lidar or 0, T_MOUNT, atol=1e-12)
     assert len(drive.frames) == len(synthetic.frames)
     for mine, theirs in zip(read_clouds(drive), read_clouds(synthetic), strict=True):

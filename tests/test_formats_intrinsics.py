@@ -75,7 +75,7 @@ def without(path: Path, name: str, lens: Camera, why: str) -> None:
         return
     told: list[str] = []
     direction: Direction | None = "camera-to-lidar" if name == "opencv" else None
-    options = FormatOptions(direction, intrinsics=lens, on_intrinsics=told.append)
+    options = FormatOptions(direction, intrinsics=lens, on_note=told.append)
     write_transform(T_ANY, path, name, options)
     assert told == [f"{why}: the transform is written without intrinsics"]
     np.testing.assert_allclose(read_transform(path, None, FormatOptions(direction)), T_ANY, atol=1e-12)

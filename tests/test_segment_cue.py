@@ -231,8 +231,8 @@ def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: s
 
 
 def test_a_right_pose_has_no_rival_and_a_wrong_one_has(seen: Observations, street_truth: Pose) -> None:
-    assert check_rivals(seen, street_truth) == ()
-    (found,) = check_rivals(seen, FAR @ street_truth)
+    assert check_rivals(seen, street_truth, None) == ()
+    (found,) = check_rivals(seen, FAR @ street_truth, None)
     assert "explains the data better" in found.sentence
     assert "standard errors ahead, needed 3 behind: add frames" in found.sentence
 

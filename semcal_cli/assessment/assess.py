@@ -21,6 +21,7 @@ from semcal_cli.assessment.intrinsics import (
 )
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.label_alignment import check_label_alignment
+from semcal_cli.assessment.leaked_labels import check_leaks
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
@@ -28,14 +29,14 @@ from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import Camera
-from semcal_cli.drive.intrinsics import intrinsic_value, with_intrinsics
+from semcal_cli.drive.intrinsics import intrinsic_value, sigma_of, with_intrinsics
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.camera import RefinedCamera
 from semcal_cli.result.parts import DrivePart
 from semcal_cli.result.stage import Finding
-from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty
+from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
 NOTHING = Finding(
@@ -105,7 +106,14 @@ def assess(
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
-        return found.model_copy(update={"label_bleed": bleed, "intrinsics_cost": effect.cost})
+        of_intrinsics = effect.of_stated
+        return found.model_copy(
+            update={
+                "label_bleed": bleed,
+                "intrinsics_cost": effect.cost,
+                "covariance_of_intrinsics": None if of_intrinsics is None else as_entries(of_intrinsics),
+            }
+        )
 
     # While one check is in Python, the core works for another one.
     with thread_pool() as pool:
@@ -117,7 +125,7 @@ def assess(
         findings = (
             *frames.findings,
             *of_consistency.result(),
-            *_rivals(data, T_camera_lidar),
+            *_rivals(data, T_camera_lidar, found, with_priors=fused is not None),
             *wrong_intrinsics(around, camera),
         )
         notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
@@ -144,7 +152,7 @@ class _EffectOfIntrinsics(NamedTuple):
 
     around: Sensitivity | None
     of_stated: Matrix | None
-    """(6, 6) covariance of the pose by stated errors of the intrinsics; None if none are stated."""
+    """(6, 6) covariance of the pose by errors of the intrinsics; None if it is not known."""
     cost: IntrinsicsCost | None
 
     @classmethod
@@ -153,11 +161,13 @@ class _EffectOfIntrinsics(NamedTuple):
     ) -> _EffectOfIntrinsics:
         """Compute the effect at a pose (4, 4), to whose twist (6, 6) `label_gain` brings one of the labels' optimum.
 
-        `stated` is the camera with the errors that are stated and that no estimate replaces.
+        `stated` is the camera with the errors that no estimate replaces.
         """
         around = around_intrinsics(observations, T_camera_lidar)
         shift = shift_by(around)
-        cost = None if shift is None else intrinsics_cost(shift, observations.camera, label_gain)
+        if shift is not None and label_gain is not None:
+            shift = label_gain @ shift
+        cost = None if shift is None else intrinsics_cost(shift, observations.camera)
         return cls(around, covariance_of_intrinsics(shift, stated), cost)
 
 
@@ -183,8 +193,9 @@ def _uncertainty(
 
 
 def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
-    """Leave out the stated errors of intrinsics that were estimated: the estimate tells how far they may be off."""
-    return with_intrinsics(camera, {name: intrinsic_value(camera, name) for name in found.intrinsics})
+    """Leave out the errors of intrinsics that were estimated: the estimate tells how far they may be off."""
+    stating = camera.model_copy(update={"intrinsics_sigma": sigma_of(camera)})
+    return with_intrinsics(stating, {name: intrinsic_value(camera, name) for name in found.intrinsics})
 
 
 def _advice(found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None) -> str | None:
@@ -208,7 +219,9 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
     check = check_frames(observations, T_camera_lidar, names)
     of_pairs = check_pairs(observations, T_camera_lidar, agreement, names)
     findings = (*check.findings, *of_pairs, *(_few_scenes(observations) if data.is_refined_by_edges else ()))
-    notes = (*data.notes, *_notes_on_scenes(observations))
+    notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(data))
+    if "labels" in data.cues:
+        findings += check_leaks(data.of_cue("labels"), T_camera_lidar)
     if data.cues[0] in ("labels", "segments"):
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
         findings += aligned.findings
@@ -216,9 +229,25 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
     return Assessment(None, findings, notes, check.parts)
 
 
-def _rivals(data: LoadedDrive, T_camera_lidar: Pose) -> tuple[Finding, ...]:
-    """Look for rivals by cues that have them: what labels and features tell has one top near a pose."""
-    return () if data.observations.starts is None else check_rivals(data.observations, T_camera_lidar)
+def _rivals(
+    data: LoadedDrive, T_camera_lidar: Pose, found: Uncertainty | None, *, with_priors: bool
+) -> tuple[Finding, ...]:
+    """Look for rivals, but for labels of some scenes, which tell one top, and priors, which rule others out."""
+    observations = data.observations
+    if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
+        return ()
+    return check_rivals(observations, T_camera_lidar, found)
+
+
+def _unchecked(data: LoadedDrive) -> tuple[str, ...]:
+    """Say what could not be checked, since the drive lacks what tells it."""
+    notes = []
+    if data.drive.motion is None:
+        notes.append("the clock was not checked: the drive gives no motion")
+    has_labels = any(frame.image_labels is not None for frame in data.drive.frames)
+    if has_labels and all(frame.image is None for frame in data.drive.frames):
+        notes.append("labels were not checked against pictures: the drive gives no image")
+    return tuple(notes)
 
 
 def _few_scenes(observations: Observations) -> tuple[Finding, ...]:

@@ -26,6 +26,8 @@ from semcal_cli.assessment.measurement import Measurement, measure, silent
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
+from semcal_cli.drive.document import IntrinsicsSigma
+from semcal_cli.drive.intrinsics import sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import apply_twist
@@ -173,9 +175,9 @@ class _Known(NamedTuple):
 
 
 def _of_intrinsics(observations: Observations, T_camera_lidar: Pose) -> Matrix | None:
-    """Compute the covariance (6, 6) of the labels' optimum by errors of the intrinsics; None if none are stated."""
+    """Compute the covariance (6, 6) of the labels' optimum by errors of the intrinsics; None if K is exact."""
     camera = observations.camera
-    if camera.intrinsics_sigma is None:
+    if sigma_of(camera) == IntrinsicsSigma():
         return None
     return covariance_of_intrinsics(shift_by(around_intrinsics(observations, T_camera_lidar)), camera)
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity, sensitivity
 from semcal_cli.config import SensitivityConfig
-from semcal_cli.drive.document import Camera
+from semcal_cli.drive.document import Camera, IntrinsicsSigma
+from semcal_cli.drive.intrinsics import sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
@@ -86,31 +87,28 @@ def shift_by(around: Sensitivity | None) -> Matrix | None:
 
 
 def covariance_of_intrinsics(shift: Matrix | None, camera: Camera) -> Matrix | None:
-    """Compute the covariance (6, 6) of the pose by errors of the intrinsics; None if none are stated.
+    """Compute the covariance (6, 6) of the pose by errors of the intrinsics; None if exact or not known.
 
     Args:
         shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
-        camera: The camera, which states the errors.
+        camera: The camera, which may state the errors.
     """
-    stated = camera.intrinsics_sigma
-    if stated is None or shift is None:
+    if shift is None:
         return None
+    stated = sigma_of(camera)
     by_sigma = shift[:, :4] * [stated.fx, stated.fy, stated.cx, stated.cy]
-    return np.asarray(by_sigma @ by_sigma.T)
+    return np.asarray(by_sigma @ by_sigma.T) if by_sigma.any() else None
 
 
-def intrinsics_cost(shift: Matrix, camera: Camera, label_gain: Matrix | None = None) -> IntrinsicsCost:
+def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
     """State how far the pose moves by intrinsics that are a little off.
 
     Args:
         shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
         camera: The camera.
-        label_gain: (6, 6) gain from a twist of the labels' optimum to a twist of the pose; identity if not given.
     """
     (fx, _, _), (_, fy, _), _ = camera.K
-    shift = shift[:, :4]
-    moved = np.abs(shift if label_gain is None else label_gain @ shift)
-    moved = moved * [FOCAL_SHARE * fx, FOCAL_SHARE * fy, 1.0, 1.0]
+    moved = np.abs(shift[:, :4]) * [FOCAL_SHARE * fx, FOCAL_SHARE * fy, 1.0, 1.0]
     changes = [
         PoseChange(camera_center_m=each[:3].tolist(), rotation_deg=np.degrees(each[3:]).tolist())
         for each in moved.T
@@ -151,7 +149,7 @@ def implausible_intrinsics(camera: Camera) -> list[Implausible]:
 
 
 def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[str, ...]:
-    """Note implausible intrinsics with what their errors cost, and stated errors that no interval contains."""
+    """Note implausible intrinsics with what their errors cost, and errors that no interval contains."""
     notes = []
     for name, sentence in implausible_intrinsics(camera):
         if cost is not None:
@@ -161,10 +159,8 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
             by = "each pixel" if name.startswith("c") else f"each {FOCAL_SHARE:.1%}"
             sentence += f"; {by} that {name} is wrong moves the pose by {moved_cm:.2f} cm and {turned_deg:.3f} degrees"
         notes.append(sentence)
-    if camera.intrinsics_sigma is not None and cost is None:
-        notes.append(
-            "intrinsics_sigma is not part of the interval: what intrinsics cost could not be computed"
-        )
+    if cost is None and sigma_of(camera) != IntrinsicsSigma():
+        notes.append("errors of K are not part of the interval: what they cost could not be computed")
     return tuple(notes)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
@@ -19,6 +20,8 @@ VERDICTS: tuple[Verdict, ...] = ("fail", "inconclusive", "pass")
 AXES = ("x", "y", "z")
 IN_ALL = " in all"
 """Ends the names of the checks of all three axes together."""
+NUM_POSE = 6
+"""Number of the degrees of freedom of a pose."""
 CLOCK = "clock"
 """Name of the check of the camera's clock."""
 UNITS: dict[Unit, str] = {"deg": "degrees", "cm": "cm", "ms": "ms"}
@@ -117,13 +120,20 @@ def offsets_in_all(checks: Sequence[Check]) -> list[str]:
 
 
 def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
-    """Compute the quantile of the squared length of six estimates, in their standard errors (Hotelling).
+    """Compute the quantile of the squared length of six estimates, in their standard errors.
+
+    It is that of T squared, p v / (v - p + 1) F(p, v - p + 1) with p = 6 (Hotelling, *The generalization of Student's
+    ratio*, 1931).
 
     Args:
         alpha: Probability that chance exceeds the quantile.
-        degrees_of_freedom: Degrees of freedom of the standard errors; with very many, the quantile is chi-square's.
+        degrees_of_freedom: Degrees of freedom v of the covariance; with very many, the quantile is chi-square's, and of
+            five or fewer nothing can be told, so that it is infinite.
     """
-    return 6.0 * _core.fisher_limit(alpha, 6, degrees_of_freedom)
+    left = degrees_of_freedom - NUM_POSE + 1
+    if left <= 0.0:
+        return math.inf
+    return NUM_POSE * degrees_of_freedom / left * _core.fisher_limit(alpha, NUM_POSE, left)
 
 
 def together(verdicts: Iterable[Verdict]) -> Verdict:

@@ -45,7 +45,9 @@ def compare_seeds(
         sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
         findings.append(Finding("seeds", sentence, "add frames from other places"))
     if uncertainty is not None:
-        limits = np.array(uncertainty.half_widths) + ROUNDING
+        # Errors of K move all of them alike.
+        squared = np.square(uncertainty.half_widths) - np.square(uncertainty.half_widths_of_intrinsics)
+        limits = np.sqrt(np.maximum(squared, 0.0)) + ROUNDING
         if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
             sentence = (
                 f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "

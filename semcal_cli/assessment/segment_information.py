@@ -56,10 +56,14 @@ class SegmentInformation:
 
     @property
     def sigma_by_frame(self) -> npt.NDArray[np.float64]:
-        """(F,) standard error of each frame's mean."""
-        weights = np.maximum(self.weight_by_frame, 1.0)
+        """(F,) standard error of each frame's mean: squares are independent. Infinite with fewer than two."""
+        weights, counts = (
+            np.maximum(self.weight_by_frame, 1.0),
+            np.bincount(self.frames, minlength=self.num_frames),
+        )
         influence = (self.sums - self.by_frame[self.frames] * self.weights) / weights[self.frames]
-        return np.asarray(np.sqrt(np.bincount(self.frames, influence**2, self.num_frames)))
+        squares = np.bincount(self.frames, influence**2, self.num_frames)
+        return np.where(counts > 1, np.sqrt(squares * counts / np.maximum(counts - 1, 1)), np.inf)
 
 
 def segment_information(observations: Observations, T_camera_lidar: Pose) -> SegmentInformation:

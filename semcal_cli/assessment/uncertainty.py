@@ -87,14 +87,18 @@ def estimate_uncertainty(
 
 
 def with_others(found: Uncertainty, T_camera_lidar: Pose, of_others: Matrix | None) -> Uncertainty:
-    """Add the covariance (6, 6) of the pose (4, 4) by errors of what stays as the drive says."""
+    """Add the covariance (6, 6) of the pose (4, 4) by errors of what stays as the drive says.
+
+    Directions stay weak that more frames make less so.
+    """
     if of_others is None or not of_others.any():
         return found
     covariance, freedom = np.array(found.covariance), np.array(found.degrees_of_freedom)
     wider = 1.0 + np.diag(of_others) / np.diag(covariance)
-    return Uncertainty.from_covariance(
+    together = Uncertainty.from_covariance(
         T_camera_lidar, covariance + of_others, np.minimum(freedom * wider**2, MANY)
     )
+    return together.model_copy(update={"weak_directions": found.weak_directions})
 
 
 def label_bleed(

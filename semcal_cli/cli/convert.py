@@ -105,7 +105,7 @@ def _put_into(
     """Set the transform of a file in another one, with the camera and the clock that were estimated with it."""
     from dataclasses import replace
 
-    from semcal_cli.formats import put_transform, read_extrinsic
+    from semcal_cli.formats import doubts_of, put_transform, read_extrinsic
 
     found = read_extrinsic(source, from_, read)
     camera, clock = (None, None) if found.record is None else (found.record.camera, found.record.clock)
@@ -114,13 +114,13 @@ def _put_into(
         written,
         intrinsics=camera.found if camera is not None and camera.is_kept else None,
         time_offset_s=clock.time_offset_s if clock is not None and clock.is_kept else None,
-        on_intrinsics=lines.append,
+        on_note=lines.append,
     )
     before = _transform_in(into, written)
     if put_transform(found.T_camera_lidar, into, options).has_transform:
         lines.insert(0, _change(into, before, found.T_camera_lidar))
     if found.record is not None:
-        lines += _what_stays(found.record, source, into)
+        lines += [*doubts_of(found.record, source), *_what_stays(found.record, source, into)]
     for line in lines:
         click.echo(line, err=True)
 
@@ -194,7 +194,7 @@ def convert(
     if into is None:
         check_descriptor(output or STANDARD_OUTPUT)
     tell = partial(click.echo, err=True)
-    written = FormatOptions(**take_format_options(options, "to_"), on_intrinsics=tell)
+    written = FormatOptions(**take_format_options(options, "to_"), on_note=tell)
     on_repair = (lambda line: click.echo(f"semcal: repaired: {line}", err=True)) if repair else None
     read = FormatOptions(**take_format_options(options), on_repair=on_repair)
     if into is not None:

@@ -158,7 +158,7 @@ class Outputs:
 
             name, options = self.to
             tell = partial(click.echo, err=True)
-            options = replace(options, intrinsics=calibration.used_camera, on_intrinsics=tell)
+            options = replace(options, intrinsics=calibration.used_camera, on_note=tell)
             content = write_transform(calibration.pose, self.output, name, options)
             if self.output is None:
                 click.echo(content, nl=False)

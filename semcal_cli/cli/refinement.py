@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from semcal_cli.initialization.initial_pose import InitialPose
 
 MAX_EDGE_BAND_PX = 100
+LEAST_SIGMA = 1e-9
+"""Least standard deviation of intrinsics that are estimated: less would be exact."""
 
 
 class IntrinsicNames(click.ParamType[tuple[str, ...]]):
@@ -72,11 +74,12 @@ REFINEMENT_OPTIONS = (
     ),
     click.option(
         "--intrinsics-sigma",
-        type=FiniteRange(1e-9, 1e3),
+        type=FiniteRange(0.0, 1e3),
         nargs=2,
         metavar="PERCENT PX",
         help="How well the drive's intrinsics are known: standard deviations of the focal lengths and of the principal "
-        "point.  [default: `intrinsics_sigma` of the drive, or 2 10]",
+        "point, which are part of the interval; 0 0 says that they are exact.  [default: `intrinsics_sigma` of the "
+        "drive, or 0.1 1; with --refine-intrinsics 2 10]",
     ),
     click.option(
         "--estimate-delay",
@@ -152,9 +155,12 @@ def _make_jointly(options: dict[str, Any]) -> JointlyConfig:
     intrinsics, sigma, with_delay = (options.pop(name) for name in names)
     if sigma is None:
         return JointlyConfig(intrinsics, with_delay=with_delay)
-    if not intrinsics:
-        raise click.UsageError("--intrinsics-sigma: is of --refine-intrinsics: give it, too")
     focal_percent, center_px = sigma
+    if intrinsics and min(sigma) < LEAST_SIGMA:
+        raise click.UsageError(
+            f"--intrinsics-sigma: found {focal_percent:g} {center_px:g}, --refine-intrinsics requires {LEAST_SIGMA:g} "
+            "or more of both."
+        )
     return JointlyConfig(intrinsics, 0.01 * focal_percent, center_px, with_delay=with_delay)
 
 

@@ -47,7 +47,7 @@ def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[st
         ("camera at", f"{row(camera_center(T).tolist())} m in the LiDAR frame"),
         ("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
         *(_label_rows(calibration.quality) if verbose else ()),
-        *_uncertainty_rows(calibration.uncertainty),
+        *(_uncertainty_rows(calibration.uncertainty) if calibration.status != "not_trusted" else ()),
         *_camera_rows(calibration),
         *_repeatability_rows(calibration.repeatability),
         *(("note", note) for note in calibration.notes),

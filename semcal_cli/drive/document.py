@@ -91,8 +91,8 @@ class Camera(StrictModel):
     parameters: Annotated[dict[str, float], Field(validate_default=True)] = {}
     """Parameters of a model beyond K and distortion: xi for omnidirectional, xi and alpha for double_sphere."""
     intrinsics_sigma: IntrinsicsSigma | None = None
-    """Standard deviations of the intrinsics. They become part of the intervals of the pose; absent, the intervals hold
-    for the intrinsics as they are."""
+    """Standard deviations of the intrinsics, which become part of the intervals of the pose. Absent, they are taken for
+    0.1 % and one pixel (`semcal_cli.drive.intrinsics.sigma_of`); zeros say that the intrinsics are exact."""
     readout_s: Readout = 0.0
     """Time from the first line of a picture to the last, of a rolling shutter, in seconds; 0 is a global shutter.
     `image_stamp` is when the first line is read. It is compensated where the drive gives a motion."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from semcal_cli.drive.document import Camera
+from semcal_cli.config import JointlyConfig
+from semcal_cli.drive.document import Camera, IntrinsicsSigma
 from semcal_cli.drive.lenses import DISTORTION_COUNTS, PARAMETERS, CameraModel
 from semcal_cli.errors import InputError
 
@@ -22,6 +23,11 @@ COEFFICIENTS: dict[CameraModel, tuple[str, ...]] = {
     "double_sphere": (),
 }
 """Names of the distortion coefficients of each model, in their order."""
+
+DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX = 0.001, 1.0
+"""Standard deviations of the focal lengths, as a share of them, and of the principal point where a drive states none.
+They are a convention, about ten times what calibrations with boards report: heat, focus, cropping and rectification are
+not part of those reports."""
 
 
 def intrinsic_names(model: CameraModel) -> tuple[str, ...]:
@@ -67,6 +73,30 @@ def intrinsic_value(camera: Camera, name: str) -> float:
         return camera.parameters[name]
     index = COEFFICIENTS[camera.model].index(name)
     return camera.distortion[index] if index < len(camera.distortion) else 0.0
+
+
+def sigma_of(camera: Camera) -> IntrinsicsSigma:
+    """Give the standard deviations of the intrinsics: those that the drive states, or else what a good lens has.
+
+    The K of an equirectangular picture is its size, and exact.
+    """
+    if camera.intrinsics_sigma is not None:
+        return camera.intrinsics_sigma
+    if camera.model == "equirectangular":
+        return IntrinsicsSigma()
+    (fx, _, _), (_, fy, _), _ = camera.K
+    center = DEFAULT_CENTER_SIGMA_PX
+    return IntrinsicsSigma(fx=DEFAULT_FOCAL_SIGMA * fx, fy=DEFAULT_FOCAL_SIGMA * fy, cx=center, cy=center)
+
+
+def stating(camera: Camera, jointly: JointlyConfig) -> Camera:
+    """Let a camera state the errors of its intrinsics that settings give, unless the intrinsics are estimated."""
+    if jointly.intrinsics or jointly.focal_sigma is None or jointly.center_sigma_px is None:
+        return camera
+    (fx, _, _), (_, fy, _), _ = camera.K
+    share, px = jointly.focal_sigma, jointly.center_sigma_px
+    stated = IntrinsicsSigma(fx=share * fx, fy=share * fy, cx=px, cy=px)
+    return camera.model_copy(update={"intrinsics_sigma": stated})
 
 
 def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:

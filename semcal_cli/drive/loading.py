@@ -12,6 +12,7 @@ from semcal_cli.config_checks import check_config
 from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.cues import choose_frames, chosen, load_cues, maximised
 from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.intrinsics import stating
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
 from semcal_cli.errors import InputError
@@ -129,6 +130,7 @@ def load(
         drive.check_cues(config.cues)
         return drive
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
+    whole = whole.model_copy(update={"camera": stating(whole.camera, config.refinement.jointly)})
     on_event(Progress(f"looking through {len(whole.frames)} frames"))
     sweeps = sweeps or Sweeps()
     cues = chosen(config.cues, whole, sweeps)

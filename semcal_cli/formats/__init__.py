@@ -223,8 +223,8 @@ def write_transform(
             raise
         # The transform is what was asked for first.
         content = format.write(T_camera_lidar, replace(options, intrinsics=None))
-        if options.on_intrinsics is not None:
-            options.on_intrinsics(f"{error}: the transform is written without intrinsics")
+        if options.on_note is not None:
+            options.on_note(f"{error}: the transform is written without intrinsics")
     if path is not None:
         write_bytes(content, path)
     return content
@@ -250,6 +250,9 @@ def convert_file(
     if find_format(to).has_transform:
         found = read_extrinsic(source, from_format, read_options)
         T_camera_lidar, camera = found.T_camera_lidar, found.camera
+        if written.on_note is not None and found.record is not None:
+            for line in doubts_of(found.record, source):
+                written.on_note(line)
     else:
         _check_options(semcal.FORMAT, read_options or FormatOptions(), "--")
         content = Source.read(drive_file(source))
@@ -261,6 +264,13 @@ def convert_file(
                 f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
             )
     return write_transform(T_camera_lidar, output, to, replace(written, intrinsics=camera))
+
+
+def doubts_of(record: Calibration, source: Path) -> tuple[str, ...]:
+    """Say in a line that a calibration is not trusted; none if it is."""
+    if record.status != "not_trusted":
+        return ()
+    return (f"{source}: the transform is not trusted, which its reasons explain",)
 
 
 def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> Format:

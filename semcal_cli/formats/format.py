@@ -68,7 +68,7 @@ class FormatOptions:
     time_offset_s: float | None = None
     """Time by which pictures are later than their stamps, in seconds, to be set in a drive of the user's; None leaves
     what the drive says."""
-    on_intrinsics: Callable[[str], None] | None = None
+    on_note: Callable[[str], None] | None = None
     """Called with what was set of the intrinsics and of the clock in a file of the user's, or why nothing was."""
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that the nearest rotation replaces; None refuses such files."""

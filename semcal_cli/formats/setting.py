@@ -37,18 +37,18 @@ def check_size(options: FormatOptions, camera: Camera, sides: Sequence[object]) 
 
 def tell(options: FormatOptions, camera: Camera) -> None:
     """Say that the intrinsics were set, with focal lengths and principal point."""
-    if options.on_intrinsics is not None:
+    if options.on_note is not None:
         pixels = zip(("fx", "fy", "cx", "cy"), pixels_of(camera), strict=True)
         figures = ", ".join(f"{name} {value:.6g}" for name, value in pixels)
-        options.on_intrinsics(f"set the intrinsics in {options.file}: {figures}")
+        options.on_note(f"set the intrinsics in {options.file}: {figures}")
 
 
 def tell_clock(options: FormatOptions, *, is_set: bool) -> None:
     """Say whether the offset of the camera's clock was set, if there is one."""
-    if options.time_offset_s is None or options.on_intrinsics is None:
+    if options.time_offset_s is None or options.on_note is None:
         return
     offset = offset_words(options.time_offset_s)
     if is_set:
-        options.on_intrinsics(f"set the clock in {options.file}: {offset}")
+        options.on_note(f"set the clock in {options.file}: {offset}")
     else:
-        options.on_intrinsics(f"left out the clock, which {options.file} has no place for: {offset}")
+        options.on_note(f"left out the clock, which {options.file} has no place for: {offset}")

@@ -146,7 +146,11 @@ def _what_intervals_include(record: Calibration) -> str:
         return "K was to be estimated and stays, and the intervals include what the frames leave open of it"
     if record.input.camera.intrinsics_sigma:
         return "the intervals include the stated errors of K"
-    return "the intervals take K as right, unless the drive states intrinsics_sigma"
+    if record.uncertainty is not None and record.uncertainty.covariance_of_intrinsics is None:
+        return "the intervals take K as right"
+    return (
+        "the intervals include errors of K of 0.1 % and 1 pixel, since the drive states no intrinsics_sigma"
+    )
 
 
 def camera_sentences(record: Calibration) -> list[str]:

@@ -10,13 +10,11 @@ import numpy.typing as npt
 
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import NORMAL_95, Uncertainty
 
 AHEAD_M = 10.0
 """Depth at which the error is stated in pixels."""
 STEP = 1e-4
-NORMAL_95 = 1.959964
-"""Standard errors to either side that contain 95 % of a normal distribution."""
 ELLIPSE_95 = 2.447747
 """Standard errors that contain 95 % of a normal distribution in two dimensions: root of the chi-square quantile."""
 
@@ -41,10 +39,14 @@ def widest(half_widths: Sequence[float]) -> str:
 
 
 def stated_error(uncertainty: Uncertainty, camera: Camera) -> str:
-    """State the widest 95 % intervals of a pose, and what they are in pixels straight ahead."""
+    """State the widest 95 % intervals of a pose, what errors of K are of them, and what they are straight ahead."""
     radius_px = image_radius_px(uncertainty, camera, AHEAD_M)
     in_image = "" if radius_px is None else f", {figure(radius_px)} px at {AHEAD_M:g} m"
-    return widest(uncertainty.half_widths) + in_image
+    of_intrinsics, of_K = uncertainty.half_widths_of_intrinsics.tolist(), ""
+    if any(of_intrinsics):
+        center_mm, rotation_deg = 1000.0 * max(of_intrinsics[:3]), max(of_intrinsics[3:])
+        of_K = f", of which K {center_mm:.1f} mm, {rotation_deg:.3f} degrees"
+    return widest(uncertainty.half_widths) + of_K + in_image
 
 
 def image_radius_px(uncertainty: Uncertainty, camera: Camera, depth_m: float) -> float | None:

@@ -22,6 +22,9 @@ MAX_VARIANCE = 1e40
 COVARIANCE_TOLERANCE = 1e-6
 """Largest departure from a symmetric, positive semidefinite matrix, as a share of its largest entry: round-off."""
 
+NORMAL_95 = 1.959964
+"""Standard errors to either side that contain 95 % of a normal distribution."""
+
 AXES = ("sideways", "up and down", "along the optical axis")
 ROTATIONS = ("in pitch", "in yaw", "in roll")
 
@@ -107,6 +110,9 @@ class Uncertainty(StrictModel):
     """Change of the pose by bleeding labels; null if it was not or could not be computed."""
     intrinsics_cost: IntrinsicsCost | None = None
     """Changes of the pose by intrinsics that are a little off; null if they were not or could not be computed."""
+    covariance_of_intrinsics: Covariance | None = None
+    """Part of the covariance that is due to errors of the intrinsics, which more frames do not reduce; null if they are
+    exact, were estimated, or what they cost could not be computed."""
 
     @classmethod
     def from_covariance(
@@ -140,6 +146,19 @@ class Uncertainty(StrictModel):
     def half_widths(self) -> tuple[float, ...]:
         """Half widths (6,) of the 95 % intervals: the camera's position in metres, then its rotation in degrees."""
         return (*self.half_width_95_camera_center_m, *self.half_width_95_rotation_deg)
+
+    @property
+    def half_widths_of_intrinsics(self) -> NDArray[np.float64]:
+        """Half widths (6,) of the 95 % intervals by errors of the intrinsics alone, metres and degrees."""
+        if self.covariance_of_intrinsics is None:
+            return np.zeros(6)
+        sigmas = np.sqrt(np.diag(self.covariance_of_intrinsics))
+        return np.concatenate([NORMAL_95 * sigmas[:3], NORMAL_95 * np.degrees(sigmas[3:])])
+
+
+def as_entries(covariance: NDArray[np.float64]) -> CovarianceEntries:
+    """Write a covariance (6, 6) as a result stores it."""
+    return tuple(tuple(row) for row in covariance.tolist())
 
 
 def wide_directions(

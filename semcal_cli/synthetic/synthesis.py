@@ -194,6 +194,7 @@ def make_camera(config: SynthConfig) -> Camera:
                 (0.0, 0.0, 1.0),
             ),
             "distortion": distortion,
+            "intrinsics_sigma": {"fx": 0.0, "fy": 0.0, "cx": 0.0, "cy": 0.0},
         }
         | ({"parameters": parameters} if parameters else {})
     )

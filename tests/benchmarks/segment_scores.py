@@ -91,9 +91,9 @@ def _entropy(shares: np.ndarray) -> float:
 
 def drives(data: Path, folder: Path, only: str, max_frames: int) -> Iterator[tuple[str, Profiles]]:
     """Load the drives that are drawn."""
-    for name, path, _ in real_drives(data, folder):
-        if name in DRIVES and only in name:
-            drive = read_drive(path)
+    for real in real_drives(data, folder):
+        if (name := real.name) in DRIVES and only in name:
+            drive = read_drive(real.path)
             drive = drive.model_copy(update={"frames": drive.frames[:max_frames]})
             found = load(drive, CalibrationConfig(cues=("segments",)))
             yield name, Profiles(found, read_transform(drive.path))
