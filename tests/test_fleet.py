@@ -321,3 +321,16 @@ def test_signs_of_rotations_are_those_that_the_page_states() -> None:
     assert (turned[0] @ ahead)[1] == pytest.approx(-0.1, rel=1e-3)
     assert (turned[1] @ ahead)[0] == pytest.approx(0.1, rel=1e-3)
     assert (turned[2] @ aside)[1] == pytest.approx(0.01, rel=1e-3)
+
+
+def test_no_number_of_drives_reduces_errors_of_k() -> None:
+    poses, covariances, _ = fleet(np.random.default_rng(5), 24)
+    alone = members(poses, covariances)
+    of_k = np.diag([0.01, 0.01, 0.01, 0.002, 0.002, 0.002]) ** 2
+    apart, shared = (
+        combine_drives(found, Limits())
+        for found in (alone, [replace(member, of_intrinsics=of_k) for member in alone])
+    )
+    np.testing.assert_allclose(shared.T_camera_lidar, apart.T_camera_lidar)
+    np.testing.assert_allclose(shared.covariance, apart.covariance + of_k)
+    assert (shared.parts[-1].half_widths > apart.parts[-1].half_widths).all()

@@ -15,7 +15,7 @@ from semcal_cli.files.messages import describe, mismatch
 from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
 from semcal_cli.result.calibration import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash
-from semcal_cli.result.uncertainty import CovarianceEntries
+from semcal_cli.result.uncertainty import Covariance, CovarianceEntries
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
 RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}
@@ -83,6 +83,8 @@ class Outcome:
     """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
     result: str | None = None
     """File of the result, relative to the folder of the batch."""
+    covariance_of_intrinsics: tuple[tuple[float, ...], ...] | None = None
+    """(6, 6) part of the covariance by errors of K, which all drives of a camera share."""
 
 
 def _check_hash(text: str) -> str:
@@ -105,6 +107,7 @@ class OutcomeLine(StrictModel):
     mutual_information_nats: Figure | None
     camera: Annotated[str, AfterValidator(_check_hash)] | None
     result: FileName | None
+    covariance_of_intrinsics: Covariance | None = None
 
 
 def failed(drive: str, reason: str) -> Outcome:
@@ -140,6 +143,7 @@ def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
             found.quality.mutual_information_nats,
             camera_hash(found.used_camera),
             result,
+            None if uncertainty is None else uncertainty.covariance_of_intrinsics,
         )
     document = read_document(task.result)
     line = {

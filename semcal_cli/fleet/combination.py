@@ -50,7 +50,9 @@ def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose 
     used, times, order = _in_order(usable)
     series = _make_series(used, times)
     history = find_history(times, series.coordinates, series.covariances, series.degrees_of_freedom)
-    T_now, covariance = pose_at(series.T_middle, history.expected[-1]), history.covariances[-1]
+    T_now = pose_at(series.T_middle, history.expected[-1])
+    # All drives share the errors of K, which no number of drives reduces.
+    covariance = history.covariances[-1] + series.of_intrinsics
     drives = _compare_drives(used, series, history, limits)
     parts = _parts(used, series, history)
     drifted = _total_drift(series, history)
@@ -91,6 +93,8 @@ class _Series:
     extra: Scatter
     factors: npt.NDArray[np.float64]
     """(6,) half widths of a 95 % interval in standard errors, by Student's distribution."""
+    of_intrinsics: npt.NDArray[np.float64]
+    """(6, 6) mean covariance by errors of K."""
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -142,7 +146,9 @@ def _make_series(used: Sequence[Member], times: npt.NDArray[np.float64]) -> _Ser
     covariances = stated + np.diag(extra.variances)
     T_middle = robust_mean(poses, covariances).T_camera_lidar
     factors = np.array([_core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
-    return _Series(times, T_middle, local_coordinates(poses, T_middle), covariances, extra, factors)
+    of_intrinsics = np.mean([member.of_intrinsics for member in used], axis=0)
+    coordinates = local_coordinates(poses, T_middle)
+    return _Series(times, T_middle, coordinates, covariances, extra, factors, of_intrinsics)
 
 
 def _compare_drives(
@@ -190,7 +196,7 @@ def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tupl
                 used[end - 1].drive,
                 end - begin,
                 pose_at(series.T_middle, expected[end - 1]),
-                _half_widths(covariances[end - 1], series.factors),
+                _half_widths(covariances[end - 1] + series.of_intrinsics, series.factors),
                 change=change(begin - 1, begin) if begin > 0 else None,
                 change_in_all=change(0, begin) if len(parts) > 1 else None,
             )

@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -23,6 +23,7 @@ from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.result.provenance import camera_hash
+from semcal_cli.result.uncertainty import CovarianceEntries
 
 SIGMAS_M, SIGMAS_RAD = (1e-5, 100.0), (1e-6, 3.0)
 """Range of plausible standard errors of the camera's place, and of its rotation."""
@@ -49,13 +50,15 @@ class Member:
     """Stamp of the drive's first frame, seconds."""
     T_camera_lidar: Pose | None
     covariance: npt.NDArray[np.float64] | None
-    """(6, 6) covariance of a twist on the left of the pose, (rho, phi), metres and radians."""
+    """(6, 6) covariance of a twist on the left of the pose, (rho, phi), metres and radians, but for errors of K."""
     left_out: str | None
     """Reason why the drive cannot be used; None if it can."""
     camera: str | None = None
     """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
     topic: str | None = None
     """Entry of `left_out` in docs/troubleshooting.md, if it has one."""
+    of_intrinsics: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
+    """(6, 6) part of the covariance by errors of K, which all drives of a camera share."""
 
     @property
     def has_stamp(self) -> bool:
@@ -123,31 +126,37 @@ def _member(line: _Line, where: Path) -> Member:
     T = None if line.T_camera_lidar is None else np.array(line.T_camera_lidar)
     if T is None and line.status != "failed":
         raise InputError(f"{where}: T_camera_lidar: found nothing, needed one where status is {line.status}")
-    stated = None if line.covariance is None else np.array(line.covariance)
+    of_intrinsics = _entries(line.covariance_of_intrinsics)
+    stated = None if line.covariance is None else np.array(line.covariance) - of_intrinsics
     left_out = _left_out(line.status, line.reasons, stated)
     covariance = None if stated is None or left_out else _checked(stated, f"{where}: covariance")
     topic = _topic(line.status, line.topics)
-    return Member(line.drive, line.stamp, T, covariance, left_out, line.camera, topic)
+    return Member(line.drive, line.stamp, T, covariance, left_out, line.camera, topic, of_intrinsics)
 
 
 def _read_single(path: Path) -> tuple[Path, Member]:
     found = read_calibration(path)
     stated = None if found.uncertainty is None else np.array(found.uncertainty.covariance)
     left_out = _left_out(found.status, found.reasons, stated)
-    covariance = None
+    covariance, of_intrinsics = None, _entries(None)
     if found.uncertainty is not None and stated is not None and not left_out:
-        covariance = _checked(stated, f"{path}: uncertainty.covariance")
         sigmas = [*found.uncertainty.sigma_camera_center_m, *np.radians(found.uncertainty.sigma_rotation_deg)]
-        if not np.allclose(np.sqrt(np.diag(covariance)), sigmas, rtol=SAME, atol=0.0):
+        if not np.allclose(np.sqrt(np.maximum(np.diag(stated), 0.0)), sigmas, rtol=SAME, atol=0.0):
             raise InputError(
                 f"{path}: uncertainty: found sigmas that are not those of the covariance, needed what semcal wrote"
             )
+        of_intrinsics = _entries(found.uncertainty.covariance_of_intrinsics)
+        covariance = _checked(stated - of_intrinsics, f"{path}: uncertainty.covariance")
     stamp = None
     with suppress(InputError):  # The drive may be elsewhere by now.
         stamp = first_stamp(read_drive(path.parent / found.input.drive))
     camera = camera_hash(found.used_camera)
     topic = _topic(found.status, found.topics)
-    return path, Member(str(path), stamp, found.pose, covariance, left_out, camera, topic)
+    return path, Member(str(path), stamp, found.pose, covariance, left_out, camera, topic, of_intrinsics)
+
+
+def _entries(covariance: CovarianceEntries | None) -> npt.NDArray[np.float64]:
+    return np.zeros((6, 6)) if covariance is None else np.array(covariance)
 
 
 def _left_out(status: str, reasons: Sequence[str], covariance: npt.NDArray[np.float64] | None) -> str | None:
