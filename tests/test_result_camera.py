@@ -13,7 +13,7 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 from conftest import NAMES
-from refined import GIVEN_S, LATER_S, clock, refined_camera, spoiled, with_camera
+from refined import GIVEN_S, LATER_S, clock, of_another_drive, refined_camera, spoiled, with_camera
 
 import semcal_cli
 from semcal_cli.cli import semcal
@@ -57,7 +57,7 @@ def wrong_drive(drive: Path, right: Camera) -> Path:
 @pytest.fixture
 def record(made: Path, right: Camera) -> Calibration:
     """What a calibration of that drive says that has found the right ones."""
-    return with_camera(read_calibration(made / "c.yaml"), spoiled(right), right)
+    return of_another_drive(with_camera(read_calibration(made / "c.yaml"), spoiled(right), right))
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import junitparser
 import numpy as np
 import pytest
 from conftest import run
-from refined import clock
+from refined import clock, of_another_drive
 
 import semcal_cli as semcal_package
 from semcal_cli import _core
@@ -166,6 +166,7 @@ def test_the_clock_of_a_result_is_what_is_judged(
 ) -> None:
     """What remains is judged."""
     result = tmp_path / "calibration.yaml"
+    estimated = of_another_drive(estimated)
     write_calibration(estimated, result)
     code, out, _ = run(capfd, "verify", moving / "late", result, "--max-delay-ms", 5, "--json", "-q")
     report = json.loads(out)
