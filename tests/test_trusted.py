@@ -11,7 +11,7 @@ from conftest import run
 
 from semcal_cli import _core
 from semcal_cli.assessment.leaked_labels import check_leaks
-from semcal_cli.assessment.limits import joint_quantile
+from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.assessment.segment_information import SegmentInformation
 from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig
@@ -130,14 +130,14 @@ def test_a_conversion_tells_that_the_transform_is_not_trusted(
     assert f"{out}: the transform is not trusted" in said
 
 
-def test_the_joint_quantile_is_hotellings() -> None:
+def test_the_quantile_of_a_scatter_matrix_is_hotellings() -> None:
     """Six means of 13 draws are as often beyond it as it says, and of six they tell nothing."""
     draws = np.random.default_rng(0).normal(size=(20_000, 13, 6))
     means, covariances = draws.mean(axis=1), np.array([np.cov(each.T) for each in draws]) / 13
     squared = np.einsum("ni,nij,nj->n", means, np.linalg.inv(covariances), means)
-    share = np.mean(squared > joint_quantile(0.05, 12))
+    share = np.mean(squared > hotelling_quantile(0.05, 12))
     assert abs(share - 0.05) < 4 * np.sqrt(0.05 * 0.95 / len(draws))
-    assert joint_quantile(0.05, 5) == np.inf
+    assert hotelling_quantile(0.05, 5) == np.inf
 
 
 def test_a_frame_of_one_square_has_no_standard_error() -> None:

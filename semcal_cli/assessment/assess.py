@@ -52,6 +52,8 @@ TOGETHER = Finding(
 )
 
 
+KNOW_K = "give --intrinsics-sigma, if K is known better than it says"
+"""What to do about an interval that errors of K alone make too wide: more frames do not narrow it."""
 MIN_SCENES = 4
 """Least number of scenes whose edges are trusted. On KITTI object, from 1 degree and 0.1 m, 4 of 14 runs with one
 frame, 4 of 10 with two and 9 of 10 with five end within half a degree and 20 cm; before this limit, a frame of
@@ -131,7 +133,7 @@ def assess(
         notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
     if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
-    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint))
+    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint, effect.of_stated))
     return Assessment(found, (*findings, *too_wide), notes, frames.parts)
 
 
@@ -198,13 +200,22 @@ def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
     return with_intrinsics(stating, {name: intrinsic_value(camera, name) for name in found.intrinsics})
 
 
-def _advice(found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None) -> str | None:
+def _advice(
+    found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None, of_stated: Matrix | None
+) -> str | None:
     """Say what to do about an interval that only what stays open beside the pose makes too wide; None of any other."""
-    if joint is None or joint.left_open is None:
-        return None
-    covariance = np.array(found.covariance) - joint.left_open
-    alone = Uncertainty.from_covariance(T_camera_lidar, covariance, np.array(found.degrees_of_freedom))
-    return None if undetermined(alone) else joint.advice
+
+    def is_narrow_without(part: Matrix | None) -> bool:
+        if part is None:
+            return False
+        covariance = np.array(found.covariance) - part
+        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
+        alone = Uncertainty.from_covariance(T_camera_lidar, covariance, np.array(found.degrees_of_freedom))
+        return not undetermined(alone)
+
+    if joint is not None and is_narrow_without(joint.left_open):
+        return joint.advice
+    return KNOW_K if is_narrow_without(of_stated) else None
 
 
 def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:

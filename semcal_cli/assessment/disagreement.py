@@ -17,7 +17,7 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.frame_scores import score_frames
-from semcal_cli.assessment.limits import joint_quantile
+from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
 from semcal_cli.assessment.sensitivity import determined_sensitivity
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
@@ -129,7 +129,7 @@ def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | N
     num_squares = min(scores.num_squares for scores in scored)
     alpha = ALPHA / (len(blocks_px) * count)
     # Two frames, one at either side of a change, have this many squares.
-    limit = joint_quantile(alpha, 2.0 * num_squares / count)
+    limit = hotelling_quantile(alpha, 2.0 * num_squares / count)
     splits = max((scores.splits() for scores in scored), key=np.max)
     place = int(np.argmax(splits)) + 1 if splits.max() > limit else None
     outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
@@ -230,7 +230,7 @@ def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> in
 
 def _is_apart(before: Part, after: Part) -> bool:
     offset, covariance, dof = _offset(before, after)
-    return float(offset @ np.linalg.solve(covariance, offset)) > joint_quantile(PARTS_ALPHA, dof)
+    return float(offset @ np.linalg.solve(covariance, offset)) > hotelling_quantile(PARTS_ALPHA, dof)
 
 
 def _offset(before: Part, after: Part) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
@@ -258,7 +258,7 @@ def _describe(parts: Sequence[Part], names: Sequence[str]) -> list[DrivePart]:
 
 def _movement(before: Part, after: Part) -> Movement:
     offset, covariance, dof = _offset(before, after)
-    half_widths = math.sqrt(joint_quantile(0.05, dof)) * np.sqrt(np.diag(covariance))
+    half_widths = math.sqrt(hotelling_quantile(0.05, dof)) * np.sqrt(np.diag(covariance))
     (motion,) = camera_motions(offset[None])
     return Movement(
         camera_center_m=motion[:3].tolist(),

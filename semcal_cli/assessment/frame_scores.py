@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.limits import joint_quantile
+from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
@@ -84,7 +84,7 @@ class FrameScores:
         """Tell which frames (F,) have a score that chance puts as far from zero with less than this probability."""
         # The scatter of few squares is hardly known; that of many is still shrunk to the mean of all frames.
         counts = np.clip(self.counts, 1.0, self.num_squares / self.num_frames).tolist()
-        return self.squares > [joint_quantile(alpha, 2.0 * count) for count in counts]
+        return self.squares > [hotelling_quantile(alpha, 2.0 * count) for count in counts]
 
     def splits(self) -> Vectors:
         """Compute the squared length (F - 1,) of the sum of the first 1, 2, ... scores, in its standard errors."""

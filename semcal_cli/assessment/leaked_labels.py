@@ -21,6 +21,8 @@ NUM_FRAMES = 5
 """Number of frames that are looked at."""
 LEAST_POINTS = 200
 """Number of hidden points, or fewer, that tell nothing."""
+LEAST_CLASSES = 2.0
+"""Number of equally frequent classes that hidden points vary like, or fewer, that tell nothing."""
 MAX_TOLD = 0.8
 """Largest share of the entropy of hidden points' classes that the pixels before them may tell. It was 0.12 to 0.70 with
 labels of their own (7 synthetic drives of three rigs, and single frames of them, clean and as by a network; 0.43 on
@@ -36,9 +38,13 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Findi
     """
     joint = _joint_of_hidden(few_frames(observations, NUM_FRAMES), T_camera_lidar)
     of_points, of_pixels = (_entropy(joint.sum(axis=axis)) for axis in (1, 0))
-    if joint.sum() < LEAST_POINTS or of_points == 0.0:
+    count = joint.sum()
+    if count < LEAST_POINTS or of_points < np.log(LEAST_CLASSES):
         return ()
-    told = (of_points + of_pixels - _entropy(joint.ravel())) / of_points
+    num_points, num_pixels = (np.count_nonzero(joint.any(axis=axis)) for axis in (1, 0))
+    # Miller's correction: chance tells so much of few points.
+    by_chance = (num_points - 1) * (num_pixels - 1) / (2.0 * count)
+    told = (of_points + of_pixels - _entropy(joint.ravel()) - by_chance) / of_points
     if told <= MAX_TOLD:
         return ()
     found = (

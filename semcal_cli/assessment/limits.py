@@ -120,7 +120,17 @@ def offsets_in_all(checks: Sequence[Check]) -> list[str]:
 
 
 def joint_quantile(alpha: float, degrees_of_freedom: float) -> float:
-    """Compute the quantile of the squared length of six estimates, in their standard errors.
+    """Compute the quantile of the squared length of six estimates whose standard errors are estimated each by itself.
+
+    Args:
+        alpha: Probability that chance exceeds the quantile.
+        degrees_of_freedom: Degrees of freedom of the standard errors; with very many, the quantile is chi-square's.
+    """
+    return NUM_POSE * _core.fisher_limit(alpha, NUM_POSE, degrees_of_freedom)
+
+
+def hotelling_quantile(alpha: float, degrees_of_freedom: float) -> float:
+    """Compute the quantile of the squared length of six estimates, by a covariance (6, 6) that is a scatter matrix.
 
     It is that of T squared, p v / (v - p + 1) F(p, v - p + 1) with p = 6 (Hotelling, *The generalization of Student's
     ratio*, 1931).

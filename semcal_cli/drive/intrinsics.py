@@ -90,12 +90,14 @@ def sigma_of(camera: Camera) -> IntrinsicsSigma:
 
 
 def stating(camera: Camera, jointly: JointlyConfig) -> Camera:
-    """Let a camera state the errors of its intrinsics that settings give, unless the intrinsics are estimated."""
-    if jointly.intrinsics or jointly.focal_sigma is None or jointly.center_sigma_px is None:
+    """Let a camera state the errors of its intrinsics that settings give; the K of an equirectangular one is exact."""
+    share, center_px = jointly.focal_sigma, jointly.center_sigma_px
+    if (share is None and center_px is None) or camera.model == "equirectangular":
         return camera
     (fx, _, _), (_, fy, _), _ = camera.K
-    share, px = jointly.focal_sigma, jointly.center_sigma_px
-    stated = IntrinsicsSigma(fx=share * fx, fy=share * fy, cx=px, cy=px)
+    changes = {} if share is None else {"fx": share * fx, "fy": share * fy}
+    changes |= {} if center_px is None else {"cx": center_px, "cy": center_px}
+    stated = sigma_of(camera).model_copy(update=changes)
     return camera.model_copy(update={"intrinsics_sigma": stated})
 
 

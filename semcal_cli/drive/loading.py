@@ -11,7 +11,7 @@ from semcal_cli.config import AUTO, LABELS, MAX_FRAMES, CalibrationConfig, Cue
 from semcal_cli.config_checks import check_config
 from semcal_cli.drive.alike import copied_frames
 from semcal_cli.drive.cues import choose_frames, chosen, load_cues, maximised
-from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.document import Camera, Drive, Motion, read_drive
 from semcal_cli.drive.intrinsics import stating
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import unrolled
@@ -44,6 +44,13 @@ class LoadedDrive:
         observations = self.observations.of_frames(indices)
         guide = self.guide and self.guide.of_frames(indices)
         return replace(self, drive=drive, observations=observations, guide=guide, num_copies=0)
+
+    def with_camera(self, camera: Camera) -> LoadedDrive:
+        """Take another camera, of the same lens and picture."""
+        if camera == self.drive.camera:
+            return self
+        drive = self.drive.model_copy(update={"camera": camera})
+        return replace(self, drive=drive, observations=replace(self.observations, camera=camera))
 
     def unrolled(self, T_camera_lidar: Pose) -> LoadedDrive:
         """Take the points as a rolling shutter sees them at a pose (4, 4): see `semcal_cli.drive.shutter`."""
@@ -128,7 +135,7 @@ def load(
     check_config(config)
     if isinstance(drive, LoadedDrive):
         drive.check_cues(config.cues)
-        return drive
+        return drive.with_camera(stating(drive.drive.camera, config.refinement.jointly))
     whole = drive if isinstance(drive, Drive) else read_drive(drive)
     whole = whole.model_copy(update={"camera": stating(whole.camera, config.refinement.jointly)})
     on_event(Progress(f"looking through {len(whole.frames)} frames"))

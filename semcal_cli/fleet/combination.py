@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,6 +29,7 @@ from semcal_cli.fleet.members import Member
 from semcal_cli.fleet.verdict import MIN_DRIVES, conclude, judge_fleet, notes
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import local_coordinates, pose_at
+from semcal_cli.result.uncertainty import NORMAL_95
 
 ALPHA = 0.01
 """Probability that a drive of a consistent fleet is said to disagree (Bonferroni)."""
@@ -51,16 +52,17 @@ def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose 
     series = _make_series(used, times)
     history = find_history(times, series.coordinates, series.covariances, series.degrees_of_freedom)
     T_now = pose_at(series.T_middle, history.expected[-1])
-    # All drives share the errors of K, which no number of drives reduces.
-    covariance = history.covariances[-1] + series.of_intrinsics
+    covariance = history.covariances[-1]
     drives = _compare_drives(used, series, history, limits)
     parts = _parts(used, series, history)
     drifted = _total_drift(series, history)
-    known = Offset(np.zeros(3), np.zeros(3), _half_widths(covariance, series.factors))
+    known = Offset(np.zeros(3), np.zeros(3), series.half_widths(covariance))
     off_reference = None
     if T_reference is not None:
         (off,) = local_coordinates([T_now], T_reference)
-        off_reference = _offset(off, covariance, series.factors)
+        off_reference = replace(
+            _offset(off, covariance, series.factors), half_widths=series.half_widths(covariance)
+        )
     checks = judge_fleet(known, off_reference, parts, drifted, limits)
     verdict, reasons = conclude(checks, drives, left_out, parts, drifted)
     return Fleet(
@@ -69,7 +71,7 @@ def combine_drives(members: Sequence[Member], limits: Limits, T_reference: Pose 
         notes(used, order),
         checks,
         T_now,
-        covariance,
+        covariance + series.of_intrinsics,
         _half_widths(np.diag(series.extra.variances), np.ones(6)),
         order,
         parts,
@@ -94,7 +96,12 @@ class _Series:
     factors: npt.NDArray[np.float64]
     """(6,) half widths of a 95 % interval in standard errors, by Student's distribution."""
     of_intrinsics: npt.NDArray[np.float64]
-    """(6, 6) mean covariance by errors of K."""
+    """(6, 6) mean covariance by errors of K, of the drives that state it. No number of drives reduces it."""
+
+    def half_widths(self, covariance: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Half widths (6,) of a combined pose by the scatter of the drives (6, 6) and by errors of K."""
+        of_intrinsics = _half_widths(self.of_intrinsics, np.full(6, NORMAL_95))
+        return np.hypot(_half_widths(covariance, self.factors), of_intrinsics)
 
     @property
     def degrees_of_freedom(self) -> float:
@@ -146,7 +153,8 @@ def _make_series(used: Sequence[Member], times: npt.NDArray[np.float64]) -> _Ser
     covariances = stated + np.diag(extra.variances)
     T_middle = robust_mean(poses, covariances).T_camera_lidar
     factors = np.array([_core.student_quantile(0.975, dof) for dof in extra.degrees_of_freedom])
-    of_intrinsics = np.mean([member.of_intrinsics for member in used], axis=0)
+    shared = [member.of_intrinsics for member in used if member.of_intrinsics is not None]
+    of_intrinsics = np.mean(shared, axis=0) if shared else np.zeros((6, 6))
     coordinates = local_coordinates(poses, T_middle)
     return _Series(times, T_middle, coordinates, covariances, extra, factors, of_intrinsics)
 
@@ -196,7 +204,7 @@ def _parts(used: Sequence[Member], series: _Series, history: RigHistory) -> tupl
                 used[end - 1].drive,
                 end - begin,
                 pose_at(series.T_middle, expected[end - 1]),
-                _half_widths(covariances[end - 1] + series.of_intrinsics, series.factors),
+                series.half_widths(covariances[end - 1]),
                 change=change(begin - 1, begin) if begin > 0 else None,
                 change_in_all=change(0, begin) if len(parts) > 1 else None,
             )

@@ -6,7 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -50,15 +50,15 @@ class Member:
     """Stamp of the drive's first frame, seconds."""
     T_camera_lidar: Pose | None
     covariance: npt.NDArray[np.float64] | None
-    """(6, 6) covariance of a twist on the left of the pose, (rho, phi), metres and radians, but for errors of K."""
+    """(6, 6) covariance of a twist on the left of the pose, (rho, phi), metres and radians."""
     left_out: str | None
     """Reason why the drive cannot be used; None if it can."""
     camera: str | None = None
     """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
     topic: str | None = None
     """Entry of `left_out` in docs/troubleshooting.md, if it has one."""
-    of_intrinsics: npt.NDArray[np.float64] = field(default_factory=lambda: np.zeros((6, 6)))
-    """(6, 6) part of the covariance by errors of K, which all drives of a camera share."""
+    of_intrinsics: npt.NDArray[np.float64] | None = None
+    """(6, 6) part of the covariance by errors of K, which all drives of a camera share; None if it is not stated."""
 
     @property
     def has_stamp(self) -> bool:
@@ -127,7 +127,7 @@ def _member(line: _Line, where: Path) -> Member:
     if T is None and line.status != "failed":
         raise InputError(f"{where}: T_camera_lidar: found nothing, needed one where status is {line.status}")
     of_intrinsics = _entries(line.covariance_of_intrinsics)
-    stated = None if line.covariance is None else np.array(line.covariance) - of_intrinsics
+    stated = _entries(line.covariance)
     left_out = _left_out(line.status, line.reasons, stated)
     covariance = None if stated is None or left_out else _checked(stated, f"{where}: covariance")
     topic = _topic(line.status, line.topics)
@@ -138,7 +138,7 @@ def _read_single(path: Path) -> tuple[Path, Member]:
     found = read_calibration(path)
     stated = None if found.uncertainty is None else np.array(found.uncertainty.covariance)
     left_out = _left_out(found.status, found.reasons, stated)
-    covariance, of_intrinsics = None, _entries(None)
+    covariance, of_intrinsics = None, None
     if found.uncertainty is not None and stated is not None and not left_out:
         sigmas = [*found.uncertainty.sigma_camera_center_m, *np.radians(found.uncertainty.sigma_rotation_deg)]
         if not np.allclose(np.sqrt(np.maximum(np.diag(stated), 0.0)), sigmas, rtol=SAME, atol=0.0):
@@ -146,7 +146,7 @@ def _read_single(path: Path) -> tuple[Path, Member]:
                 f"{path}: uncertainty: found sigmas that are not those of the covariance, needed what semcal wrote"
             )
         of_intrinsics = _entries(found.uncertainty.covariance_of_intrinsics)
-        covariance = _checked(stated - of_intrinsics, f"{path}: uncertainty.covariance")
+        covariance = _checked(stated, f"{path}: uncertainty.covariance")
     stamp = None
     with suppress(InputError):  # The drive may be elsewhere by now.
         stamp = first_stamp(read_drive(path.parent / found.input.drive))
@@ -155,8 +155,8 @@ def _read_single(path: Path) -> tuple[Path, Member]:
     return path, Member(str(path), stamp, found.pose, covariance, left_out, camera, topic, of_intrinsics)
 
 
-def _entries(covariance: CovarianceEntries | None) -> npt.NDArray[np.float64]:
-    return np.zeros((6, 6)) if covariance is None else np.array(covariance)
+def _entries(covariance: CovarianceEntries | None) -> npt.NDArray[np.float64] | None:
+    return None if covariance is None else np.array(covariance)
 
 
 def _left_out(status: str, reasons: Sequence[str], covariance: npt.NDArray[np.float64] | None) -> str | None:

@@ -144,10 +144,10 @@ def _what_intervals_include(record: Calibration) -> str:
         return "K was estimated together with the pose, and the intervals include what is not known of it"
     if record.camera is not None:
         return "K was to be estimated and stays, and the intervals include what the frames leave open of it"
-    if record.input.camera.intrinsics_sigma:
-        return "the intervals include the stated errors of K"
-    if record.uncertainty is not None and record.uncertainty.covariance_of_intrinsics is None:
+    if record.uncertainty is None or record.uncertainty.covariance_of_intrinsics is None:
         return "the intervals take K as right"
+    if record.input.camera.intrinsics_sigma is not None:
+        return "the intervals include the stated errors of K"
     return (
         "the intervals include errors of K of 0.1 % and 1 pixel, since the drive states no intrinsics_sigma"
     )

@@ -79,7 +79,11 @@ def _sha256(path: Path, known: dict[str, str]) -> str:
 
 
 def camera_hash(camera: Camera) -> str:
-    """Hash a camera's image size, intrinsics and lens, without the zeros it ends with, to 16 digits."""
+    """Hash a camera's image size, intrinsics and lens, without the zeros it ends with, to 16 digits.
+
+    How well the intrinsics are known makes no other camera.
+    """
+    camera = camera.model_copy(update={"intrinsics_sigma": None})
     document = without_last_zeros(camera).model_dump_json()
     return hashlib.sha256(document.encode()).hexdigest()[:16]
 
