@@ -29,7 +29,7 @@ MIN_SIGMAS = 3.0
 """Standard errors of the information by which every rival must be behind. On a real jam, by segments and intensity, the
 best one was 4.1 to 4.9 behind the right pose; on single real frames, at most 1.9 behind wrong ones (18 runs). By labels
 of both sides it was at most 1.2 behind on RELLIS-3D 000104, whose ends lie 0.3 to 1.8 m off (16 runs), and at least 3.8
-behind the right pose of single frames of synthetic drives (21 runs)."""
+behind the right pose of single frames of synthetic drives (12 runs)."""
 NUM_RIVALS, NUM_FRAMES = 16, 5
 """Number of ascents that look for rivals, and of the frames by which they do."""
 NUM_COMPARED = 6
