@@ -144,3 +144,29 @@ def test_a_frame_of_one_square_has_no_standard_error() -> None:
     found = SegmentInformation(np.array([0, 1, 1]), np.array([1.0, 2.0, 4.0]), np.ones(3), 3)
     # Two squares: half their difference, times the root of n / (n - 1) over n.
     np.testing.assert_allclose(found.sigma_by_frame, [np.inf, 1.0, np.inf])
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        ("--fix", "tx"),
+        ("--fix", "rx,ry,rz", "--intrinsics-sigma", "5", "20"),
+        ("--prior-rotation-deg", "0", "0", "0", "400"),
+    ],
+)
+def test_errors_of_k_beside_priors_are_part_of_the_covariance(
+    drive: Path, tmp_path: Path, known: tuple[str, ...]
+) -> None:
+    document = yaml.safe_load((drive / "drive.yaml").read_text())
+    del document["camera"]["intrinsics_sigma"]
+    (drive / "drive.yaml").write_text(yaml.safe_dump(document))
+    out = tmp_path / "found.yaml"
+    arguments = ["calibrate", str(drive), "--init", str(drive), *known, "-o", str(out), "-q"]
+    answer = CliRunner().invoke(semcal, arguments)
+    assert answer.exit_code in (0, 3), answer.exception
+    record = read_record(out)
+    assert record is not None
+    assert record.uncertainty is not None
+    whole = np.array(record.uncertainty.covariance)
+    part = np.array(record.uncertainty.covariance_of_intrinsics)
+    assert np.linalg.eigvalsh(whole - part).min() > -1e-6 * np.abs(whole).max()

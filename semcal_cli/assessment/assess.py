@@ -103,12 +103,13 @@ def assess(
     effect = _EffectOfIntrinsics.at(observations, T_camera_lidar, label_gain, stated)
     around = effect.around if checked is observations else around_intrinsics(checked, T_camera_lidar)
 
+    of_intrinsics = effect.of_stated if fused is None else fused.of_intrinsics
+
     def uncertain() -> Uncertainty | None:
         found = _uncertainty(observations, T_camera_lidar, config, fused, joint, effect.of_stated)
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
-        of_intrinsics = effect.of_stated
         return found.model_copy(
             update={
                 "label_bleed": bleed,
@@ -133,7 +134,7 @@ def assess(
         notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
     if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
-    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint, effect.of_stated))
+    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint, of_intrinsics))
     return Assessment(found, (*findings, *too_wide), notes, frames.parts)
 
 
@@ -201,21 +202,22 @@ def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
 
 
 def _advice(
-    found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None, of_stated: Matrix | None
+    found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None, of_intrinsics: Matrix | None
 ) -> str | None:
     """Say what to do about an interval that only what stays open beside the pose makes too wide; None of any other."""
 
     def is_narrow_without(part: Matrix | None) -> bool:
         if part is None:
             return False
-        covariance = np.array(found.covariance) - part
-        np.fill_diagonal(covariance, np.maximum(np.diag(covariance), 0.0))
-        alone = Uncertainty.from_covariance(T_camera_lidar, covariance, np.array(found.degrees_of_freedom))
+        # Half widths need the variances alone.
+        variances = np.maximum(np.diag(found.covariance) - np.diag(part), 0.0)
+        freedom = np.array(found.degrees_of_freedom)
+        alone = Uncertainty.from_covariance(T_camera_lidar, np.diag(variances), freedom)
         return not undetermined(alone)
 
     if joint is not None and is_narrow_without(joint.left_open):
         return joint.advice
-    return KNOW_K if is_narrow_without(of_stated) else None
+    return KNOW_K if is_narrow_without(of_intrinsics) else None
 
 
 def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:

@@ -68,6 +68,8 @@ class Fused(StageResult):
     """(6, 6) gain from a twist of the labels' optimum to a twist of the pose."""
     is_settled: bool
     """Whether the last round moved the points by less than `SETTLED_PX`."""
+    of_intrinsics: Matrix | None
+    """(6, 6) part of the covariance of the pose by errors of the intrinsics; None if they are exact."""
 
 
 def fuse(
@@ -109,6 +111,7 @@ def fuse(
         is_alone=is_alone,
         label_gain=np.eye(6) if fit is None else fit.covariance @ fit.labels.information,
         is_settled=is_settled,
+        of_intrinsics=None if fit is None else fit.labels.systematic_part(fit.covariance),
     )
 
 

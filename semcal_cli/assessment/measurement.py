@@ -49,16 +49,22 @@ class Measurement(NamedTuple):
         basis = directions[:, told] / scale[:, None]
         return np.asarray(basis / spreads[told] @ basis.T)
 
+    def systematic_part(self, covariance: Matrix) -> Matrix | None:
+        """Compute the part (n, n) of a covariance (n, n) to which labels contribute that systematic errors make."""
+        if self.systematic is None:
+            return None
+        gain = self._weight @ self.reads @ covariance
+        return np.asarray(gain.T @ self.systematic @ gain)
+
     def degrees_of_freedom(self, covariance: Matrix) -> npt.NDArray[np.float64]:
         """Compute Satterthwaite's degrees of freedom (n,) of a covariance (n, n) to which labels contribute.
 
         Only the scatter of the labels is estimated.
         """
-        gain = self._weight @ self.reads @ covariance
-        influences = self.influences @ gain
+        influences = self.influences @ (self._weight @ self.reads @ covariance)
         of_labels = covariance @ self.information @ covariance
-        if self.systematic is not None:
-            of_labels = of_labels - gain.T @ self.systematic @ gain
+        if (systematic := self.systematic_part(covariance)) is not None:
+            of_labels = of_labels - systematic
         share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
         squares = influences**2
         estimated = squares.sum(axis=0) ** 2 / np.maximum(

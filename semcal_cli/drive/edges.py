@@ -69,8 +69,9 @@ def observe_edges(drive: Drive, config: EdgesConfig, sweeps: Sweeps | None = Non
     )
 
     def levels_of(frame: Frame) -> Classes:
+        grey = grey_values(drive, frame)
         with about(drive.resolve(str(frame.image))):
-            return _levels(drive.camera, grey_values(drive, frame), seen, blur_px, config)
+            return _levels(drive.camera, grey, seen, blur_px, config)
 
     with thread_pool() as pool:
         images = list(pool.map(levels_of, drive.frames))

@@ -128,6 +128,12 @@ def _member(line: _Line, where: Path) -> Member:
         raise InputError(f"{where}: T_camera_lidar: found nothing, needed one where status is {line.status}")
     of_intrinsics = _entries(line.covariance_of_intrinsics)
     stated = _entries(line.covariance)
+    if of_intrinsics is not None:
+        whole = np.zeros(6) if stated is None else np.diag(stated)
+        if (np.diag(of_intrinsics) > whole + SAME * whole.max()).any():
+            raise InputError(
+                f"{where}: covariance_of_intrinsics: found one that exceeds the covariance, needed a part"
+            )
     left_out = _left_out(line.status, line.reasons, stated)
     covariance = None if stated is None or left_out else _checked(stated, f"{where}: covariance")
     topic = _topic(line.status, line.topics)

@@ -5,7 +5,7 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from semcal_cli import _core
 from semcal_cli.files.messages import mismatch
@@ -113,6 +113,14 @@ class Uncertainty(StrictModel):
     covariance_of_intrinsics: Covariance | None = None
     """Part of the covariance that is due to errors of the intrinsics, which more frames do not reduce; null if they are
     exact, were estimated, or what they cost could not be computed."""
+
+    @model_validator(mode="after")
+    def _check_part(self) -> "Uncertainty":
+        if self.covariance_of_intrinsics is not None:
+            part, whole = np.diag(self.covariance_of_intrinsics), np.diag(self.covariance)
+            if (part > whole + COVARIANCE_TOLERANCE * np.abs(self.covariance).max()).any():
+                raise mismatch("a covariance_of_intrinsics that exceeds the covariance", "a part of it")
+        return self
 
     @classmethod
     def from_covariance(
