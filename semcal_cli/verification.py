@@ -103,8 +103,8 @@ def verify(
     The pose is refined from the transform. If this gives no pose near the transform or leaves findings, all mounting
     directions are searched; edges alone tell none, so that their first estimate stands. An offset fails if its 95 %
     interval lies beyond the limit, and passes if it lies within. Everything between is inconclusive, and so are offsets
-    that the data do not determine. If the offset of the clock is limited, it is estimated together with the pose, and
-    if it is kept, the pose is that of both.
+    that the data do not determine, and what would pass on the drive that the transform was calibrated from. If the
+    offset of the clock is limited, it is estimated together with the pose, and if it is kept, the pose is that of both.
 
     Args:
         data: The drive, as `load` returns it.

@@ -31,8 +31,7 @@ def uncertainty(street_observations: Observations, polished: Pose) -> Uncertaint
 
 def errors(T: Pose, T_reference: Pose) -> np.ndarray:
     """(6,) metres of the camera's place, degrees of the rotation."""
-    error = compare_poses(T, T_reference)
-    return np.array([*(0.01 * np.array(error.camera_center_xyz_cm)), *error.rotation_xyz_deg])
+    return compare_poses(T, T_reference).offsets
 
 
 def sigmas(uncertainty: Uncertainty) -> np.ndarray:

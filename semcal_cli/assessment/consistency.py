@@ -36,8 +36,8 @@ MAX_EXCHANGED = 0.55
 development drives of five rigs with 5 and 20 frames it was at most 0.36; with clouds paired with another drive's images
 or with shuffled labels it was at least 0.56."""
 MAX_EXCHANGED_OF_SEGMENTS = 0.75
-"""The same for segments, whose kinds are few. At the right pose it was 0.05 to 0.61 on 15 synthetic drives of five rigs
-and 0.57 to 0.60 on three KITTI drives, and with another drive's images 0.89 to 1.26 (4 calibrations)."""
+"""The same for segments, whose kinds are few. At the right pose it was at most 0.61 on 15 synthetic drives of five
+rigs, 0.57 to 0.60 on two KITTI drives, and with another drive's images 0.89 to 1.26 (4 calibrations)."""
 MIN_CLASSES = 1.2
 """Smallest number of equally frequent classes with the entropy of the labels, for points and for pixels. Streets have 4
 to 9. One object with a twentieth of the labels on plain ground gives 1.22, and with a hundredth 1.06."""

@@ -14,7 +14,7 @@ import numpy as np
 from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity, sensitivity
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.document import Camera, IntrinsicsSigma
-from semcal_cli.drive.intrinsics import sigma_of
+from semcal_cli.drive.intrinsics import DEFAULT_FOCAL_SIGMA, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
@@ -30,8 +30,6 @@ of the displacement of the points, as in full resolution; the small effect of fy
 AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2, edge_band_px=0)
 """The same for edges and intensity, whose levels blocks of four pixels wash out. With these, one good calibration of
 five on a real jam was reported to have wrong intrinsics; with blocks of two pixels, none of nine on three drives."""
-FOCAL_SHARE = 0.001
-"""Share of the focal lengths whose cost is stated."""
 LEAST_FALL = 0.2
 """Smallest curvature along a change of the intrinsics in pixels, as a share of the median of the pose's six. Along some
 changes the information hardly falls, or even rises, and an undamped step is arbitrarily long."""
@@ -107,8 +105,8 @@ def intrinsics_cost(shift: Matrix, camera: Camera) -> IntrinsicsCost:
         shift: (6, n) result of `shift_by`, first by fx, fy, cx and cy.
         camera: The camera.
     """
-    (fx, _, _), (_, fy, _), _ = camera.K
-    moved = np.abs(shift[:, :4]) * [FOCAL_SHARE * fx, FOCAL_SHARE * fy, 1.0, 1.0]
+    assumed = default_sigma(camera)
+    moved = np.abs(shift[:, :4]) * [assumed.fx, assumed.fy, assumed.cx, assumed.cy]
     changes = [
         PoseChange(camera_center_m=each[:3].tolist(), rotation_deg=np.degrees(each[3:]).tolist())
         for each in moved.T
@@ -156,7 +154,7 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
             change: PoseChange = getattr(cost, name)
             moved_cm = 100.0 * np.linalg.norm(change.camera_center_m)
             turned_deg = np.linalg.norm(change.rotation_deg)
-            by = "each pixel" if name.startswith("c") else f"each {FOCAL_SHARE:.1%}"
+            by = "each pixel" if name.startswith("c") else f"each {DEFAULT_FOCAL_SIGMA:.1%}"
             sentence += f"; {by} that {name} is wrong moves the pose by {moved_cm:.2f} cm and {turned_deg:.3f} degrees"
         notes.append(sentence)
     if cost is None and sigma_of(camera) != IntrinsicsSigma():

@@ -30,7 +30,7 @@ def compare_seeds(
         The spread of the poses, and findings against the answer.
     """
     reached = [T for T in others if T is not None]
-    differences = np.array([np.zeros(6), *(_difference(T, T_camera_lidar) for T in reached)])
+    differences = np.array([np.zeros(6), *(compare_poses(T, T_camera_lidar).offsets for T in reached)])
     spread = differences.std(axis=0, ddof=1).tolist() if reached else None
     found = Repeatability(
         num_seeds=len(others) + 1,
@@ -55,9 +55,3 @@ def compare_seeds(
             )
             findings.append(Finding("seeds", sentence, "add frames from other places"))
     return found, tuple(findings)
-
-
-def _difference(T: Pose, T_reference: Pose) -> np.ndarray:
-    """Compute the difference (6,) of two poses: the camera's position in metres, its rotation in degrees."""
-    error = compare_poses(T, T_reference)
-    return np.array([*(0.01 * x for x in error.camera_center_xyz_cm), *error.rotation_xyz_deg])

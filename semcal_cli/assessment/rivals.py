@@ -81,7 +81,6 @@ def check_rivals(
 
 def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose], list[Pose]]:
     """Ascend from poses around the given one, at two levels of the pyramid, to the highest far and near tops."""
-    far, near = list[Pose](), list[Pose]()
     rng = np.random.default_rng(0)
     shares = np.linspace(0.5, 1.5, NUM_RIVALS)
     poses = [displaced(T_camera_lidar, share * SPREAD_DEG, share * SPREAD_M, rng) for share in shares]
@@ -90,9 +89,9 @@ def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose],
     config = ExactEstimator(few, CONFIG, seed=0).config
     for factor in (coarsest, max(coarsest // FINER, 1)):
         ends = _core.align(few.core, poses, config, factor=factor, visible_only=True, seed=0)
-        ends = sorted(ends, key=lambda end: -end.mutual_information)
-        far = [end.T_camera_lidar for end in ends if _is_far(end.T_camera_lidar, T_camera_lidar)]
-        near = [end.T_camera_lidar for end in ends if not _is_far(end.T_camera_lidar, T_camera_lidar)]
+        far, near = list[Pose](), list[Pose]()
+        for end in sorted(ends, key=lambda end: -end.mutual_information):
+            (far if _is_far(end.T_camera_lidar, T_camera_lidar) else near).append(end.T_camera_lidar)
         far, near = far[:NUM_COMPARED], near[:NUM_COMPARED]
         poses = far + near if observations.starts is None else far
     return far, near
@@ -106,8 +105,7 @@ def _is_far(T_rival: Pose, T_camera_lidar: Pose) -> bool:
 
 def _is_outside(T_rival: Pose, T_camera_lidar: Pose, uncertainty: Uncertainty) -> bool:
     """Whether a rival is outside the interval of the pose."""
-    away = compare_poses(T_rival, T_camera_lidar)
-    offsets = [*(0.01 * np.array(away.camera_center_xyz_cm)), *away.rotation_xyz_deg]
+    offsets = compare_poses(T_rival, T_camera_lidar).offsets
     return bool((np.abs(offsets) > uncertainty.half_widths).any())
 
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
-from pydantic import AfterValidator
+from pydantic import AfterValidator, model_validator
 
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
@@ -15,7 +15,7 @@ from semcal_cli.files.messages import describe, mismatch
 from semcal_cli.files.validation import Figure, FileName, StrictModel, Transform, length, validate
 from semcal_cli.result.calibration import Topic, read_calibration
 from semcal_cli.result.provenance import camera_hash
-from semcal_cli.result.uncertainty import Covariance, CovarianceEntries
+from semcal_cli.result.uncertainty import Covariance, CovarianceEntries, check_part
 
 RECORD, LOG, TIMES = "record.json", "log.txt", "times.json"
 RESULTS = {"calibrate": "calibration.yaml", "verify": "verification.json"}
@@ -108,6 +108,11 @@ class OutcomeLine(StrictModel):
     camera: Annotated[str, AfterValidator(_check_hash)] | None
     result: FileName | None
     covariance_of_intrinsics: Covariance | None = None
+
+    @model_validator(mode="after")
+    def _check_part(self) -> OutcomeLine:
+        check_part(self.covariance_of_intrinsics, self.covariance)
+        return self
 
 
 def failed(drive: str, reason: str) -> Outcome:

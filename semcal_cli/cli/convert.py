@@ -105,7 +105,7 @@ def _put_into(
     """Set the transform of a file in another one, with the camera and the clock that were estimated with it."""
     from dataclasses import replace
 
-    from semcal_cli.formats import doubts_of, put_transform, read_extrinsic
+    from semcal_cli.formats import DOUBTED, is_doubted, put_transform, read_extrinsic
 
     found = read_extrinsic(source, from_, read)
     camera, clock = (None, None) if found.record is None else (found.record.camera, found.record.clock)
@@ -120,7 +120,7 @@ def _put_into(
     if put_transform(found.T_camera_lidar, into, options).has_transform:
         lines.insert(0, _change(into, before, found.T_camera_lidar))
     if found.record is not None:
-        lines += [*doubts_of(found.record, source), *_what_stays(found.record, source, into)]
+        lines += [DOUBTED.format(source)] * is_doubted(found.record) + _what_stays(found.record, source, into)
     for line in lines:
         click.echo(line, err=True)
 

@@ -26,8 +26,7 @@ COEFFICIENTS: dict[CameraModel, tuple[str, ...]] = {
 
 DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX = 0.001, 1.0
 """Standard deviations of the focal lengths, as a share of them, and of the principal point where a drive states none.
-They are a convention, about ten times what calibrations with boards report: heat, focus, cropping and rectification are
-not part of those reports."""
+They are a convention, and what the verdict is said to hold for; what they cost the pose stands beside it."""
 
 
 def intrinsic_names(model: CameraModel) -> tuple[str, ...]:
@@ -84,9 +83,12 @@ def sigma_of(camera: Camera) -> IntrinsicsSigma:
         return camera.intrinsics_sigma
     if camera.model == "equirectangular":
         return IntrinsicsSigma()
-    (fx, _, _), (_, fy, _), _ = camera.K
-    center = DEFAULT_CENTER_SIGMA_PX
-    return IntrinsicsSigma(fx=DEFAULT_FOCAL_SIGMA * fx, fy=DEFAULT_FOCAL_SIGMA * fy, cx=center, cy=center)
+    return default_sigma(camera)
+
+
+def default_sigma(camera: Camera) -> IntrinsicsSigma:
+    """Give the standard deviations that are taken where a drive states none."""
+    return _of_shares(camera, DEFAULT_FOCAL_SIGMA, DEFAULT_CENTER_SIGMA_PX)
 
 
 def stating(camera: Camera, jointly: JointlyConfig) -> Camera:
@@ -94,11 +96,15 @@ def stating(camera: Camera, jointly: JointlyConfig) -> Camera:
     share, center_px = jointly.focal_sigma, jointly.center_sigma_px
     if (share is None and center_px is None) or camera.model == "equirectangular":
         return camera
-    (fx, _, _), (_, fy, _), _ = camera.K
-    changes = {} if share is None else {"fx": share * fx, "fy": share * fy}
-    changes |= {} if center_px is None else {"cx": center_px, "cy": center_px}
-    stated = sigma_of(camera).model_copy(update=changes)
+    known, given = sigma_of(camera), _of_shares(camera, share or 0.0, center_px or 0.0)
+    focal, center = known if share is None else given, known if center_px is None else given
+    stated = IntrinsicsSigma(fx=focal.fx, fy=focal.fy, cx=center.cx, cy=center.cy)
     return camera.model_copy(update={"intrinsics_sigma": stated})
+
+
+def _of_shares(camera: Camera, focal_share: float, center_px: float) -> IntrinsicsSigma:
+    (fx, _, _), (_, fy, _), _ = camera.K
+    return IntrinsicsSigma(fx=focal_share * fx, fy=focal_share * fy, cx=center_px, cy=center_px)
 
 
 def with_intrinsics(camera: Camera, values: Mapping[str, float]) -> Camera:

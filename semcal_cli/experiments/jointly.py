@@ -209,8 +209,7 @@ def _compared(
     before = compare_poses(before_joint.T_camera_lidar, truth)
     offsets: list[tuple[float, float]] = []
     if found.uncertainty is not None:
-        values = (*(0.01 * x for x in error.camera_center_xyz_cm), *error.rotation_xyz_deg)
-        offsets += zip(values, found.uncertainty.half_widths, strict=True)
+        offsets += zip(error.offsets.tolist(), found.uncertainty.half_widths, strict=True)
     off = {} if found.camera is None else _off(found.camera, camera)
     offsets += off.values()
     clock_ms = None

@@ -126,14 +126,7 @@ def _member(line: _Line, where: Path) -> Member:
     T = None if line.T_camera_lidar is None else np.array(line.T_camera_lidar)
     if T is None and line.status != "failed":
         raise InputError(f"{where}: T_camera_lidar: found nothing, needed one where status is {line.status}")
-    of_intrinsics = _entries(line.covariance_of_intrinsics)
-    stated = _entries(line.covariance)
-    if of_intrinsics is not None:
-        whole = np.zeros(6) if stated is None else np.diag(stated)
-        if (np.diag(of_intrinsics) > whole + SAME * whole.max()).any():
-            raise InputError(
-                f"{where}: covariance_of_intrinsics: found one that exceeds the covariance, needed a part"
-            )
+    of_intrinsics, stated = _entries(line.covariance_of_intrinsics), _entries(line.covariance)
     left_out = _left_out(line.status, line.reasons, stated)
     covariance = None if stated is None or left_out else _checked(stated, f"{where}: covariance")
     topic = _topic(line.status, line.topics)
@@ -146,13 +139,13 @@ def _read_single(path: Path) -> tuple[Path, Member]:
     left_out = _left_out(found.status, found.reasons, stated)
     covariance, of_intrinsics = None, None
     if found.uncertainty is not None and stated is not None and not left_out:
+        covariance = _checked(stated, f"{path}: uncertainty.covariance")
         sigmas = [*found.uncertainty.sigma_camera_center_m, *np.radians(found.uncertainty.sigma_rotation_deg)]
-        if not np.allclose(np.sqrt(np.maximum(np.diag(stated), 0.0)), sigmas, rtol=SAME, atol=0.0):
+        if not np.allclose(np.sqrt(np.diag(covariance)), sigmas, rtol=SAME, atol=0.0):
             raise InputError(
                 f"{path}: uncertainty: found sigmas that are not those of the covariance, needed what semcal wrote"
             )
         of_intrinsics = _entries(found.uncertainty.covariance_of_intrinsics)
-        covariance = _checked(stated, f"{path}: uncertainty.covariance")
     stamp = None
     with suppress(InputError):  # The drive may be elsewhere by now.
         stamp = first_stamp(read_drive(path.parent / found.input.drive))

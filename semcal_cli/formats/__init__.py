@@ -89,6 +89,10 @@ class Extrinsic:
         return semcal.camera_in(self.source)
 
 
+DOUBTED = "{}: the transform is not trusted, which its reasons explain"
+"""What is said of a transform that is written all the same."""
+
+
 def read_extrinsic(
     path: Path | str,
     name: str | None = None,
@@ -246,13 +250,11 @@ def convert_file(
     Raises:
         InputError: a format is not known, the source is wrong or leaves something open, or the file cannot be written.
     """
-    written = write_options or FormatOptions()
+    written, record = write_options or FormatOptions(), None
     if find_format(to).has_transform:
         found = read_extrinsic(source, from_format, read_options)
         T_camera_lidar, camera = found.T_camera_lidar, found.camera
-        if written.on_note is not None and found.record is not None:
-            for line in doubts_of(found.record, source):
-                written.on_note(line)
+        record = found.record
     else:
         _check_options(semcal.FORMAT, read_options or FormatOptions(), "--")
         content = Source.read(drive_file(source))
@@ -263,14 +265,15 @@ def convert_file(
             raise InputError(
                 f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
             )
-    return write_transform(T_camera_lidar, output, to, replace(written, intrinsics=camera))
+    text = write_transform(T_camera_lidar, output, to, replace(written, intrinsics=camera))
+    if written.on_note is not None and is_doubted(record):
+        written.on_note(DOUBTED.format(source))
+    return text
 
 
-def doubts_of(record: Calibration, source: Path) -> tuple[str, ...]:
-    """Say in a line that a calibration is not trusted; none if it is."""
-    if record.status != "not_trusted":
-        return ()
-    return (f"{source}: the transform is not trusted, which its reasons explain",)
+def is_doubted(record: Calibration | None) -> bool:
+    """Whether a transform is of a calibration that is not trusted."""
+    return record is not None and record.status == "not_trusted"
 
 
 def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | None = None) -> Format:

@@ -69,7 +69,8 @@ class FormatOptions:
     """Time by which pictures are later than their stamps, in seconds, to be set in a drive of the user's; None leaves
     what the drive says."""
     on_note: Callable[[str], None] | None = None
-    """Called with what was set of the intrinsics and of the clock in a file of the user's, or why nothing was."""
+    """Called with what was set of the intrinsics and of the clock in a file of the user's, or why nothing was, and
+    with a warning of a transform that is not trusted."""
     on_repair: Callable[[str], None] | None = None
     """Called for each invalid rotation that the nearest rotation replaces; None refuses such files."""
 

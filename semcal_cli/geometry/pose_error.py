@@ -20,6 +20,11 @@ class PoseError:
     camera_center_xyz_cm: tuple[float, float, float]
     """Camera centre minus reference centre, along the axes of the reference camera."""
 
+    @property
+    def offsets(self) -> Vector:
+        """Both along and about the axes of the camera (6,), metres and degrees, as half widths of intervals are."""
+        return np.array([*(0.01 * x for x in self.camera_center_xyz_cm), *self.rotation_xyz_deg])
+
 
 def compare_poses(T_camera_lidar: Pose, T_reference: Pose) -> PoseError:
     """Measure a calibration against a reference; both map LiDAR to camera."""

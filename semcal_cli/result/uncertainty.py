@@ -53,6 +53,19 @@ CovarianceEntries: TypeAlias = Annotated[
 Covariance: TypeAlias = Annotated[CovarianceEntries, AfterValidator(check_covariance)]
 
 
+def check_part(part: CovarianceEntries | None, whole: CovarianceEntries | None) -> None:
+    """Check that the part of a covariance (6, 6) by errors of the intrinsics is no larger than the whole.
+
+    Raises:
+        ValueError: it is, or there is no whole.
+    """
+    if part is None:
+        return
+    variances = np.zeros(6) if whole is None else np.diag(whole)
+    if (np.diag(part) > variances + COVARIANCE_TOLERANCE * variances.max()).any():
+        raise mismatch("a covariance_of_intrinsics that exceeds the covariance", "a part of it")
+
+
 class PoseChange(StrictModel):
     """Change of the pose, without its sign."""
 
@@ -116,10 +129,7 @@ class Uncertainty(StrictModel):
 
     @model_validator(mode="after")
     def _check_part(self) -> "Uncertainty":
-        if self.covariance_of_intrinsics is not None:
-            part, whole = np.diag(self.covariance_of_intrinsics), np.diag(self.covariance)
-            if (part > whole + COVARIANCE_TOLERANCE * np.abs(self.covariance).max()).any():
-                raise mismatch("a covariance_of_intrinsics that exceeds the covariance", "a part of it")
+        check_part(self.covariance_of_intrinsics, self.covariance)
         return self
 
     @classmethod

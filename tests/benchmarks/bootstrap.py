@@ -48,8 +48,7 @@ def resampled(observations: Observations, rng: np.random.Generator) -> Observati
 
 def twist(T: Pose, T_reference: Pose) -> np.ndarray:
     """(6,) what separates two poses: metres of the camera's place, degrees of its rotation."""
-    error = compare_poses(T, T_reference)
-    return np.array([*(0.01 * np.array(error.camera_center_xyz_cm)), *error.rotation_xyz_deg])
+    return compare_poses(T, T_reference).offsets
 
 
 def ratios(

@@ -94,7 +94,7 @@ def run(data: LoadedDrive, T_published: Pose, start: str, seed: int) -> End:
         error.camera_center_cm,
         calibration.status,
         calibration.reasons,
-        [*(0.01 * np.array(error.camera_center_xyz_cm)).tolist(), *error.rotation_xyz_deg],
+        error.offsets.tolist(),
         uncertainty.half_widths if uncertainty else (),
         perf_counter() - begun,
     )
