@@ -483,16 +483,19 @@ class Sensitivity:
         """(n, n) minus the second derivative, nats."""
     @property
     def scores(self) -> _Float64:
-        """(parts, n) share of the gradient of each frame and square of the picture, nats."""
+        """(parts, n) share of the gradient of the points of each class in each square of each picture, nats."""
     @property
     def motions(self) -> _Float64:
         """(n, n) mean products of the pixels by which the variables move the points."""
     @property
     def parts(self) -> NDArray[np.uint32]:
-        """(parts, 3) frame, row and column of the square of each part."""
+        """(parts, 4) frame, row and column of the square of each part, and the class of its points."""
     @property
     def frame_curvatures(self) -> _Float64:
         """(frames, n, n) share of each frame in `curvature`, nats."""
+    @property
+    def class_curvatures(self) -> _Float64:
+        """(classes, n, n) share of the points of each class in `curvature`, nats."""
 
 @final
 class Projected:

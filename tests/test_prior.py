@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from semcal_cli.assessment.fusion import _Known, _solve, fuse
 from semcal_cli.assessment.measurement import Measurement, measure
 from semcal_cli.assessment.priors import Prior, clamp
-from semcal_cli.assessment.sensitivity import sensitivity
+from semcal_cli.assessment.sensitivity import Scatter, sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
 from semcal_cli.config import PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
@@ -105,7 +105,7 @@ def test_what_is_hardly_known_leaves_newtons_step_and_its_covariance(
     around = sensitivity(street_observations, polished, SensitivityConfig())
     assert around is not None
     assert fused.uncertainty is not None
-    expected = twisted(polished, around.influences.sum(axis=0))
+    expected = twisted(polished, around.newton_step)
     np.testing.assert_allclose(fused.T_camera_lidar, expected, atol=1e-6)
     np.testing.assert_allclose(fused.uncertainty.covariance, alone.covariance, rtol=1e-3, atol=1e-12)
     np.testing.assert_allclose(fused.uncertainty.degrees_of_freedom, alone.degrees_of_freedom, rtol=1e-3)
@@ -183,8 +183,9 @@ def test_parts_too_few_for_a_covariance_determine_nothing(
 ) -> None:
     around = sensitivity(street_observations, polished, SensitivityConfig())
     assert around is not None
-    of_parts = ("scores", "num_alike")
-    few = replace(around, **{name: getattr(around, name)[:num_parts] for name in of_parts})
+    kept = around.squares < num_parts
+    of_parts = {name: getattr(around, name)[kept] for name in ("scores", "squares", "classes")}
+    few = replace(around, **of_parts, num_alike=around.num_alike[:num_parts])
     assert few.is_determined == (num_parts == 8) == bool(measure(few).information.any())
 
 
@@ -198,9 +199,10 @@ def test_a_rough_pose_is_allowed_as_far_as_both_may_be_off(off_m: float, is_allo
 def test_what_is_known_decides_where_labels_do_not_bend() -> None:
     rng = np.random.default_rng(0)
     reads = np.eye(6)[:5]  # nothing about the last axis
-    labels = Measurement(
-        reads, rng.standard_normal((50, 5)), np.ones(50), np.full(5, 0.1), np.diag([0.01] * 5)
-    )
+    nothing = np.zeros((5, 5))
+    squares = rng.standard_normal((50, 5))
+    scatter = Scatter(squares, np.ones(50), squares.T @ squares, np.zeros((1, 5)), nothing)
+    labels = Measurement(reads, scatter, np.full(5, 0.1), np.diag([0.01] * 5))
     nothing = _Known(np.zeros((0, 6)), np.zeros(0), np.zeros(0))
     step, _, is_determined = _solve(labels, nothing, np.eye(6))
     assert not is_determined

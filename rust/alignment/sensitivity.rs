@@ -1,10 +1,11 @@
 //! Dependence of the mutual information on the pose and the intrinsics, near a pose: scores and curvature.
 //!
-//! The score of a part of the data is its share of the gradient. The scatter of the scores measures how far the optimum
-//! would move with other data. The objective is piecewise smooth with a smoothed cusp at its maximum, so curvature is
+//! The score of a part of the data, the points of one class in one square of an image, is its share of the gradient. The
+//! scatter of the scores measures how far the optimum would move with other data. The objective is piecewise smooth with a smoothed cusp at its maximum, so curvature is
 //! the difference of gradients half a pixel to either side.
 
 use std::collections::BTreeMap;
+use std::ops::AddAssign;
 use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Isometry3, Point2, Vector3};
@@ -35,10 +36,12 @@ pub struct Sensitivity {
     pub motions: DMatrix<f64>,
     /// Share of each part in the gradient, nats; one row for each part.
     pub scores: DMatrix<f64>,
-    /// Frame of each part, and the row and column of its square in the image.
-    pub parts: Vec<[u32; 3]>,
+    /// Frame of each part, the row and column of its square in the image, and the class of its points.
+    pub parts: Vec<[u32; 4]>,
     /// Share of each frame in the curvature, nats.
     pub frame_curvatures: Vec<DMatrix<f64>>,
+    /// Share of each class of points in the curvature, nats.
+    pub class_curvatures: Vec<DMatrix<f64>>,
 }
 
 /// Settings of [`sensitivity`].
@@ -83,14 +86,15 @@ pub fn sensitivity(
     let total = level.total(&joint);
     let values = level.values(&joint);
     let side = (observations.camera.width as f64 / config.regions_across as f64).max(1.0);
-    let mut parts: BTreeMap<[u32; 3], DVector<f64>> = BTreeMap::new();
+    let mut parts: BTreeMap<[u32; 4], DVector<f64>> = BTreeMap::new();
     for projected in chunks.iter().flatten() {
         let cell = |x: f64| if config.regions_across > 1 { (x.max(0.0) / side) as u32 } else { 0 };
-        let part = [projected.frame, cell(projected.pixel.y), cell(projected.pixel.x)];
+        let (row, column) = (cell(projected.pixel.y), cell(projected.pixel.x));
+        let part = [projected.frame, row, column, u32::from(projected.class)];
         let score = parts.entry(part).or_insert_with(|| DVector::zeros(n));
         here.add_score(&level, projected, &values, score);
     }
-    let frame_curvatures = problem.frame_curvatures(&steps)?;
+    let Shares { of_frames: frame_curvatures, of_classes: class_curvatures } = problem.curvatures(&steps)?;
     let curvature = frame_curvatures.iter().fold(DMatrix::zeros(n, n), |sum, frame| sum + frame);
     if !curvature.iter().all(|x| x.is_finite()) || curvature.amax() <= 0.0 {
         return None;
@@ -102,12 +106,31 @@ pub fn sensitivity(
         scores: DMatrix::from_rows(&rows),
         parts: parts.into_keys().collect(),
         frame_curvatures,
+        class_curvatures,
     })
 }
 
 /// The labelled share where a point lands, of its share of a class.
 fn weigh_there(sample: &Sample, sampled: &Sampled) -> f32 {
     (f64::from(sample.weight) * sampled.total()) as f32
+}
+
+/// Shares of the frames, and of the classes of points, in a sum over all points.
+struct Shares<T> {
+    of_frames: T,
+    of_classes: T,
+}
+
+impl Shares<DMatrix<f64>> {
+    fn add(&mut self, frame: usize, class: usize, sum: &DVector<f64>) {
+        self.of_frames.column_mut(frame).add_assign(sum);
+        self.of_classes.column_mut(class).add_assign(sum);
+    }
+
+    fn per(self, total: f64) -> Self {
+        let total = total.max(1.0);
+        Self { of_frames: self.of_frames / total, of_classes: self.of_classes / total }
+    }
 }
 
 struct Problem<'a> {
@@ -131,26 +154,37 @@ impl Problem<'_> {
         (joint, projected)
     }
 
-    /// Shares of the frames in minus the second derivative: differences of gradients along the steps, and back to the
-    /// variables by the steps' inverse from the right.
-    fn frame_curvatures(&self, steps: &DMatrix<f64>) -> Option<Vec<DMatrix<f64>>> {
+    /// Shares in minus the second derivative: differences of gradients along the steps, and back to the variables by the
+    /// steps' inverse from the right.
+    fn curvatures(&self, steps: &DMatrix<f64>) -> Option<Shares<Vec<DMatrix<f64>>>> {
         let along = |axis: usize| {
             let gradients = |by: f64| self.gradients(&self.near.projection(&(steps.column(axis) * by)).ok()?);
-            Some((gradients(-HALF_WIDTH)? - gradients(HALF_WIDTH)?) / (2.0 * HALF_WIDTH))
+            let (before, after) = (gradients(-HALF_WIDTH)?, gradients(HALF_WIDTH)?);
+            let difference = |before, after: DMatrix<f64>| (before - after) / (2.0 * HALF_WIDTH);
+            Some(Shares {
+                of_frames: difference(before.of_frames, after.of_frames),
+                of_classes: difference(before.of_classes, after.of_classes),
+            })
         };
-        let differences: Vec<DMatrix<f64>> = (0..steps.ncols()).map(along).collect::<Option<_>>()?;
+        let differences: Vec<Shares<DMatrix<f64>>> = (0..steps.ncols()).map(along).collect::<Option<_>>()?;
         let inverse = steps.clone().try_inverse()?;
-        let of_frame = |frame: usize| {
-            let along: Vec<_> = differences.iter().map(|each| each.column(frame)).collect();
-            let curvature = DMatrix::from_columns(&along) * &inverse;
-            0.5 * (&curvature + curvature.transpose())
+        let curvatures = |of: fn(&Shares<DMatrix<f64>>) -> &DMatrix<f64>| {
+            let count = differences.first().map_or(0, |each| of(each).ncols());
+            let curvature = |place: usize| {
+                let along: Vec<_> = differences.iter().map(|each| of(each).column(place)).collect();
+                let curvature = DMatrix::from_columns(&along) * &inverse;
+                0.5 * (&curvature + curvature.transpose())
+            };
+            (0..count).map(curvature).collect()
         };
-        Some((0..self.level.maps.len()).map(of_frame).collect())
+        Some(Shares {
+            of_frames: curvatures(|each| &each.of_frames),
+            of_classes: curvatures(|each| &each.of_classes),
+        })
     }
 
-    /// Shares of the frames in the gradient at some projection, a column for each frame, with the points and weights
-    /// chosen at the pose.
-    fn gradients(&self, at: &Projection<'_>) -> Option<DMatrix<f64>> {
+    /// Shares in the gradient at some projection, with the points and weights chosen at the pose.
+    fn gradients(&self, at: &Projection<'_>) -> Option<Shares<DMatrix<f64>>> {
         if self.level.observations.has_partitions() {
             return Some(self.gradients_by_point(at));
         }
@@ -159,7 +193,7 @@ impl Problem<'_> {
 
     /// The same by the histogram of each frame with its slopes, for points without partitions. There is one slope for
     /// each variable among the `WIDTH` entries of a cell.
-    fn gradients_by_class<const WIDTH: usize>(&self, at: &Projection<'_>) -> DMatrix<f64> {
+    fn gradients_by_class<const WIDTH: usize>(&self, at: &Projection<'_>) -> Shares<DMatrix<f64>> {
         let place = |sample: &Sample| at.place(sample);
         let of_frame = |samples: &&[Sample]| {
             let motion = |sample: &Sample, p_camera: &Vector3<f64>, pixel: &Point2<f64>| {
@@ -171,23 +205,25 @@ impl Problem<'_> {
         let frames: Vec<(usize, SlopedHistogram<WIDTH>)> = frames.par_iter().map(of_frame).collect();
         let joint = frames.iter().fold(self.constant.clone(), |joint, (_, frame)| frame.with(&joint));
         let values = self.level.values(&joint);
-        let mut gradients = DMatrix::zeros(self.n, self.level.maps.len());
+        let mut sums = self.no_gradients();
         for (frame, sloped) in &frames {
-            gradients.column_mut(*frame).copy_from(&sloped.gradient(values.of_classes()).rows(1, self.n));
+            for (class, gradient) in sloped.gradients(values.of_classes()).enumerate() {
+                sums.add(*frame, class, &gradient.rows(1, self.n).into_owned());
+            }
         }
-        gradients / self.level.total(&joint).max(1.0)
+        sums.per(self.level.total(&joint))
     }
 
     /// The same point by point.
-    fn gradients_by_point(&self, at: &Projection<'_>) -> DMatrix<f64> {
+    fn gradients_by_point(&self, at: &Projection<'_>) -> Shares<DMatrix<f64>> {
         let (joint, chunks) = self.projected(at);
         let values = self.level.values(&joint);
         let of_chunk = |chunk: &Vec<ProjectedSample>| {
-            let mut sums: Vec<(usize, DVector<f64>)> = Vec::new();
+            let mut sums: Vec<((usize, usize), DVector<f64>)> = Vec::new();
             for projected in chunk {
-                let frame = projected.frame as usize;
-                if sums.last().is_none_or(|(last, _)| *last != frame) {
-                    sums.push((frame, DVector::zeros(self.n)));
+                let place = (projected.frame as usize, usize::from(projected.class));
+                if sums.last().is_none_or(|(last, _)| *last != place) {
+                    sums.push((place, DVector::zeros(self.n)));
                 }
                 if let Some((_, sum)) = sums.last_mut() {
                     at.add_score(self.level, projected, &values, sum);
@@ -195,13 +231,19 @@ impl Problem<'_> {
             }
             sums
         };
-        let sums: Vec<_> = chunks.par_iter().flat_map_iter(of_chunk).collect();
-        let mut gradients = DMatrix::zeros(self.n, self.level.maps.len());
-        for (frame, sum) in sums {
-            let mut column = gradients.column_mut(frame);
-            column += sum;
+        let chunks: Vec<_> = chunks.par_iter().flat_map_iter(of_chunk).collect();
+        let mut sums = self.no_gradients();
+        for ((frame, class), sum) in chunks {
+            sums.add(frame, class, &sum);
         }
-        gradients / self.level.total(&joint).max(1.0)
+        sums.per(self.level.total(&joint))
+    }
+
+    fn no_gradients(&self) -> Shares<DMatrix<f64>> {
+        Shares {
+            of_frames: DMatrix::zeros(self.n, self.level.maps.len()),
+            of_classes: DMatrix::zeros(self.n, self.level.observations.num_point_classes),
+        }
     }
 
     /// Steps, as columns, that each move the points by one block, root mean square; those of the pose do so independently

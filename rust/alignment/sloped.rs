@@ -60,12 +60,20 @@ impl<const WIDTH: usize> SlopedHistogram<WIDTH> {
 
     /// The gradient of the sum over all pairs where each adds one of `values`; the first entry is the sum itself.
     pub fn gradient(&self, values: &[f64]) -> SVector<f64, WIDTH> {
-        let mut sums = [0.0; WIDTH];
-        // Where there is no pair at all, values are infinite.
-        let occupied = self.cells.iter().zip(values).filter(|(cell, _)| **cell != [0.0; WIDTH]);
-        for (cell, value) in occupied {
-            sums.iter_mut().zip(cell).for_each(|(sum, x)| *sum += x * value);
-        }
-        SVector::from(sums)
+        self.gradients(values).sum()
+    }
+
+    /// The same for the pairs of each class of points.
+    pub fn gradients(&self, values: &[f64]) -> impl Iterator<Item = SVector<f64, WIDTH>> {
+        let width = self.num_image_classes;
+        self.cells.chunks(width).zip(values.chunks(width)).map(|(cells, values)| {
+            let mut sums = [0.0; WIDTH];
+            // Where there is no pair at all, values are infinite.
+            let occupied = cells.iter().zip(values).filter(|(cell, _)| **cell != [0.0; WIDTH]);
+            for (cell, value) in occupied {
+                sums.iter_mut().zip(cell).for_each(|(sum, x)| *sum += x * value);
+            }
+            SVector::from(sums)
+        })
     }
 }

@@ -73,6 +73,7 @@ pub(super) struct PySensitivity {
     motions: Py<PyArray2<f64>>,
     parts: Py<PyArray2<u32>>,
     frame_curvatures: Py<PyArray3<f64>>,
+    class_curvatures: Py<PyArray3<f64>>,
 }
 
 impl PySensitivity {
@@ -82,17 +83,18 @@ impl PySensitivity {
             rows(matrix).into_pyarray(py).reshape([matrix.nrows(), matrix.ncols()]).map(Bound::unbind)
         };
         let n = found.curvature.nrows();
-        let of_frames: Vec<f64> = found.frame_curvatures.iter().flat_map(rows).collect();
+        let arrays = |matrices: &[DMatrix<f64>]| {
+            let entries: Vec<f64> = matrices.iter().flat_map(rows).collect();
+            entries.into_pyarray(py).reshape([matrices.len(), n, n]).map(Bound::unbind)
+        };
         let parts = found.parts.as_flattened().to_vec().into_pyarray(py);
         Ok(Self {
             curvature: array(&found.curvature)?,
             scores: array(&found.scores)?,
             motions: array(&found.motions)?,
-            parts: parts.reshape([found.parts.len(), 3])?.unbind(),
-            frame_curvatures: of_frames
-                .into_pyarray(py)
-                .reshape([found.frame_curvatures.len(), n, n])?
-                .unbind(),
+            parts: parts.reshape([found.parts.len(), 4])?.unbind(),
+            frame_curvatures: arrays(&found.frame_curvatures)?,
+            class_curvatures: arrays(&found.class_curvatures)?,
         })
     }
 }

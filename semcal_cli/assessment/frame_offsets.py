@@ -100,7 +100,7 @@ def _is_near(observations: Observations, T_start: Pose) -> bool:
     around = sensitivity(observations, T_start, SensitivityConfig(factor=factor, max_points=MAX_POINTS))
     if around is None or not around.is_determined:
         return False
-    step = around.influences.sum(axis=0)
+    step = around.newton_step
     return float(step @ around.motions @ step) <= (FAR_BLOCKS * factor) ** 2
 
 

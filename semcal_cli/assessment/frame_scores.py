@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.limits import hotelling_quantile
+from semcal_cli.assessment.sensitivity import summed
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
@@ -110,10 +111,11 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
     around = _core.sensitivity(observations.core, T_camera_lidar, config)
     if around is None or np.linalg.eigvalsh(around.curvature)[0] <= 0.0:
         return None
-    num_squares, num_frames = len(around.scores), observations.num_frames
+    squares, places = np.unique(around.parts[:, :3], axis=0, return_inverse=True)
+    num_squares, num_frames = len(squares), observations.num_frames
     if num_squares - num_frames < LEAST_SQUARES:
         return None
-    found = FrameScores.of_squares(around.scores, around.parts[:, 0], num_frames)
+    found = FrameScores.of_squares(summed(around.scores, places, num_squares), squares[:, 0], num_frames)
     if not _has_full_rank(found.covariances.mean(axis=0)):
         return None
     step = np.linalg.solve(around.curvature, found.scores.sum(axis=0))

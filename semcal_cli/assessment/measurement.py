@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity
+from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Scatter, Sensitivity
 
 LEAST_SPREAD = 1e-12
 """Smallest variance along a direction, as a share of that of a measurement alone. Less is rounding."""
@@ -23,10 +23,8 @@ class Measurement(NamedTuple):
 
     reads: Matrix
     """(k, n) directions in which the mutual information curves."""
-    influences: Matrix
-    """(parts, k) influence of each part of the images, centred and weighted."""
-    num_alike: npt.NDArray[np.float64]
-    """(parts,) number of frames that show the scene of the part."""
+    scatter: Scatter
+    """Scatter of the data along these directions."""
     mean: npt.NDArray[np.float64]
     """(k,) mean."""
     covariance: Matrix
@@ -61,21 +59,19 @@ class Measurement(NamedTuple):
 
         Only the scatter of the labels is estimated.
         """
-        influences = self.influences @ (self._weight @ self.reads @ covariance)
         of_labels = covariance @ self.information @ covariance
         if (systematic := self.systematic_part(covariance)) is not None:
             of_labels = of_labels - systematic
         share = np.diag(of_labels) / np.maximum(np.diag(covariance), np.finfo(float).tiny)
-        squares = influences**2
-        estimated = squares.sum(axis=0) ** 2 / np.maximum(
-            (self.num_alike[:, None] * squares**2).sum(axis=0), np.finfo(float).tiny
-        )
+        estimated = self.scatter.along(self._weight @ self.reads @ covariance).degrees_of_freedom
         return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
 
 
 def silent(count: int) -> Measurement:
     """Make the measurement of `count` variables by labels without information."""
-    return Measurement(np.zeros((0, count)), np.zeros((1, 0)), np.ones(1), np.zeros(0), np.zeros((0, 0)))
+    nothing = np.zeros((0, 0))
+    scatter = Scatter(np.zeros((1, 0)), np.ones(1), nothing, np.zeros((1, 0)), nothing)
+    return Measurement(np.zeros((0, count)), scatter, np.zeros(0), nothing)
 
 
 def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measurement:
@@ -90,10 +86,11 @@ def measure(around: Sensitivity, systematic: Matrix | None = None) -> Measuremen
     bend = bends > LEAST_BEND * max(bends[-1], 0.0)
     if not around.has_scatter:
         return silent(len(bends))
-    influences = around.scores @ (scale[:, None] * directions[:, bend]) / bends[bend]
-    covariance, weighted = around.scatter(influences)
+    influence = scale[:, None] * directions[:, bend] / bends[bend]
+    scatter = around.scatter(influence)
     reads = (directions[:, bend] / scale[:, None]).T
-    labels = Measurement(reads, weighted, around.num_alike, influences.sum(axis=0), covariance)
+    mean, covariance = around.scores.sum(axis=0) @ influence, scatter.covariance
+    labels = Measurement(reads, scatter, mean, covariance)
     if systematic is None:
         return labels
     along = labels.reads @ systematic @ labels.reads.T
