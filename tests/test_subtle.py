@@ -47,10 +47,11 @@ def test_late_pictures_show_a_rig_that_is_farther_on(raw: RawDrive, rng: np.rand
         assert 0.0 <= min(found) <= max(found) <= 0.6
 
 
+@pytest.mark.parametrize("is_by_a_network", [False, True])
 def test_labels_of_points_are_those_of_pictures_through_a_wrong_transform(
-    raw: RawDrive, rng: np.random.Generator
+    raw: RawDrive, rng: np.random.Generator, is_by_a_network: bool
 ) -> None:
-    leaked = spoiling.point_labels_from_pictures(raw, rng)
+    leaked = spoiling.point_labels_from_pictures(raw, rng, is_by_a_network=is_by_a_network)
     camera, shares = core_camera(raw.drive.camera), []
     for frame, before in zip(leaked.frames, raw.frames, strict=True):
         projected = _core.project_points(camera, frame.points, frame.T_camera_lidar)
@@ -59,6 +60,7 @@ def test_labels_of_points_are_those_of_pictures_through_a_wrong_transform(
         pixels = frame.image_labels[row.clip(0, STREET.height - 1), column.clip(0, STREET.width - 1)]
         assert 0.5 < np.mean(frame.point_labels == spoiling.UNLABELLED) < 0.95
         assert not np.array_equal(frame.point_labels, before.point_labels)
+        assert np.array_equal(frame.image_labels, before.image_labels) != is_by_a_network
         shares.append(np.mean(frame.point_labels[is_seen] == pixels))
     assert 0.5 < np.mean(shares) < 0.99  # the truth is near, but not where the labels were made
 
@@ -126,14 +128,23 @@ def test_rates_of_subtle_faults() -> None:
         outcome(leak, "trusted", 2.0, is_told=False),
         outcome(segments, "trusted", 0.1),
         outcome(segments, "not_trusted", 0.1),
+        outcome(segments, "not_trusted", 40.0),
     ]
     rates = {rate.name: (rate.count, rate.n) for rate in subtle_rates(outcomes)}
-    missed = "trusted, neither in the interval nor told"
-    assert rates[f"pictures late: {missed}"] == (3, 5)
-    assert rates[f"intrinsics slightly wrong: {missed}"] == (1, 2)
-    assert rates[f"leaked labels: {missed}"] == (1, 2)
+    for group, counts in {
+        "pictures late": (3, 3, 1, 5),
+        "intrinsics slightly wrong": (2, 1, 1, 2),
+        "leaked labels": (1, 1, 1, 2),
+    }.items():
+        names = (
+            "trusted, outside the interval",
+            "the same, not told",
+            "the same, beyond 0.3 degrees or 6 cm",
+        )
+        assert [rates[f"{group}: {name}"] for name in names] == [(count, counts[3]) for count in counts[:3]]
     assert rates["leaked labels are told"] == (1, 2)
-    assert rates["good drives by segments are trusted"] == (1, 2)
+    assert rates["good drives by segments are trusted"] == (1, 3)
+    assert rates["good drives by segments are trusted, of those within 0.3 degrees and 6 cm"] == (1, 2)
     assert rates["good drives by segments, trusted: axes in the 95 % interval"] == (6, 6)
     table = subtle_markdown(outcomes)
     assert f"| {late} | 5 | 4 | 1 | 0 | - | 3 | 3 | 1 | 0.31 deg, 0.0 cm | 16 of 18 |" in table

@@ -211,6 +211,13 @@ KINDS: dict[str, Kind] = {
         spoiling.labels_by_a_network, SINGLE, num_pairs=(1,), noises=(0.0,), is_subtle=True
     ),
     **_by_segments("a good drive", Kind(spoiling.as_it_is, SEGMENTS)),
+    "points labelled from a network's pictures through a wrong transform": Kind(
+        partial(spoiling.point_labels_from_pictures, is_by_a_network=True),
+        LEAKED,
+        tells_leak,
+        noises=(0.0,),
+        is_subtle=True,
+    ),
 }
 """Ways to spoil a drive, by name."""
 

@@ -121,8 +121,18 @@ def pictures_late(
     return raw.with_frames(map(ahead, raw.frames))
 
 
-def point_labels_from_pictures(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """A tool labels each point by the pixel that it lands on, through a wrong transform; points outside have none."""
+def point_labels_from_pictures(
+    raw: RawDrive, rng: np.random.Generator, *, is_by_a_network: bool = False
+) -> RawDrive:
+    """A tool labels each point by the pixel that it lands on, through a wrong transform; points outside have none.
+
+    Args:
+        raw: The drive.
+        rng: Random generator, for the error of the transform.
+        is_by_a_network: Whether a network labels the pictures first.
+    """
+    if is_by_a_network:
+        raw = labels_by_a_network(raw, rng)
     camera = core_camera(raw.drive.camera)
     off_deg, off_m = rng.uniform(*LEAK_DEG), rng.uniform(*LEAK_M)
     T_wrong = displaced(raw.frames[0].T_camera_lidar, off_deg, off_m, rng)
