@@ -156,7 +156,7 @@ def test_classes_are_merged_and_pictures_exchanged(
 
 
 def test_every_seed_is_spoiled_in_every_way() -> None:
-    cases = trust.cases(range(100, 103), ["spoiled"])
+    cases = trust.cases(range(100, 103), ["spoiled", "subtle"])
     assert len(cases) == len(set(cases)) == 3 * len(spoiled.KINDS)
     assert {case.kind for case in trust.cases(range(100, 103), ["good", "bad"])} == {
         "good",
@@ -164,6 +164,9 @@ def test_every_seed_is_spoiled_in_every_way() -> None:
         *trust.BAD,
     }
     assert sum(case.kind in spoiled.KINDS for case in trust.cases(range(100, 110))) == 2 * len(spoiled.KINDS)
+    subtle = trust.cases(range(100, 103), ["subtle"])
+    assert subtle == [case for case in cases if spoiled.KINDS[case.kind].is_subtle]
+    assert {case.num_pairs for case in subtle} == {1, 4, 10, 20}
 
 
 def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,6 +182,8 @@ def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         "two mountings, 1 degree apart": 2,
         "one frame 20 times": 2,
         "clouds in feet": 1,
+        "points labelled from pictures through a wrong transform": 2,
+        "f wrong by 1 %, by segments": 2,
     }
     monkeypatch.setitem(
         spoiled.KINDS,
@@ -193,6 +198,9 @@ def test_spoiled_drives_end_to_end(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert [each.has_frame for each in found[:2]] == [True, True]
     assert [each.status for each in found[:2]] == ["not_trusted", "not_trusted"]
     assert found[2].is_told
+    assert found[4].status == "not_trusted"
+    assert found[4].is_told
+    assert found[5].status == "not_trusted"  # of two frames
 
 
 def outcome(kind: str, status: str, error_deg: float, **more: Any) -> Outcome:
@@ -263,11 +271,12 @@ def test_scale_and_principal_point_are_told(raw: RawDrive) -> None:
     assert told.tells_scale(run_of(raw, found, notes="points may be in other units than metres")).is_told
     assert not told.tells_scale(run_of(raw, found)).is_told
     # The error is one degree, and half the interval 0.2 degrees.
-    assert not told.tells_principal_point("cx", 4.0, run_of(raw, found)).is_told
+    assert not told.tells_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told
     for cost_deg, is_told in ((0.19, False), (0.21, True)):
         cost = SimpleNamespace(camera_center_m=(0.0,) * 3, rotation_deg=(cost_deg,) * 3)
-        found.uncertainty = SimpleNamespace(intrinsics_cost=SimpleNamespace(cx=cost))
-        assert told.tells_principal_point("cx", 4.0, run_of(raw, found)).is_told is is_told
+        found.uncertainty = SimpleNamespace(intrinsics_cost=SimpleNamespace(cx=cost, cy=cost))
+        assert told.tells_intrinsics({"cx": 4.0}, run_of(raw, found)).is_told is is_told
+        assert told.tells_intrinsics({"cx": 1.5, "cy": 2.5}, run_of(raw, found)).is_told is is_told
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from semcal_cli.experiments.page_tables import Place
 
 ESTIMATORS = ("exact", "mine")
-TRUST_PARTS = ("good", "bad", "spoiled", "verify")
+TRUST_PARTS = ("good", "bad", "spoiled", "subtle", "verify")
 
 
 @click.group()
@@ -140,7 +140,7 @@ def jointly(
     type=click.Choice(TRUST_PARTS),
     multiple=True,
     default=TRUST_PARTS,
-    help="Only this part; may be given again. Alone, `spoiled` spoils every drive, and otherwise every fifth.",
+    help="Only this part; may be given again. Beside others, `spoiled` and `subtle` spoil only every fifth drive.",
 )
 @out_option
 @into_option
@@ -149,8 +149,9 @@ def trust(
 ) -> None:
     """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
 
-    Drives are also spoiled in the ways of real recordings: none should be trusted and wrong. Takes about two minutes
-    for each drive, and five for one that is spoiled. Writes the same files as `accuracy`; a stopped run resumes.
+    Drives are also spoiled in the ways of real recordings, and given subtle faults: none should be trusted and wrong.
+    Takes about two minutes for each drive, and seven for one that is spoiled. Writes the same files as `accuracy`; a
+    stopped run resumes.
     """
     from semcal_cli.cli.experiment_progress import experiment_progress
     from semcal_cli.experiments import runner, trust, trust_rates

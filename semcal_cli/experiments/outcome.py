@@ -77,6 +77,13 @@ class Outcome:
         return any(abs(error) > max(CONFIDENT_SIGMAS * sigma, least) for error, sigma, least in pairs)
 
     @property
+    def is_inside(self) -> bool:
+        """Whether the errors along all axes lie within the stated intervals."""
+        return len(self.half_widths) > 0 and all(
+            abs(error) <= half for error, half in zip(self.errors, self.half_widths, strict=True)
+        )
+
+    @property
     def center_cm(self) -> float:
         """Distance of the camera centre from the truth."""
         return float(np.linalg.norm(self.errors[:3]))

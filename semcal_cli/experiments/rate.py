@@ -38,6 +38,13 @@ class Rate:
         return self.name, self.count, self.n, share, f"{low:.1%} to {high:.1%}"
 
 
+def axes_inside(name: str, findings: Iterable[Outcome]) -> Rate:
+    """Count the axes whose truth is within the stated interval."""
+    stated = [f for f in findings if f.half_widths]
+    inside = [abs(error) <= half for f in stated for error, half in zip(f.errors, f.half_widths, strict=True)]
+    return Rate(name, sum(inside), len(inside))
+
+
 def rate_of(name: str, findings: Iterable[Outcome], is_so: Callable[[Outcome], bool]) -> Rate:
     """Count the outcomes of which something is so."""
     listed = list(findings)

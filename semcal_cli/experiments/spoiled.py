@@ -17,8 +17,9 @@ from semcal_cli.experiments.told import (
     Told,
     attempt,
     tells_copies,
+    tells_intrinsics,
     tells_knock,
-    tells_principal_point,
+    tells_leak,
     tells_scale,
 )
 from semcal_cli.geometry.pose_error import compare_poses
@@ -28,6 +29,10 @@ from semcal_cli.synthetic.raw_drive import RawDrive, read_raw_drive
 
 PAIRS = (10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)
+STRONG_NOISES = (0.2, 0.3)
+LATE_S = 0.03
+SPEEDS_M_S = {"at 10 m/s": (10.0, 10.0), "at 0 to 20 m/s": (0.0, 20.0)}
+MISPLACED_PX = 8
 MOMENT_PAIRS = 6
 """Number of pairs of which one has a picture of another moment."""
 MOUNTINGS_DEG = 10.0, 11.0
@@ -53,6 +58,27 @@ class Kind:
     """Number of frames of the good drive; that of the spoiled drive if None."""
     has_two_mountings: bool = False
     """Whether the second half of the frames is of another drive of the rig, whose camera looks elsewhere."""
+    noises: tuple[float, ...] = NOISES
+    """Shares of wrong labels of the good drives."""
+    is_subtle: bool = False
+    """Whether it belongs to the part `subtle`: what is wrong hardly shows, so that only the interval can tell."""
+    has_pictures: bool = True
+    """Whether the spoiled drive names its pictures."""
+    has_point_labels: bool = True
+    """Whether it has labels of points; it is calibrated by segments without them and without pictures."""
+    has_exact_intrinsics: bool = True
+    """Whether it states that K is exact, as synthetic drives do, instead of stating nothing."""
+
+
+def _subtle(name: str, kind: Kind) -> dict[str, Kind]:
+    """Declare a subtle kind by labels of both sides, and by segments."""
+    return {name: replace(kind, is_subtle=True), **_by_segments(name, kind)}
+
+
+def _by_segments(name: str, kind: Kind) -> dict[str, Kind]:
+    """Declare a subtle kind by labels of the pictures alone."""
+    segments = replace(kind, is_subtle=True, has_point_labels=False, has_pictures=False)
+    return {f"{name}, by segments": segments}
 
 
 KNOCKED, SCALE, PRINCIPAL_POINT, COPIES = (
@@ -61,6 +87,13 @@ KNOCKED, SCALE, PRINCIPAL_POINT, COPIES = (
     "principal point wrong",
     "copies of a frame",
 )
+NOISY, LATE, SLIGHTLY_WRONG_K, MISPLACED = (
+    "4 frames with noisy labels",
+    "pictures late",
+    "intrinsics slightly wrong",
+    "label pictures misplaced",
+)
+LEAKED, SINGLE, SEGMENTS = "leaked labels", "single frames", "good drives by segments"
 SHARES = {"half of the frames": 0.5, "a quarter of the frames": 0.25, "some frames": None}
 KINDS: dict[str, Kind] = {
     **{
@@ -90,12 +123,12 @@ KINDS: dict[str, Kind] = {
     "cx wrong by 4 px": Kind(
         partial(spoiling.principal_point_wrong, cx_px=4.0),
         PRINCIPAL_POINT,
-        partial(tells_principal_point, "cx", 4.0),
+        partial(tells_intrinsics, {"cx": 4.0}),
     ),
     "cy wrong by 15 px": Kind(
         partial(spoiling.principal_point_wrong, cy_px=15.0),
         PRINCIPAL_POINT,
-        partial(tells_principal_point, "cy", 15.0),
+        partial(tells_intrinsics, {"cy": 15.0}),
     ),
     "fx alone wrong by 3 %": Kind(partial(spoiling.focal_length_wrong, share=0.03), "focal length wrong"),
     **{
@@ -121,6 +154,70 @@ KINDS: dict[str, Kind] = {
     "one picture of another moment": Kind(
         spoiling.picture_of_another_moment, "pictures exchanged", num_pairs=(MOMENT_PAIRS,)
     ),
+    **_by_segments(
+        "20 or 30 % wrong labels", Kind(spoiling.as_it_is, NOISY, num_pairs=(4,), noises=STRONG_NOISES)
+    ),
+    **_by_segments(
+        "labels as by a network", Kind(spoiling.labels_by_a_network, NOISY, num_pairs=(4,), noises=(0.0,))
+    ),
+    **{
+        name: kind
+        for how, speeds in SPEEDS_M_S.items()
+        for name, kind in _subtle(
+            f"pictures {1000 * LATE_S:.0f} ms late {how}",
+            Kind(partial(spoiling.pictures_late, late_s=LATE_S, speeds_m_s=speeds), LATE),
+        ).items()
+    },
+    **_subtle(
+        "f wrong by 1 %",
+        Kind(
+            partial(spoiling.zoom_wrong, share=0.01),
+            SLIGHTLY_WRONG_K,
+            partial(tells_intrinsics, {"fx": 10.0, "fy": 10.0}),
+            has_exact_intrinsics=False,
+        ),
+    ),
+    **_subtle(
+        "cy wrong by 10 px",
+        Kind(
+            partial(spoiling.principal_point_wrong, cy_px=10.0),
+            SLIGHTLY_WRONG_K,
+            partial(tells_intrinsics, {"cy": 10.0}),
+            has_exact_intrinsics=False,
+        ),
+    ),
+    **{
+        name: kind
+        for how, spoil in (
+            ("shifted", partial(spoiling.image_labels_shifted, distance_px=(MISPLACED_PX, MISPLACED_PX))),
+            ("cropped", partial(spoiling.image_labels_cropped, pixels=MISPLACED_PX)),
+        )
+        for name, kind in _subtle(
+            f"label pictures {how} by {MISPLACED_PX} px",
+            Kind(
+                spoil,
+                MISPLACED,
+                partial(tells_intrinsics, {"cx": MISPLACED_PX, "cy": MISPLACED_PX}),
+                has_pictures=False,
+                has_exact_intrinsics=False,
+            ),
+        ).items()
+    },
+    "points labelled from pictures through a wrong transform": Kind(
+        spoiling.point_labels_from_pictures, LEAKED, tells_leak, is_subtle=True
+    ),
+    "a single frame": Kind(spoiling.as_it_is, SINGLE, num_pairs=(1,), is_subtle=True),
+    "a single frame with labels as by a network": Kind(
+        spoiling.labels_by_a_network, SINGLE, num_pairs=(1,), noises=(0.0,), is_subtle=True
+    ),
+    **_by_segments("a good drive", Kind(spoiling.as_it_is, SEGMENTS)),
+    "points labelled from a network's pictures through a wrong transform": Kind(
+        partial(spoiling.point_labels_from_pictures, is_by_a_network=True),
+        LEAKED,
+        tells_leak,
+        noises=(0.0,),
+        is_subtle=True,
+    ),
 }
 """Ways to spoil a drive, by name."""
 
@@ -129,7 +226,7 @@ def cases(seed: int) -> list[Case]:
     """List the cases of one seed: each kind once, with a random number of pairs and share of wrong labels."""
     rng = np.random.default_rng((seed, len(RIGS)))
     return [
-        Case(name, seed, int(rng.choice(kind.num_pairs)), float(rng.choice(NOISES)))
+        Case(name, seed, int(rng.choice(kind.num_pairs)), float(rng.choice(kind.noises)))
         for name, kind in KINDS.items()
     ]
 
@@ -139,7 +236,7 @@ def run(case: Case, pool: Pool) -> Outcome:
     kind = KINDS[case.kind]
     rig = list(RIGS)[case.seed % len(RIGS)]
     rng = np.random.default_rng((case.seed, case.num_pairs, *case.kind.encode()))
-    raw = kind.spoil(_good_drive(pool, rig, case, rng), rng)
+    raw = given(kind, kind.spoil(_good_drive(pool, rig, case, rng), rng))
     found = attempt(raw)
     outcome = Outcome(case.kind, case.seed, rig, case.num_pairs, case.noise, "failed", "")
     if isinstance(found, SemcalError):
@@ -170,6 +267,16 @@ def _good_drive(pool: Pool, rig: str, case: Case, rng: np.random.Generator) -> R
     some = drive.model_copy(update={"frames": tuple(drive.frames[place] for place in order)})
     raw = spoiling.wrong_labels(read_raw_drive(some, truth), rng, case.noise)
     return replace(raw, frames=raw.frames[:num_frames], unused=raw.frames[num_frames:])
+
+
+def given(kind: Kind, raw: RawDrive) -> RawDrive:
+    """Leave out what the user of a spoiled drive does not give."""
+    raw = replace(raw, has_point_labels=kind.has_point_labels)
+    if not kind.has_exact_intrinsics:
+        raw = raw.with_document(camera=raw.drive.camera.model_copy(update={"intrinsics_sigma": None}))
+    if not kind.has_pictures:
+        raw = raw.with_frames(replace(frame, image=None) for frame in raw.frames)
+    return raw
 
 
 def _two_mountings(pool: Pool, rig: str, seed: int, num_frames: int) -> RawDrive:

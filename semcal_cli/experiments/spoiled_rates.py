@@ -18,7 +18,7 @@ EXCEPTED = (PRINCIPAL_POINT, SCALE)
 
 def spoiled_rates(findings: Sequence[Outcome]) -> list[Rate]:
     """Rates of what calibrations say of spoiled drives."""
-    spoiled = [f for f in findings if f.kind in KINDS]
+    spoiled = [f for f in findings if f.kind in KINDS and not KINDS[f.kind].is_subtle]
     counted = [f for f in spoiled if _group(f) not in EXCEPTED and f.num_pairs >= MANY_PAIRS]
     knocks = [f for f in spoiled if _group(f) == KNOCKED]
     named = [f for f in knocks if f.num_axes_inside is not None]
@@ -67,7 +67,7 @@ def spoiled_markdown(findings: Sequence[Outcome]) -> str:
         f"{' | '.join(RIGS)} | worst trusted error |"
     )
     rows = []
-    for kind in KINDS:
+    for kind in (name for name, kind in KINDS.items() if not kind.is_subtle):
         of_kind = [f for f in findings if f.kind == kind]
         if not of_kind:
             continue
@@ -76,13 +76,21 @@ def spoiled_markdown(findings: Sequence[Outcome]) -> str:
         told = sum(f.is_told is True for f in of_kind) if KINDS[kind].tell is not None else "-"
         by_rig = (_of_rig(rig, wrong, of_kind) for rig in RIGS)
         counts = (statuses.count(status) for status in ("trusted", "not_trusted", "failed"))
-        rows.append((kind, len(of_kind), *counts, told, len(wrong), *by_rig, _worst(of_kind)))
-    return markdown_table(header, rows)
+        rows.append((kind, len(of_kind), *counts, told, len(wrong), *by_rig, worst_trusted(of_kind)))
+    return markdown_table(header, rows) if rows else ""
 
 
 def is_trusted_and_wrong(outcome: Outcome) -> bool:
     """Whether a pose is trusted that is farther than 0.3 degrees or 6 cm from each true pose."""
     return outcome.status == "trusted" and outcome.is_wrong
+
+
+def worst_trusted(findings: Sequence[Outcome]) -> str:
+    """Largest errors of trusted poses."""
+    trusted = [f for f in findings if f.status == "trusted"]
+    if not trusted:
+        return "-"
+    return f"{max(f.rotation_deg for f in trusted):.2f} deg, {max(f.center_cm for f in trusted):.1f} cm"
 
 
 def _is_excused(outcome: Outcome) -> bool:
@@ -97,11 +105,3 @@ def _of_rig(rig: str, wrong: Sequence[Outcome], findings: Sequence[Outcome]) -> 
     """Count the wrong drives of a rig, of all of that rig."""
     n = sum(f.rig == rig for f in findings)
     return f"{sum(f.rig == rig for f in wrong)} of {n}" if n else "-"
-
-
-def _worst(findings: Sequence[Outcome]) -> str:
-    """Largest errors of trusted poses."""
-    trusted = [f for f in findings if f.status == "trusted"]
-    if not trusted:
-        return "-"
-    return f"{max(f.rotation_deg for f in trusted):.2f} deg, {max(f.center_cm for f in trusted):.1f} cm"

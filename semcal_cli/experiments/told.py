@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -74,13 +75,13 @@ def stated_knock(calibration: Calibration) -> Knock | None:
     return max(knocks, key=lambda knock: float(np.linalg.norm(knock.offset)), default=None)
 
 
-def stated_cost_of_one_pixel(calibration: Calibration, axis: str) -> tuple[float, ...]:
-    """Read the stated cost of a principal point that is 1 px off along `cx` or `cy`: (6,) centimetres and degrees."""
+def stated_cost(calibration: Calibration, name: str) -> tuple[float, ...]:
+    """Read the stated cost of one of `fx`, `fy`, 0.1 % off, or `cx`, `cy`, 1 px off: (6,) centimetres and degrees."""
     cost: Any = getattr(calibration.uncertainty, "intrinsics_cost", None)
     if cost is None:
         return (0.0,) * 6
-    of_axis = getattr(cost, axis)
-    return (*(100.0 * x for x in of_axis.camera_center_m), *of_axis.rotation_deg)
+    of_one = getattr(cost, name)
+    return (*(100.0 * x for x in of_one.camera_center_m), *of_one.rotation_deg)
 
 
 def tells_knock(run: Run) -> Told:
@@ -100,17 +101,28 @@ def tells_knock(run: Run) -> Told:
     return Told(has_frame and inside == len(true), detail, has_frame, inside)
 
 
-def tells_principal_point(axis: str, offset_px: float, run: Run) -> Told:
-    """Check that the interval, and what the principal point costs by the result's own figures, cover the error."""
+def tells_intrinsics(offsets: Mapping[str, float], run: Run) -> Told:
+    """Check that the interval, and what wrong intrinsics cost by the result's own figures, cover the error.
+
+    Args:
+        offsets: How far intrinsics are off, by name, in units of the stated costs: pixels, or 0.1 %.
+        run: The run.
+    """
     if isinstance(run.found, SemcalError):
         return Told(False)
-    costs = stated_cost_of_one_pixel(run.found, axis)
+    costs = np.zeros(6)
+    for name, offset in offsets.items():
+        costs += offset * np.abs(stated_cost(run.found, name))
     halves = run.outcome.half_widths or (0.0,) * 6
     covered = [
-        abs(error) <= half + offset_px * abs(cost)
-        for error, half, cost in zip(run.outcome.errors, halves, costs, strict=True)
+        abs(error) <= half + cost for error, half, cost in zip(run.outcome.errors, halves, costs, strict=True)
     ]
     return Told(all(covered), f"{sum(covered)} of 6 axes covered")
+
+
+def tells_leak(run: Run) -> Told:
+    """Check that a reason says that labels of points were made from those of pictures."""
+    return Told(not isinstance(run.found, SemcalError) and "leaked-labels" in run.found.topics)
 
 
 def tells_scale(run: Run) -> Told:

@@ -33,7 +33,7 @@ VERIFY_DRAWS = 5
 MINE_PAIRS = 10
 MINE_EVERY = SPOILED_EVERY = 5
 """Step between the seeds whose drive is also calibrated with MINE, or spoiled; it covers all rigs in turn."""
-PARTS = ("good", "bad", "spoiled", "verify")
+PARTS = ("good", "bad", "spoiled", "subtle", "verify")
 """Parts of the experiment; MINE belongs to the good drives."""
 OTHER_DRIVE = len(RIGS)
 """Step to the seed whose drive replaces the images: the next one of the same rig."""
@@ -124,7 +124,7 @@ def cases(seeds: range, parts: Sequence[str] = PARTS) -> list[Case]:
 
     Each seed has six calibrations of a good drive, five of bad ones, and five rounds of three verifications. A round
     without wrong labels occurs only once: another one would be the same. Every fifth seed also has a calibration with
-    MINE, and a drive for each way of spoiling; if only these are asked for, every seed has them.
+    MINE, and a drive for each way of spoiling; if no other parts are asked for, every seed has them.
     """
     found = []
     for seed in seeds:
@@ -135,7 +135,7 @@ def cases(seeds: range, parts: Sequence[str] = PARTS) -> list[Case]:
         found += [Case("verify", seed, PAIRS[-1], noise, draw) for draw, noise in enumerate(noises)]
         if seed % MINE_EVERY == 0:
             found.append(Case("mine", seed, MINE_PAIRS, float(rng.choice(NOISES))))
-        if seed % SPOILED_EVERY == 0 or set(parts) == {"spoiled"}:
+        if seed % SPOILED_EVERY == 0 or set(parts) <= {"spoiled", "subtle"}:
             found += spoiled.cases(seed)
     return [case for case in found if _part(case.kind) in parts]
 
@@ -143,7 +143,7 @@ def cases(seeds: range, parts: Sequence[str] = PARTS) -> list[Case]:
 def _part(kind: str) -> str:
     """Name the part of the experiment to which a kind belongs."""
     if kind in spoiled.KINDS:
-        return "spoiled"
+        return "subtle" if spoiled.KINDS[kind].is_subtle else "spoiled"
     return "bad" if kind in BAD else "verify" if kind == "verify" else "good"
 
 

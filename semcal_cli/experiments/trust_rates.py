@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,10 +14,11 @@ from semcal_cli.experiments.accuracy import RIGS
 from semcal_cli.experiments.distribution import MAX_FOR_DOTS, draw_values
 from semcal_cli.experiments.outcome import Outcome
 from semcal_cli.experiments.plot_style import ACCENT, GREEN, WRONG
-from semcal_cli.experiments.rate import Rate, rate_of
+from semcal_cli.experiments.rate import Rate, axes_inside, rate_of
 from semcal_cli.experiments.result_files import machine, markdown_table, write_results
 from semcal_cli.experiments.spoiled import KINDS
 from semcal_cli.experiments.spoiled_rates import spoiled_markdown, spoiled_rates
+from semcal_cli.experiments.subtle_rates import subtle_markdown, subtle_rates
 from semcal_cli.experiments.trust import BAD, MOVED, MOVED_M, NOISES, OFFSETS, PAIRS
 
 if TYPE_CHECKING:
@@ -32,17 +33,17 @@ def rates(findings: Sequence[Outcome]) -> list[Rate]:
     many = [f for f in good if f.num_pairs >= 10]
     trusted = [f for f in good if f.status == "trusted"]
     found = [
-        _coverage("trusted: axes in the 95 % interval", trusted),
-        _coverage("the same, trusted or not", good),
+        axes_inside("trusted: axes in the 95 % interval", trusted),
+        axes_inside("the same, trusted or not", good),
     ]
-    found += [_coverage(f"trusted, {n} pairs", [f for f in trusted if f.num_pairs == n]) for n in PAIRS]
+    found += [axes_inside(f"trusted, {n} pairs", [f for f in trusted if f.num_pairs == n]) for n in PAIRS]
     found += [
-        _coverage(f"trusted, {noise:.0%} wrong labels", [f for f in trusted if f.noise == noise])
+        axes_inside(f"trusted, {noise:.0%} wrong labels", [f for f in trusted if f.noise == noise])
         for noise in NOISES
     ]
-    found += [_coverage(f"trusted, {rig}", [f for f in trusted if f.rig == rig]) for rig in RIGS]
+    found += [axes_inside(f"trusted, {rig}", [f for f in trusted if f.rig == rig]) for rig in RIGS]
     found += [
-        _coverage("trusted, MINE, 10 pairs", [f for f in mine if f.status == "trusted"]),
+        axes_inside("trusted, MINE, 10 pairs", [f for f in mine if f.status == "trusted"]),
         rate_of("confident and wrong, of all", calibrated, lambda f: f.is_confidently_wrong),
         rate_of(
             "confident and wrong, of those trusted",
@@ -67,14 +68,7 @@ def rates(findings: Sequence[Outcome]) -> list[Rate]:
         found.append(
             rate_of(f"verify is inconclusive, {name}", of_kind, lambda f: f.status == "inconclusive")
         )
-    return found + spoiled_rates(findings)
-
-
-def _coverage(name: str, findings: Iterable[Outcome]) -> Rate:
-    """Rate of the axes whose truth is within the stated interval."""
-    stated = [f for f in findings if f.half_widths]
-    inside = [abs(error) <= half for f in stated for error, half in zip(f.errors, f.half_widths, strict=True)]
-    return Rate(name, sum(inside), len(inside))
+    return found + spoiled_rates(findings) + subtle_rates(findings)
 
 
 def sharpness(findings: Sequence[Outcome]) -> float:
@@ -95,8 +89,8 @@ def markdown(findings: Sequence[Outcome]) -> str:
     ratio = sharpness(findings)
     if not math.isnan(ratio):
         table += f"| median stated sigma over true RMSE, worst axis | | | {ratio:.2f} | |\n"
-    if any(f.kind in KINDS for f in findings):
-        table += f"\n{spoiled_markdown(findings)}"
+    for more in (spoiled_markdown(findings), subtle_markdown(findings)):
+        table += f"\n{more}" if more else ""
     return table
 
 

@@ -76,7 +76,7 @@ def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Obs
     """Imitate a network: move borders by a smooth random field, add blobs of wrong classes, mislabel some points."""
     of_points, of_pixels = _point_classes(observations), _image_classes(observations)
     images = [
-        image.with_classes(_with_blobs(_with_moved_borders(image.classes, rng), of_pixels, rng))
+        image.with_classes(pixels_by_a_network(image.classes, of_pixels, rng))
         for image in observations.images
     ]
     clouds = [
@@ -84,6 +84,17 @@ def as_by_a_network(observations: Observations, rng: np.random.Generator) -> Obs
         for cloud in observations.clouds
     ]
     return observations.with_clouds(clouds).with_images(images)
+
+
+def pixels_by_a_network(image: Labels, classes: Labels, rng: np.random.Generator) -> Labels:
+    """Move the borders of a label image (H, W) by a smooth random field, and add blobs of wrong classes.
+
+    Args:
+        image: Ids of the pixels.
+        classes: Ids of all classes.
+        rng: Random generator.
+    """
+    return _with_blobs(_with_moved_borders(image, rng), classes, rng)
 
 
 def with_ragged_things(observations: Observations, grow_px: int) -> Observations:

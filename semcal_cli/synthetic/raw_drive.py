@@ -61,6 +61,8 @@ class RawDrive:
     """Frames, in order."""
     unused: tuple[RawFrame, ...] = ()
     """Other frames of the same drive, which are not written."""
+    has_point_labels: bool = True
+    """Whether the labels of points are written."""
 
     @property
     def num_frames(self) -> int:
@@ -139,22 +141,24 @@ def write_raw_drive(raw: RawDrive, folder: Path) -> Path:
         records = np.zeros((len(frame.points), 4), "<f4")
         records[:, :3] = frame.points
         write_bytes(records.tobytes(), folder / f"{frame.name}.bin")
-        write_bytes(frame.point_labels.astype("<u4").tobytes(), folder / f"{frame.name}.label")
+        if raw.has_point_labels:
+            write_bytes(frame.point_labels.astype("<u4").tobytes(), folder / f"{frame.name}.label")
         write_image(frame.image_labels, folder / f"{frame.name}_labels.png")
         if isinstance(frame.image, Path):
             write_bytes(read_bytes(frame.image, limit=MAX_TABLE_BYTES), folder / f"{frame.name}.png")
         elif frame.image is not None:
             write_image(frame.image, folder / f"{frame.name}.png")
-    document = raw.drive.model_copy(update={"frames": tuple(map(_listed, raw.frames))})
+    listed = tuple(_listed(frame, raw.has_point_labels) for frame in raw.frames)
+    document = raw.drive.model_copy(update={"frames": listed})
     text = document_text(document.model_dump(mode="json", exclude_none=True), "yaml")
     write_text(text, folder / DRIVE_FILE)
     return folder / DRIVE_FILE
 
 
-def _listed(frame: RawFrame) -> Frame:
+def _listed(frame: RawFrame, has_point_labels: bool) -> Frame:
     return Frame(
         points=f"{frame.name}.bin",
-        point_labels=f"{frame.name}.label",
+        point_labels=f"{frame.name}.label" if has_point_labels else None,
         image_labels=f"{frame.name}_labels.png",
         image=None if frame.image is None else f"{frame.name}.png",
     )

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from semcal_cli import _core
+from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Classes
 from semcal_cli.files.images import read_image
 from semcal_cli.geometry.poses import Pose, Vector
-from semcal_cli.geometry.twists import pose_at
-from semcal_cli.synthetic.label_noise import mislabel
+from semcal_cli.geometry.twists import displaced, pose_at
+from semcal_cli.synthetic.label_noise import POINT_SHARE, mislabel, pixels_by_a_network
 from semcal_cli.synthetic.raw_drive import Labels, RawDrive, RawFrame, transformed
 
 UNLABELLED = 0
@@ -21,7 +23,9 @@ UNLABELLED = 0
 TURN_DEG = (0.7, 1.0)
 """Smallest and largest angle by which the cloud of a frame is turned."""
 SHIFT_PX = (3.0, 4.0)
-"""Smallest and largest shift of the labels of pictures."""
+"""Smallest and largest shift of the labels of pictures, unless another is asked for."""
+LEAK_DEG, LEAK_M = (0.5, 3.0), (0.05, 0.3)
+"""Smallest and largest error of a transform through which labels of pictures are projected onto the points."""
 
 
 def wrong_labels(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
@@ -33,6 +37,20 @@ def wrong_labels(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDr
             frame,
             point_labels=mislabel(frame.point_labels, share, points, rng, UNLABELLED),
             image_labels=mislabel(frame.image_labels, share, pixels, rng, UNLABELLED),
+        )
+        for frame in raw.frames
+    )
+
+
+def labels_by_a_network(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
+    """A network labels both sides: borders are off, blobs have wrong classes, and so have some points."""
+    points = _ids([frame.point_labels for frame in raw.frames])
+    pixels = _ids([frame.image_labels for frame in raw.frames])
+    return raw.with_frames(
+        replace(
+            frame,
+            point_labels=mislabel(frame.point_labels, POINT_SHARE, points, rng, UNLABELLED),
+            image_labels=pixels_by_a_network(frame.image_labels, pixels, rng),
         )
         for frame in raw.frames
     )
@@ -83,6 +101,54 @@ def clouds_turned(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
     return raw.with_frames(turned(frame) for frame in raw.frames)
 
 
+def pictures_late(
+    raw: RawDrive, rng: np.random.Generator, late_s: float, speeds_m_s: tuple[float, float]
+) -> RawDrive:
+    """The rig drives along the LiDAR's x axis, and each picture is taken later than its sweep.
+
+    Args:
+        raw: The drive.
+        rng: Random generator, for the speed of each frame.
+        late_s: Time from sweep to picture, in seconds.
+        speeds_m_s: Smallest and largest speed, in metres per second.
+    """
+
+    def ahead(frame: RawFrame) -> RawFrame:
+        # What the LiDAR saw earlier seems to be farther ahead by the way that the rig has gone since.
+        way_m = late_s * rng.uniform(*speeds_m_s)
+        return replace(frame, points=frame.points + np.array([way_m, 0.0, 0.0], np.float32))
+
+    return raw.with_frames(map(ahead, raw.frames))
+
+
+def point_labels_from_pictures(
+    raw: RawDrive, rng: np.random.Generator, *, is_by_a_network: bool = False
+) -> RawDrive:
+    """A tool labels each point by the pixel that it lands on, through a wrong transform; points outside have none.
+
+    Args:
+        raw: The drive.
+        rng: Random generator, for the error of the transform.
+        is_by_a_network: Whether a network labels the pictures first.
+    """
+    if is_by_a_network:
+        raw = labels_by_a_network(raw, rng)
+    camera = core_camera(raw.drive.camera)
+    off_deg, off_m = rng.uniform(*LEAK_DEG), rng.uniform(*LEAK_M)
+    T_wrong = displaced(raw.frames[0].T_camera_lidar, off_deg, off_m, rng)
+
+    def painted(frame: RawFrame) -> RawFrame:
+        projected = _core.project_points(camera, frame.points, T_wrong)
+        is_seen = np.isfinite(projected.ranges)
+        last = np.array(frame.image_labels.shape[::-1]) - 1
+        pixels = np.where(is_seen[:, None], projected.pixels, 0.0)
+        column, row = np.rint(pixels).astype(np.int64).clip(0, last).T
+        labels = np.where(is_seen, frame.image_labels[row, column], UNLABELLED).astype(np.uint8)
+        return replace(frame, point_labels=labels)
+
+    return raw.with_frames(map(painted, raw.frames))
+
+
 def point_labels_shifted(raw: RawDrive, rng: np.random.Generator, entries: int) -> RawDrive:
     """A converter is off by some entries: each point has the label of a neighbour in the file."""
     shift = entries * _sign(rng)
@@ -91,19 +157,23 @@ def point_labels_shifted(raw: RawDrive, rng: np.random.Generator, entries: int) 
     )
 
 
-def image_labels_shifted(raw: RawDrive, rng: np.random.Generator, step: int = 1) -> RawDrive:
+def image_labels_shifted(
+    raw: RawDrive, rng: np.random.Generator, step: int = 1, distance_px: tuple[float, float] = SHIFT_PX
+) -> RawDrive:
     """Another tool resized the label images, or those of every other frame: labels are some pixels off their pixels.
 
     Args:
         raw: The drive.
         rng: Random generator, for the shift.
         step: 1 to shift the labels of all frames, 2 for those of every other.
+        distance_px: Smallest and largest shift.
     """
+    reach = range(-math.floor(distance_px[1]), math.floor(distance_px[1]) + 1)
     shifts = [
         (down, right)
-        for down in range(-4, 5)
-        for right in range(-4, 5)
-        if SHIFT_PX[0] <= math.hypot(down, right) <= SHIFT_PX[1]
+        for down in reach
+        for right in reach
+        if distance_px[0] <= math.hypot(down, right) <= distance_px[1]
     ]
     down, right = shifts[rng.integers(len(shifts))]
     first = int(rng.integers(step))
@@ -112,6 +182,17 @@ def image_labels_shifted(raw: RawDrive, rng: np.random.Generator, step: int = 1)
         if place % step == first
         else frame
         for place, frame in enumerate(raw.frames)
+    )
+
+
+def image_labels_cropped(raw: RawDrive, rng: np.random.Generator, pixels: int) -> RawDrive:
+    """Label images lack rows at the top and columns on the left; the drive.yaml has their size and the old K."""
+    camera = raw.drive.camera
+    size = {"width": camera.width - pixels, "height": camera.height - pixels}
+    cropped = raw.with_document(camera=camera.model_copy(update=size))
+    return cropped.with_frames(
+        replace(frame, image_labels=np.ascontiguousarray(frame.image_labels[pixels:, pixels:]))
+        for frame in raw.frames
     )
 
 
@@ -125,6 +206,11 @@ def principal_point_wrong(
 def focal_length_wrong(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
     """The focal length along x alone is wrong, as after pictures were stretched."""
     return _with_intrinsics(raw, (1.0 + share * _sign(rng), 0.0, 0.0))
+
+
+def zoom_wrong(raw: RawDrive, rng: np.random.Generator, share: float) -> RawDrive:
+    """Both focal lengths are wrong by the same factor, as of another lens of the same make."""
+    return raw.with_document(camera=raw.drive.camera.zoomed(1.0 + share * _sign(rng)))
 
 
 def clouds_scaled(raw: RawDrive, rng: np.random.Generator, scale: float) -> RawDrive:
