@@ -97,9 +97,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
     assert calibration.status == "not_trusted"
-    annotation = (
-        f"::error title=semcal initialize::fail; not_trusted interval not known; {calibration.reasons[0]}"
-    )
+    annotation = f"::error title=semcal initialize::fail; not_trusted 1 doubt; {calibration.reasons[0]}"
     assert stderr.startswith(annotation.replace("%", "%25"))
     code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
     lines = [line for line in stderr.splitlines() if not line.startswith("::")]

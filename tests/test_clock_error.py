@@ -21,7 +21,9 @@ from semcal_cli.geometry.poses import Pose, camera_center
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import calibrate
 from semcal_cli.refinement.polish import newton
+from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import Calibration, read_calibration
+from semcal_cli.result.intervals import stated_error
 from semcal_cli.synthetic.synthesis import synthesize
 
 T = make_pose((0.4, -1.2, 0.8), (0.3, -0.2, 0.1))
@@ -102,20 +104,30 @@ def test_a_delay_at_one_speed_is_within_the_interval(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_makes_the_interval_too_wide(
-    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """More frames would not help, and are not advised."""
+    """More frames would not help, and are not advised. The interval is in the file, and nobody is shown it."""
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
     document = yaml.safe_load((street / "drive.yaml").read_text()) | {"motion": {"speed_m_s": 15}}
     for frame in document["frames"]:
         for key in {"points", "point_labels", "image_labels", "image"} & frame.keys():
             frame[key] = str(street / frame[key])
     (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
-    code, _, err = run(capfd, "calibrate", tmp_path, "--init", street, "-o", tmp_path / "c.yaml")
+    page = tmp_path / "r.html"
+    code, _, err = run(
+        capfd, "calibrate", tmp_path, "--init", street, "-o", tmp_path / "c.yaml", "--report", page
+    )
     assert code == 3
     found = read_calibration(tmp_path / "c.yaml")
     assert found.topics == ("wide-interval",)
     assert found.reasons[0].endswith(f": {KNOW_MOTION}")
     assert "at 15 m/s the camera may be 30 cm off, which is part of its interval" in " ".join(err.split())
+    assert found.uncertainty is not None
+    assert "::error title=semcal calibrate::fail; not_trusted 1 doubt; the pose is determined only " in err
+    assert NOT_BELIEVED in page.read_text()
+    for said in (err, page.read_text()):
+        assert stated_error(found.uncertainty, found.used_camera).replace("+-", "\u00b1") not in said
+        assert "px at 10 m" not in said
 
 
 def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
