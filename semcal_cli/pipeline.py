@@ -17,6 +17,7 @@ from time import perf_counter
 from semcal_cli import _core, stage_words
 from semcal_cli.assessment.assess import assess as assess_pose
 from semcal_cli.assessment.assess import assess_rejected
+from semcal_cli.assessment.clock_error import covariance_of_clock
 from semcal_cli.assessment.fusion import Fused
 from semcal_cli.assessment.fusion import fuse as fuse_pose
 from semcal_cli.assessment.guide import check_guide
@@ -340,7 +341,13 @@ def fuse(
     """Fuse the labels' evidence with priors."""
     on_event(Progress("weighing what is known"))
     start = perf_counter()
-    found = fuse_pose(data.observations, T_polished, priors, edge_band_px=config.edge_band_px)
+    found = fuse_pose(
+        data.observations,
+        T_polished,
+        priors,
+        edge_band_px=config.edge_band_px,
+        of_clock=covariance_of_clock(data.drive, T_polished),
+    )
     on_event(stage_words.fused(found, perf_counter() - start, T_polished, priors))
     return found
 
@@ -421,7 +428,9 @@ def repeat(
             others.append(found.T_camera_lidar)
         except CalibrationError:
             others.append(None)
-    repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty)
+    label_gain = None if stages.fused is None else stages.fused.label_gain
+    of_clock = covariance_of_clock(data.drive, stages.T_camera_lidar, label_gain)
+    repeatability, findings = compare_seeds(stages.T_camera_lidar, others, stages.uncertainty, of_clock)
     on_event(stage_words.repeated(config.num_seeds, findings, perf_counter() - start))
     return replace(stages, repeatability=repeatability, of_comparison=findings)
 

@@ -97,9 +97,7 @@ def test_an_answer_that_is_not_trusted_is_written_with_its_reason(
     calibration = read_calibration(tmp_path / "out.yaml")
     assert code == EXIT_NOT_TRUSTED
     assert calibration.status == "not_trusted"
-    annotation = (
-        f"::error title=semcal initialize::fail; not_trusted interval not known; {calibration.reasons[0]}"
-    )
+    annotation = f"::error title=semcal initialize::fail; not_trusted 1 doubt; {calibration.reasons[0]}"
     assert stderr.startswith(annotation.replace("%", "%25"))
     code, _, stderr = run(capfd, "initialize", drive, "--init", drive, "-o", tmp_path / "out.yaml")
     lines = [line for line in stderr.splitlines() if not line.startswith("::")]
@@ -314,6 +312,11 @@ def test_seeds_that_lead_elsewhere_are_said() -> None:
     assert found.spread_rotation_deg == pytest.approx((0.0, 0.0, np.std([0.0, 0.0, 1.5], ddof=1)))
     assert found.farthest_camera_center_m == pytest.approx(0.2)
     assert found.farthest_rotation_deg == pytest.approx(1.5)
+    # Of 30 cm along x the clock, which all seeds share, makes 25.
+    of_clock = np.diag([(0.25 / 1.96) ** 2, 0.0, 0.0, 0.0, 0.0, 0.0])
+    _, (alone,) = compare_seeds(T, [moved], stated, of_clock)
+    assert alone.found == "1 of 2 seeds lead beyond the 95 % interval, up to 20 cm and 0 degrees away"
+    assert compare_seeds(T, [moved], stated)[1] == ()
     none, findings = compare_seeds(T, [None], None)
     assert (none.num_failed, none.spread_camera_center_m, len(findings)) == (1, None, 1)
 

@@ -1,25 +1,32 @@
 """Motion compensation: a drive that was skewed on purpose comes out straight."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from conftest import make_pose
+from conftest import make_pose, run
 from scipy.linalg import expm
 
 from semcal_cli.assessment.inspection import inspect
+from semcal_cli.config import SynthConfig
 from semcal_cli.drive.document import DRIVE_FILE, read_drive
+from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.drive.observations import Observations
-from semcal_cli.drive.reading import read_observations
+from semcal_cli.drive.reading import read_clouds, read_observations
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.result.calibration import read_calibration
+from semcal_cli.synthetic.synthesis import synthesize
 
 TWIST = {"linear_m_s": [9.0, 0.5, -0.2], "angular_rad_s": [0.03, -0.02, 0.35]}
 SWEEP_S = 0.1
+CLOSE_S = 0.002
+"""Error of the clock that six small pictures tell."""
 STAMPS = {"points_stamp": 1_600_000_000.25, "image_stamp": 1_600_000_000.31}
 
 
@@ -197,13 +204,92 @@ def test_a_picture_of_another_time_is_refused(tmp_path: Path, skewed: dict[str, 
 
 
 @pytest.mark.parametrize("key", ["points_stamp", "image_stamp"])
-def test_motion_needs_stamps_and_times(
-    tmp_path: Path, skewed: dict[str, Any], street: Path, key: str
-) -> None:
+def test_motion_needs_stamps(tmp_path: Path, skewed: dict[str, Any], street: Path, key: str) -> None:
     frames = [{k: v for k, v in frame.items() if k != key} for frame in skewed["frames"]]
     with pytest.raises(InputError, match=rf"frames\[.*0\.npy\]\.{key}: found nothing, needed it for motion"):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
     for frame in frames:
-        frame |= {"points": str(street / "points/000000.bin"), **STAMPS}
-    with pytest.raises(InputError, match=r"000000\.bin: found no times of points, needed a field named time"):
+        frame |= {"points": str(street / "points/000000.bin")}
+    with pytest.raises(
+        InputError, match=rf"frames\[.*000000\.bin\]\.{key}: found nothing, needed it for motion"
+    ):
         load(tmp_path, skewed | {"frames": frames}, {"twist": TWIST})
+
+
+def without_times(folder: Path, drive: Path, frames: Sequence[int]) -> Path:
+    """A copy of a drive, some sweeps of which are compensated to points_stamp and lost their times."""
+    folder.mkdir()
+    document = read_document(drive / DRIVE_FILE)
+    timed = read_drive(drive)
+    at_sweeps = [frame.model_copy(update={"image_stamp": frame.points_stamp}) for frame in timed.frames]
+    changes = {"frames": tuple(at_sweeps), "time_offset_s": 0.0}
+    compensated = read_observations(timed.model_copy(update=changes)).clouds
+    clouds = read_clouds(timed)
+    for index, frame in enumerate(document["frames"]):
+        for key in {"points", "point_labels", "image_labels", "image"} & frame.keys():
+            frame[key] = str(drive / frame[key])
+        if index in frames:
+            labels = clouds[index].labels
+            assert labels is not None
+            records = np.zeros(len(labels), [("x", "f4"), ("y", "f4"), ("z", "f4"), ("label", "u2")])
+            records["x"], records["y"], records["z"] = compensated[index].points.T
+            records["label"] = labels
+            np.save(folder / f"{index}.npy", records)
+            frame["points"] = str(folder / f"{index}.npy")
+            frame.pop("point_labels", None)
+    document["motion"]["poses"] = str(drive / document["motion"]["poses"])
+    write_text(document_text(document, "yaml"), folder / DRIVE_FILE)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive at mixed speeds, whose pictures are 20 ms later than their stamps say."""
+    folder = tmp_path_factory.mktemp("late") / "drive"
+    config = SynthConfig(num_frames=6, seed=11, width=640, height=360, motion="mixed", delay_ms=20.0)
+    synthesize(config, folder)
+    return folder
+
+
+@pytest.mark.parametrize("frames", [range(6), (1, 4)])
+def test_sweeps_without_times_move_as_a_whole(late: Path, tmp_path: Path, frames: Sequence[int]) -> None:
+    """Compensated to their stamps before, and from there to the pictures, they are as those compensated at once."""
+    drive = read_drive(without_times(tmp_path / "drive", late, frames))
+    found, timed = read_observations(drive), read_observations(read_drive(late))
+    assert offsets_m(found, timed).max() < 1e-4
+    for index, (one, other) in enumerate(
+        zip(found.frame_observations, timed.frame_observations, strict=True)
+    ):
+        assert one.twist_per_s == other.twist_per_s
+        assert (one.is_rigid, other.is_rigid) == (index in frames, False)
+    note = (
+        f"{len(frames)} of 6 sweeps have no times of points, and are taken to be compensated to points_stamp"
+    )
+    assert LoadedDrive(drive, found).notes == (note,)
+    assert LoadedDrive(drive, timed).notes == ()
+
+
+def test_a_sweep_without_times_needs_no_match_of_times(late: Path, tmp_path: Path) -> None:
+    """`point_times` says nothing of points without times."""
+    drive = without_times(tmp_path / "drive", late, range(6))
+    document = read_document(drive / DRIVE_FILE)
+    relative = read_observations(read_drive(drive))
+    document["motion"]["point_times"] = "absolute"
+    write_text(document_text(document, "yaml"), drive / DRIVE_FILE)
+    assert offsets_m(read_observations(read_drive(drive)), relative).max() == 0.0
+
+
+def test_the_clock_is_checked_and_estimated_without_times(
+    late: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    drive, out = without_times(tmp_path / "drive", late, range(6)), tmp_path / "c.yaml"
+    code, _, err = run(capfd, "calibrate", drive, "--init", late, "-o", out)
+    assert code == 3, err
+    assert "clocks" in read_calibration(out).topics
+    code, _, err = run(capfd, "calibrate", drive, "--init", late, "-o", out, "--estimate-delay")
+    found = read_calibration(out)
+    assert code == 0, err
+    assert found.clock is not None
+    assert found.clock.is_kept
+    assert found.clock.time_offset_s == pytest.approx(0.02, abs=CLOSE_S)
+    assert "6 of 6 sweeps have no times of points" in " ".join(err.split())

@@ -35,7 +35,14 @@ from semcal_cli.report.input import make_report_input
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.pictures import MAX_POINTS, color_tables, few_points, make_pictures
 from semcal_cli.report.points import frame_points
-from semcal_cli.report.words import Reason, polish_sentence, uncertainty_sentences, verdict, verdict_of
+from semcal_cli.report.words import (
+    NOT_BELIEVED,
+    Reason,
+    polish_sentence,
+    uncertainty_sentences,
+    verdict,
+    verdict_of,
+)
 from semcal_cli.result.calibration import read_calibration, write_calibration
 from semcal_cli.synthetic.synthesis import synthesize
 
@@ -344,6 +351,23 @@ def test_words_state_the_uncertainty(report: ReportInput) -> None:
     assert weak == "Weak in roll: +- 0.30 degrees; add frames."
     (nothing,) = uncertainty_sentences(record.model_copy(update={"uncertainty": None}), camera)
     assert nothing.startswith("Nothing is known of its error")
+
+
+def test_a_page_states_no_interval_that_is_not_believed(made: Path, street: Path, tmp_path: Path) -> None:
+    """The file keeps it; neither the verdict, the sentences nor the curves show it."""
+    record = read_calibration(made / "c.yaml")
+    assert record.status == "trusted"
+    assert record.believed_uncertainty == record.uncertainty
+    doubted = record.model_copy(update={"status": "not_trusted", "reasons": ("why",), "topics": ("rivals",)})
+    pages = []
+    for each in (record, doubted):
+        write_calibration(each, tmp_path / "c.yaml")
+        write_report(read_report_input(read_drive(street), tmp_path / "c.yaml"), tmp_path / "r.html")
+        pages.append((tmp_path / "r.html").read_text())
+    assert read_calibration(tmp_path / "c.yaml").uncertainty == record.uncertainty
+    shown = ("(95 %)", "pixels at 10 m", "two standard errors are", 'class="band"', "1 pixel and fx and fy")
+    assert [[text in page for text in shown] for page in pages] == [[True] * 5, [False] * 5]
+    assert [NOT_BELIEVED in page for page in pages] == [False, True]
 
 
 # Of a calibration by edges.

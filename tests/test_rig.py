@@ -93,6 +93,11 @@ def test_a_pair_is_compared_with_its_reference(rig_results: tuple[Result, Path])
         assert pair.is_explained is is_explained
     assert pair.error is not None
     assert pair.error.camera_center_cm == pytest.approx(100.0)
+    assert pair.believed_uncertainty == pair.uncertainty
+    doubted = b.model_copy(update={"status": "not_trusted", "reasons": ("why",)})
+    pair = make_pair("a", a, "b", doubted, Reference(near, "a file"))
+    assert pair.uncertainty is not None
+    assert (pair.believed_uncertainty, pair.is_explained) == (None, None)
 
 
 def test_a_rig_is_calibrated_as_its_cameras_are_alone(rig: Path, rig_results: tuple[Result, Path]) -> None:

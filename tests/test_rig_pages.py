@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from semcal_cli.documentation import ADDRESS, entry_address
 from semcal_cli.errors import InputError
 from semcal_cli.files.images import read_image
 from semcal_cli.geometry.poses import inverse
+from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.rig.calibration import RigCalibration
 from semcal_cli.rig.document import read_rig
@@ -70,7 +72,8 @@ def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
     doubted = found.cameras["camera_1"].model_copy(update={"status": "not_trusted", **reasons})
     sound = {"status": "trusted", "reasons": (), "topics": ()}
     trusted = found.cameras["camera_0"].model_copy(update=sound)
-    worse = RigCalibration({"camera_0": trusted, "camera_1": doubted}, {}, found.pairs, 3)
+    pairs = tuple(replace(pair, is_doubted=True) for pair in found.pairs)
+    worse = RigCalibration({"camera_0": trusted, "camera_1": doubted}, {}, pairs, 3)
     verdict = rig_verdict(worse)
     assert (verdict.status, verdict.title) == ("not_trusted", "1 of 2 cameras is not trusted")
     assert verdict.sentence == (
@@ -82,6 +85,7 @@ def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
     assert f"<li>camera_1: {link}" in page
     assert f"<li>{link}" in page
     assert re.findall(r"</i>(camera_\d): <span", page) == ["camera_1", "camera_0"]
+    assert page.count(NOT_BELIEVED) == page.count("95 % interval: x y z") == 1
     failed = RigCalibration({"camera_0": trusted}, {"camera_1": "no <labels>"}, (), 3)
     verdict = rig_verdict(failed)
     assert (verdict.status, verdict.title) == ("fail", "1 of 2 cameras failed")

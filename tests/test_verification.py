@@ -23,6 +23,7 @@ from semcal_cli.files.documents import read_document
 from semcal_cli.files.writing import write_text
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse, pose_from_quaternion, quaternion_xyzw
+from semcal_cli.result.calibration import read_calibration, write_calibration
 from semcal_cli.verification import LOOKS_LIKE, recognise
 
 PASS, FAIL, INCONCLUSIVE = 0, 3, 4
@@ -252,6 +253,12 @@ def test_compare(street: Path, street_truth: Pose, tmp_path: Path) -> None:
     assert re.fullmatch(r"beyond limits: 6\.\d+ cm, allowed 5", beyond.stdout.splitlines()[-1])
     assert "more than both" not in both.stdout
     assert max(map(len, f"{both.stdout}{beyond.stdout}".splitlines())) <= 80
+    record = read_calibration(result)
+    doubted = record.model_copy(update={"status": "not_trusted", "reasons": ("why",), "topics": ("rivals",)})
+    write_calibration(doubted, tmp_path / "doubted.yaml")
+    shown = CliRunner().invoke(semcal, ["compare", str(tmp_path / "doubted.yaml"), str(result)])
+    assert [line.count("not known") for line in shown.stdout.splitlines()[1:7]] == [1] * 6
+    assert "explained" not in shown.stdout
     terminal = {"FORCE_COLOR": "1", "NO_COLOR": "", "TERM": "xterm"}
     for other, colour in ((result, GREEN), (far, RED)):
         colourful = CliRunner().invoke(semcal, ["compare", str(result), str(other)], env=terminal, color=True)

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.assessment.clock_error import KNOW_MOTION, covariance_of_clock, notes_on_clock
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.disagreement import check_frames
 from semcal_cli.assessment.fusion import Fused
@@ -22,6 +23,7 @@ from semcal_cli.assessment.intrinsics import (
 from semcal_cli.assessment.joint import Joint
 from semcal_cli.assessment.label_alignment import check_label_alignment
 from semcal_cli.assessment.leaked_labels import check_leaks
+from semcal_cli.assessment.measurement import sum_of
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
@@ -104,9 +106,11 @@ def assess(
     around = effect.around if checked is observations else around_intrinsics(checked, T_camera_lidar)
 
     of_intrinsics = effect.of_stated if fused is None else fused.of_intrinsics
+    of_clock = covariance_of_clock(data.drive, T_camera_lidar, label_gain)
 
     def uncertain() -> Uncertainty | None:
-        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, effect.of_stated)
+        of_others = sum_of(effect.of_stated, of_clock)
+        found = _uncertainty(observations, T_camera_lidar, config, fused, joint, of_others)
         if found is None:
             return None
         bleed = label_bleed(observations, T_camera_lidar, config, label_gain) if with_label_bleed else None
@@ -134,7 +138,7 @@ def assess(
         notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
     if found is None:
         return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
-    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint, of_intrinsics))
+    too_wide = undetermined(found, _advice(found, T_camera_lidar, joint, of_intrinsics, of_clock))
     return Assessment(found, (*findings, *too_wide), notes, frames.parts)
 
 
@@ -180,12 +184,11 @@ def _uncertainty(
     config: PolishConfig,
     fused: Fused | None,
     joint: Joint | None,
-    of_stated: Matrix | None,
+    of_others: Matrix | None,
 ) -> Uncertainty | None:
     """Estimate the uncertainty of the pose, or take that of the estimate with priors, intrinsics or the clock."""
-    of_others = of_stated
-    if joint is not None and joint.left_open is not None:
-        of_others = joint.left_open if of_stated is None else of_stated + joint.left_open
+    if joint is not None:
+        of_others = sum_of(of_others, joint.left_open)
     if joint is not None and joint.uncertainty is not None:
         return with_others(joint.uncertainty, T_camera_lidar, of_others)
     if fused is not None:
@@ -202,7 +205,11 @@ def _without_stated(camera: Camera, found: RefinedCamera) -> Camera:
 
 
 def _advice(
-    found: Uncertainty, T_camera_lidar: Pose, joint: Joint | None, of_intrinsics: Matrix | None
+    found: Uncertainty,
+    T_camera_lidar: Pose,
+    joint: Joint | None,
+    of_intrinsics: Matrix | None,
+    of_clock: Matrix | None,
 ) -> str | None:
     """Say what to do about an interval that only what stays open beside the pose makes too wide; None of any other."""
 
@@ -217,6 +224,8 @@ def _advice(
 
     if joint is not None and is_narrow_without(joint.left_open):
         return joint.advice
+    if is_narrow_without(of_clock):
+        return KNOW_MOTION
     return KNOW_K if is_narrow_without(of_intrinsics) else None
 
 
@@ -254,13 +263,11 @@ def _rivals(
 
 def _unchecked(data: LoadedDrive) -> tuple[str, ...]:
     """Say what could not be checked, since the drive lacks what tells it."""
-    notes = []
-    if data.drive.motion is None:
-        notes.append("the clock was not checked: the drive gives no motion")
+    notes = notes_on_clock(data)
     has_labels = any(frame.image_labels is not None for frame in data.drive.frames)
     if has_labels and all(frame.image is None for frame in data.drive.frames):
-        notes.append("labels were not checked against pictures: the drive gives no image")
-    return tuple(notes)
+        notes += ("labels were not checked against pictures: the drive gives no image",)
+    return notes
 
 
 def _few_scenes(observations: Observations) -> tuple[Finding, ...]:

@@ -22,7 +22,7 @@ from semcal_cli.assessment.intrinsics import (
     covariance_of_intrinsics,
     shift_by,
 )
-from semcal_cli.assessment.measurement import Measurement, measure, silent
+from semcal_cli.assessment.measurement import Measurement, measure, silent, sum_of
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
@@ -78,6 +78,7 @@ def fuse(
     priors: Sequence[Prior],
     *,
     edge_band_px: int = EDGE_BAND_PX,
+    of_clock: Matrix | None = None,
 ) -> Fused:
     """Find the pose that labels and priors determine together.
 
@@ -86,6 +87,7 @@ def fuse(
         T_camera_lidar: (4, 4) pose polished without priors, metres.
         priors: The priors, which leave at least one direction free.
         edge_band_px: Width of the edge band in the settings of the polish.
+        of_clock: (6, 6) covariance of the labels' optimum by a clock that is not checked; None if that costs nothing.
     """
     around = sensitivity(observations, T_camera_lidar, SensitivityConfig(edge_band_px=edge_band_px))
     is_alone = around is not None and around.is_determined
@@ -93,25 +95,29 @@ def fuse(
     of_intrinsics = _of_intrinsics(
         observations, T_camera_lidar if is_alone else clamp(T_camera_lidar, priors)
     )
+    systematic = sum_of(of_intrinsics, of_clock)
     if around is not None and is_alone:
-        labels = measure(around, of_intrinsics)
+        labels = measure(around, systematic)
         contradictions = {prior.name: _contradiction(labels, prior, T_camera_lidar) for prior in priors}
-    T, fit = _iterate(observations, T_camera_lidar, priors, around, of_intrinsics, is_alone, edge_band_px)
+    T, fit = _iterate(observations, T_camera_lidar, priors, around, systematic, is_alone, edge_band_px)
     far = list[Finding]()
     if fit is not None:
         # Steps are of first order, so exact axes are restored to the last digit.
         T = clamp(T, [prior.exact for prior in priors])
         far = [line for prior in priors for line in contradictions.get(prior.name) or _distance(prior, T)]
     is_settled = fit is not None and fit.moved_px < SETTLED_PX
+    label_gain = np.eye(6) if fit is None else fit.covariance @ fit.labels.information
     return Fused(
         T_camera_lidar=T,
         agreement=_core.agreement(observations.core, T),
         findings=(*(() if is_settled else (UNSETTLED,)), *far),
         uncertainty=None if fit is None else fit.uncertainty(T),
         is_alone=is_alone,
-        label_gain=np.eye(6) if fit is None else fit.covariance @ fit.labels.information,
+        label_gain=label_gain,
         is_settled=is_settled,
-        of_intrinsics=None if fit is None else fit.labels.systematic_part(fit.covariance),
+        of_intrinsics=None
+        if fit is None or of_intrinsics is None
+        else np.asarray(label_gain @ of_intrinsics @ label_gain.T),
     )
 
 
@@ -140,7 +146,7 @@ def _iterate(
     T_start: Pose,
     priors: Sequence[Prior],
     around: Sensitivity | None,
-    of_intrinsics: Matrix | None,
+    systematic: Matrix | None,
     is_alone: bool,
     edge_band_px: int,
 ) -> tuple[Pose, _Fit | None]:
@@ -156,7 +162,7 @@ def _iterate(
         if around is None:
             return T, None
         if index == 0 or not is_alone:
-            labels = measure(around, of_intrinsics)
+            labels = measure(around, systematic)
         step, covariance, is_closed = _solve(labels, _known(T, priors), around.motions)
         moved_px = float(np.sqrt(step @ around.motions @ step))
         step *= 1.0 if is_alone else min(1.0, LONGEST_STEP_PX / max(moved_px, SETTLED_PX))

@@ -67,6 +67,12 @@ class Measurement(NamedTuple):
         return np.asarray(np.clip(estimated / np.maximum(share, 1e-3) ** 2, 1.0, MANY))
 
 
+def sum_of(*parts: Matrix | None) -> Matrix | None:
+    """Add covariances (n, n) of errors that do not depend on one another; None if there are none."""
+    known = [part for part in parts if part is not None]
+    return np.asarray(np.sum(known, axis=0)) if known else None
+
+
 def silent(count: int) -> Measurement:
     """Make the measurement of `count` variables by labels without information."""
     nothing = np.zeros((0, 0))

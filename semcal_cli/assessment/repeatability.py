@@ -6,18 +6,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from semcal_cli.assessment.sensitivity import Matrix
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import Repeatability
 from semcal_cli.result.stage import Finding
-from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.result.uncertainty import Uncertainty, normal_half_widths
 
 ROUNDING = 1e-9
 """Allowance for rounding, in metres or degrees, because fixed axes have intervals of zero width."""
 
 
 def compare_seeds(
-    T_camera_lidar: Pose, others: Sequence[Pose | None], uncertainty: Uncertainty | None
+    T_camera_lidar: Pose,
+    others: Sequence[Pose | None],
+    uncertainty: Uncertainty | None,
+    of_clock: Matrix | None = None,
 ) -> tuple[Repeatability, tuple[Finding, ...]]:
     """Compare a pose with those that other seeds give.
 
@@ -25,6 +29,7 @@ def compare_seeds(
         T_camera_lidar: (4, 4) answer, metres.
         others: (4, 4) pose of each other seed; None for a seed that gave no answer.
         uncertainty: Uncertainty of the answer; None if it is unknown.
+        of_clock: (6, 6) part of its covariance by a clock that is not checked; None if that costs nothing.
 
     Returns:
         The spread of the poses, and findings against the answer.
@@ -45,8 +50,9 @@ def compare_seeds(
         sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
         findings.append(Finding("seeds", sentence, "add frames from other places"))
     if uncertainty is not None:
-        # Errors of K move all of them alike.
+        # Errors of K and of the clock move all of them alike.
         squared = np.square(uncertainty.half_widths) - np.square(uncertainty.half_widths_of_intrinsics)
+        squared -= 0.0 if of_clock is None else np.square(normal_half_widths(of_clock))
         limits = np.sqrt(np.maximum(squared, 0.0)) + ROUNDING
         if num_beyond := int((np.abs(differences) > limits).any(axis=1).sum()):
             sentence = (

@@ -14,7 +14,7 @@ import click
 import numpy as np
 
 from semcal_cli.cli.ci import Case, CiReport
-from semcal_cli.cli.tables import labelled, summary_lines, verdict_lines
+from semcal_cli.cli.tables import doubts, labelled, summary_lines, verdict_lines
 from semcal_cli.cli.terminal import Terminal, progress_line
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
@@ -186,10 +186,12 @@ class Outputs:
 
 
 def _report(calibration: Calibration, written_to: str) -> CiReport:
-    """Make a verdict of a calibration for CI, with the interval of its pose."""
+    """Make a verdict of a calibration for CI, with the interval of its pose or the number of doubts."""
     verdict: Verdict = "fail" if calibration.status == "not_trusted" else "pass"
-    uncertainty, figures = calibration.uncertainty, "interval not known"
-    if uncertainty is not None:
+    uncertainty, figures = calibration.believed_uncertainty, "interval not known"
+    if verdict == "fail":
+        figures = doubts(calibration)
+    elif uncertainty is not None:
         figures = stated_error(uncertainty, calibration.used_camera)
     command = click.get_current_context().command.name or "calibrate"
     case = Case(calibration.status, verdict, figures)

@@ -224,8 +224,8 @@ def _check_outputs(
 def _pair_lines(pair: Pair) -> list[str]:
     """Describe a pair of cameras as lines of text."""
     lines = [f"T_{pair.a}_{pair.b}", *(labelled("", line) for line in matrix_lines(pair.T_a_b))]
-    if pair.uncertainty is not None:
-        center, rotation = intervals(pair.uncertainty.half_widths)
+    if pair.believed_uncertainty is not None:
+        center, rotation = intervals(pair.believed_uncertainty.half_widths)
         lines += [labelled("95 % interval", center), labelled("", rotation)]
     if pair.reference is not None and pair.error is not None:
         off = f"{10.0 * pair.error.camera_center_cm:.1f} mm and {pair.error.rotation_deg:.3f} degrees"

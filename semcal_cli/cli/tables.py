@@ -47,7 +47,7 @@ def summary_lines(calibration: Calibration, *, verbose: bool = False) -> list[st
         ("camera at", f"{row(camera_center(T).tolist())} m in the LiDAR frame"),
         ("looks along", f"{row(T[2, :3].tolist())} in the LiDAR frame"),
         *(_label_rows(calibration.quality) if verbose else ()),
-        *(_uncertainty_rows(calibration.uncertainty) if calibration.status != "not_trusted" else ()),
+        *_uncertainty_rows(calibration.believed_uncertainty),
         *_camera_rows(calibration),
         *_repeatability_rows(calibration.repeatability),
         *(("note", note) for note in calibration.notes),
@@ -61,16 +61,22 @@ def verdict_lines(calibration: Calibration) -> list[str]:
 
     A trusted pose is told with its widest 95 % intervals, and what they are in pixels 10 m away.
     """
-    status, doubts = calibration.status, len(calibration.reasons)
+    status = calibration.status
     is_start = status == "not_assessed" and [*calibration.stages] == ["initial"]
     case = "initial" if is_start else status
     how_good = WITHOUT_CHECKS.get(case, "")
     if status == "not_trusted":
-        how_good = f"{doubts} doubt{'s' if doubts > 1 else ''}, see above"
-    elif calibration.uncertainty is not None:
-        how_good = stated_error(calibration.uncertainty, calibration.used_camera)
+        how_good = f"{doubts(calibration)}, see above"
+    elif calibration.believed_uncertainty is not None:
+        how_good = stated_error(calibration.believed_uncertainty, calibration.used_camera)
     verdict = ": ".join(filter(None, [status.replace("_", " "), how_good]))
     return [labelled("verdict", verdict), *(labelled(*step) for step in NEXT_STEPS.get(case, ()))]
+
+
+def doubts(calibration: Calibration) -> str:
+    """Say how many reasons speak against a calibration."""
+    count = len(calibration.reasons)
+    return f"{count} doubt{'s' if count > 1 else ''}"
 
 
 def wrapped(label: str, text: str, indent: int = LABEL_WIDTH) -> list[str]:

@@ -233,7 +233,7 @@ class Twist(StrictModel):
 
 
 class Motion(StrictModel):
-    """Motion of the LiDAR during a sweep, for clouds with a time for each point: a twist, poses or a speed."""
+    """Motion of the LiDAR, which moves points from their times, or from `points_stamp`, to the picture's moment."""
 
     twist: Twist | None = None
     """Constant motion in all frames."""
@@ -241,7 +241,7 @@ class Motion(StrictModel):
     """File of the LiDAR's poses in a fixed frame, one line each: seconds x y z qx qy qz qw (the TUM format)."""
     speed_m_s: Annotated[float, Field(ge=0.0, le=1e3)] | None = None
     """Speed of the LiDAR, in metres a second. It has no direction, so it corrects nothing and only tells how many
-    pixels the motion may cost."""
+    pixels the motion may cost, and how far a clock that is not checked may move the camera."""
     point_times: Literal["relative", "absolute"] = "relative"
     """Whether the times of points are relative to `points_stamp`, or absolute on the clock of the stamps."""
 
@@ -272,7 +272,7 @@ class Drive(StrictModel):
     palette: Annotated[dict[str, Color], Field(min_length=1, max_length=255)] | None = None
     """Red, green and blue of each class in colour-coded label images; other colours carry no information."""
     motion: Motion | None = None
-    """Motion of the LiDAR during a sweep, for clouds with a time for each point."""
+    """Motion of the LiDAR, by which points are moved to the moment of the picture."""
     time_offset_s: TimeOffset = 0.0
     """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It counts only
     with a motion."""

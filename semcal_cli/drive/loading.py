@@ -72,10 +72,17 @@ class LoadedDrive:
     @property
     def notes(self) -> tuple[str, ...]:
         """Sentences about the frames that a person should know."""
-        if not self.num_copies:
-            return ()
-        count = len(self.drive.frames) + self.num_copies
-        return (f"{self.num_copies} of {count} frames are copies of others and are left out",)
+        notes = []
+        if self.num_copies:
+            count = len(self.drive.frames) + self.num_copies
+            notes.append(f"{self.num_copies} of {count} frames are copies of others and are left out")
+        frames = self.first_cue.frame_observations
+        if num_rigid := sum(observed.is_rigid for observed in frames):
+            notes.append(
+                f"{num_rigid} of {len(frames)} sweeps have no times of points, and are taken to be compensated to "
+                "points_stamp"
+            )
+        return tuple(notes)
 
     @property
     def first_cue(self) -> Observations:

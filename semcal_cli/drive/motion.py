@@ -34,16 +34,19 @@ class Compensated(NamedTuple):
     """(N, 3) metres, in the LiDAR frame at `image_stamp`."""
     twist_per_s: list[float] | None
     """(6,) twist of the LiDAR at that moment, metres and radians a second in its own frame; None if it is unknown."""
+    is_rigid: bool = False
+    """Whether the points have no times, so that the sweep was moved as a whole from `points_stamp` to the moment."""
 
 
 def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compensated]:
     """Compensate the motion of the LiDAR in the sweep of each frame (see `rust/motion.rs`).
 
-    Points stay where they are if the drive gives no motion with a direction.
+    Points stay where they are if the drive gives no motion with a direction. A cloud without times was compensated
+    already: all its points are where the LiDAR would have seen them at `points_stamp`.
 
     Raises:
-        InputError: a cloud has no times, a frame has no stamps, times do not match the stamps, or the poses are invalid
-            or do not cover the frame.
+        InputError: a frame has no stamps, times do not match the stamps, or the poses are invalid or do not cover the
+            frame.
     """
     motion = drive.motion
     if motion is None or motion.speed_m_s is not None:
@@ -64,7 +67,7 @@ def compensated(drive: Drive, clouds: Sequence[_core.PointCloud]) -> list[Compen
             raise InputError(
                 f"{drive.path}: motion: found one that moves points of {frame.points} beyond all bounds"
             )
-        moved.append(Compensated(points, twist_per_s))
+        moved.append(Compensated(points, twist_per_s, is_rigid=cloud.time is None))
     return moved
 
 
@@ -100,11 +103,10 @@ def motion_error_px(drive: Drive, clouds: Sequence[_core.PointCloud]) -> float |
 def _times(drive: Drive, motion: Motion, frame: Frame, cloud: _core.PointCloud) -> npt.NDArray[np.float64]:
     """Give the time of each point (N,), in seconds on the clock of the stamps."""
     path = drive.resolve(frame.points)
-    if cloud.time is None:
-        needed = "needed a field named time, t, timestamp or the like for motion"
-        raise InputError(f"{path}: found no times of points, {needed}")
     if frame.points_stamp is None:
         raise InputError(f"{drive.path}: {frame.key('points_stamp')}: found nothing, needed it for motion")
+    if cloud.time is None:
+        return np.full(len(cloud.points), frame.points_stamp)
     times = cloud.time + (frame.points_stamp if motion.point_times == "relative" else 0.0)
     first, last = cloud.time.min(), cloud.time.max()
     if last - first < MIN_SWEEP_S:

@@ -97,6 +97,8 @@ class FrameObservation:
     """Weight of each point when a pose is refined; one cue of several may weigh less."""
     twist_per_s: Sequence[float] | None = None
     """(6,) twist of the LiDAR in its own frame, metres and radians per second; None if it is not known."""
+    is_rigid: bool = False
+    """Whether the sweep has no times of points, and moved as a whole: see `motion.Compensated`."""
 
 
 @dataclass(frozen=True)

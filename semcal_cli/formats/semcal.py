@@ -105,7 +105,7 @@ def read_record(path: Path) -> Calibration | None:
 
 
 def read_half_widths(path: Path) -> tuple[float, ...] | None:
-    """Read the half widths (6,) of a transform's 95 % intervals, metres and degrees; None if the file has none.
+    """Read the half widths (6,) of a transform's 95 % intervals, metres and degrees; None if none is known or believed.
 
     Raises:
         InputError: the file is a result of semcal's, and wrong.
@@ -115,7 +115,7 @@ def read_half_widths(path: Path) -> tuple[float, ...] | None:
     if FLEET in source.mapping:
         known = _Fleet.read(source).uncertainty
     elif (record := read_record(path)) is not None:
-        known = record.uncertainty
+        known = record.believed_uncertainty
     if known is None:
         return None
     return (*known.half_width_95_camera_center_m, *known.half_width_95_rotation_deg)

@@ -107,7 +107,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         progress("drawing points on pictures")
         pictures = make_pictures(report.overlays(MAX_FRAMES))
         progress("following the mutual information along six axes")
-        curves = information_curves(observations, T, record.uncertainty if record else None)
+        curves = information_curves(observations, T, record.believed_uncertainty if record else None)
         registration = pool.submit(_registration, report)
         cloud = pool.submit(frame_cloud, report)
         progress("calibrating each frame on its own")

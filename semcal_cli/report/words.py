@@ -37,6 +37,9 @@ class Reason(NamedTuple):
     """Where the documentation explains it; None if it has no entry."""
 
 
+NOT_BELIEVED = "No interval is stated of a transform that is not trusted: it may be off by far more."
+
+
 def linked(reasons: Sequence[str], topics: Sequence[str]) -> tuple[Reason, ...]:
     """Link reasons to their entries in the documentation; without topics, as in older files, none is linked."""
     addresses = map(entry_address, topics) if topics else repeat(None, len(reasons))
@@ -92,17 +95,19 @@ def verdict_of(record: Calibration) -> Verdict:
             f"This is SOIC's answer, made to be compared with; it cannot tell how sure it is. {sentence}"
         )
     figures = ""
-    if record.uncertainty is not None and record.status == "trusted":  # a doubted interval misleads
-        figures = stated_error(record.uncertainty, record.used_camera)
+    if record.believed_uncertainty is not None:
+        figures = stated_error(record.believed_uncertainty, record.used_camera)
     reasons = linked(record.reasons, record.topics)
     return Verdict(record.status, TITLES[record.status], sentence, figures, reasons)
 
 
 def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
     """Say how uncertain a pose is, and how far that moves points in the image."""
-    found = record.uncertainty
-    if found is None:
+    if record.uncertainty is None:
         return [f"Nothing is known of its error: {_why_unknown(record)}."]
+    if record.believed_uncertainty is None:
+        return [NOT_BELIEVED, *_of_seeds(record)]
+    found = record.believed_uncertainty
     x, y, z = (100.0 * half for half in found.half_width_95_camera_center_m)
     pitch, yaw, roll = found.half_width_95_rotation_deg
     sentences = [
@@ -127,15 +132,20 @@ def uncertainty_sentences(record: Calibration, camera: Camera) -> list[str]:
             f"{figure(100.0 * moved_m)} cm and {figure(turned_deg)} degrees elsewhere. All frames share K, so "
             f"more frames do not cure that: {includes}."
         )
-    if record.repeatability is not None:
-        repeated = record.repeatability
-        far_cm, far_deg = 100.0 * repeated.farthest_camera_center_m, repeated.farthest_rotation_deg
-        failed = f"; {repeated.num_failed} gave no answer" if repeated.num_failed else ""
-        sentences.append(
-            f"{repeated.num_seeds} seeds lead to poses up to {figure(far_cm)} cm and {figure(far_deg)} degrees apart "
-            f"from it{failed}."
-        )
-    return sentences
+    return [*sentences, *_of_seeds(record)]
+
+
+def _of_seeds(record: Calibration) -> list[str]:
+    """Say how far the poses of other seeds are away, if there are any."""
+    repeated = record.repeatability
+    if repeated is None:
+        return []
+    far_cm, far_deg = 100.0 * repeated.farthest_camera_center_m, repeated.farthest_rotation_deg
+    failed = f"; {repeated.num_failed} gave no answer" if repeated.num_failed else ""
+    return [
+        f"{repeated.num_seeds} seeds lead to poses up to {figure(far_cm)} cm and {figure(far_deg)} degrees apart "
+        f"from it{failed}."
+    ]
 
 
 def _what_intervals_include(record: Calibration) -> str:

@@ -227,6 +227,11 @@ class Calibration(StrictModel):
         return np.array(self.T_camera_lidar)
 
     @property
+    def believed_uncertainty(self) -> Uncertainty | None:
+        """Uncertainty as people are shown it: none of a transform that is not trusted, which may be off by far more."""
+        return None if self.status == "not_trusted" else self.uncertainty
+
+    @property
     def has_found_camera(self) -> bool:
         """Whether the transform belongs to a camera that was estimated together with it."""
         return self.camera is not None and self.camera.is_kept

@@ -170,8 +170,13 @@ class Uncertainty(StrictModel):
         """Half widths (6,) of the 95 % intervals by errors of the intrinsics alone, metres and degrees."""
         if self.covariance_of_intrinsics is None:
             return np.zeros(6)
-        sigmas = np.sqrt(np.diag(self.covariance_of_intrinsics))
-        return np.concatenate([NORMAL_95 * sigmas[:3], NORMAL_95 * np.degrees(sigmas[3:])])
+        return normal_half_widths(np.array(self.covariance_of_intrinsics))
+
+
+def normal_half_widths(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the half widths (6,) of the 95 % intervals of a covariance (6, 6) that is known: metres and degrees."""
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    return np.concatenate([NORMAL_95 * sigmas[:3], NORMAL_95 * np.degrees(sigmas[3:])])
 
 
 def as_entries(covariance: NDArray[np.float64]) -> CovarianceEntries:

@@ -16,7 +16,7 @@ from semcal_cli.report.notations import Notation, matrix_text, notations
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_BYTES, MAX_PICTURE_BYTES, data_uri
 from semcal_cli.report.template import ENVIRONMENT, source
-from semcal_cli.report.words import Reason, Verdict, linked
+from semcal_cli.report.words import NOT_BELIEVED, Reason, Verdict, linked
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.intervals import intervals, widest
 from semcal_cli.result.provenance import versions
@@ -115,7 +115,9 @@ def rig_verdict(found: RigCalibration) -> Verdict:
     worst = names[found.status]
     if found.status == "trusted":
         known = [
-            each.uncertainty.half_widths for each in found.cameras.values() if each.uncertainty is not None
+            each.believed_uncertainty.half_widths
+            for each in found.cameras.values()
+            if each.believed_uncertainty is not None
         ]
         widths = [max(axis) for axis in zip(*known, strict=True)]
         sure = f"each is known to {widest(widths)}, or better" if known else ""
@@ -185,8 +187,10 @@ def _failed_card(name: str, reason: str) -> CameraCard:
 
 def _camera_card(calibration: Calibration, view: CameraView, picture: str) -> CameraCard:
     sure = "Nothing is known of its error."
-    if calibration.uncertainty is not None:
-        sure = f"95 % interval: {', '.join(intervals(calibration.uncertainty.half_widths))}."
+    if calibration.believed_uncertainty is not None:
+        sure = f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
+    elif calibration.uncertainty is not None:
+        sure = NOT_BELIEVED
     return CameraCard(
         name=view.name,
         color="#{:02x}{:02x}{:02x}".format(*view.color),
@@ -212,5 +216,6 @@ def _pair_card(pair: Pair) -> PairCard:
             f"{10.0 * pair.error.camera_center_cm:.1f} mm and {pair.error.rotation_deg:.3f} degrees from "
             f"{pair.reference.source}{words[pair.is_explained]}"
         )
-    known = () if pair.uncertainty is None else intervals(pair.uncertainty.half_widths)
+    believed = pair.believed_uncertainty
+    known = () if believed is None else intervals(believed.half_widths)
     return PairCard(notation, known, reference, pair.is_explained)

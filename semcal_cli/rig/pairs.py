@@ -47,6 +47,13 @@ class Pair:
     """Uncertainty of T_a_b, for a twist on its left in the frame of a; None if that of a camera is unknown."""
     reference: Reference | None
     """Reference transform, if there is one."""
+    is_doubted: bool = False
+    """Whether a camera is not trusted."""
+
+    @property
+    def believed_uncertainty(self) -> Uncertainty | None:
+        """Uncertainty as people are shown it: none if a camera is not trusted."""
+        return None if self.is_doubted else self.uncertainty
 
     @property
     def error(self) -> PoseError | None:
@@ -55,14 +62,18 @@ class Pair:
 
     @property
     def is_explained(self) -> bool | None:
-        """Whether the 95 % region of all six axes together contains the reference; None if either is unknown."""
-        if self.error is None or self.uncertainty is None:
+        """Whether the 95 % region of all six axes together contains the reference.
+
+        None without a reference, and if the region is not known or a camera is not trusted.
+        """
+        if self.error is None or self.believed_uncertainty is None:
             return None
         # A translation rho moves the camera's centre in the opposite direction.
         off = np.array([-0.01 * x for x in self.error.camera_center_xyz_cm] + [*self.error.rotation_xyz_deg])
         off[3:] = np.radians(off[3:])
-        squared = float(off @ np.linalg.solve(np.array(self.uncertainty.covariance), off))
-        return squared <= joint_quantile(0.05, min(self.uncertainty.degrees_of_freedom))
+        known = self.believed_uncertainty
+        squared = float(off @ np.linalg.solve(np.array(known.covariance), off))
+        return squared <= joint_quantile(0.05, min(known.degrees_of_freedom))
 
 
 def make_pair(
@@ -91,7 +102,8 @@ def make_pair(
         degrees_of_freedom = parts.sum(axis=1) ** 2 / (parts**2 / known).sum(axis=1)
         covariance = covariance_a + Ad @ covariance_b @ Ad.T
         uncertainty = Uncertainty.from_covariance(T_a_b, covariance, degrees_of_freedom)
-    return Pair(a, b, T_a_b, uncertainty, reference)
+    is_doubted = "not_trusted" in (of_a.status, of_b.status)
+    return Pair(a, b, T_a_b, uncertainty, reference, is_doubted)
 
 
 def adjoint(T: Pose) -> npt.NDArray[np.float64]:

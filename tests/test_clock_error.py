@@ -1,0 +1,175 @@
+"""A clock that nothing checks, where only the speed is stated: what 20 ms of it may cost is part of the interval."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from conftest import make_pose, run
+
+from semcal_cli.assessment.clock_error import KNOW_MOTION, covariance_of_clock, notes_on_clock
+from semcal_cli.assessment.fusion import fuse
+from semcal_cli.assessment.priors import Prior
+from semcal_cli.config import CalibrationConfig, PolishConfig, SynthConfig
+from semcal_cli.drive.document import Drive, Motion, read_drive
+from semcal_cli.drive.loading import LoadedDrive, load
+from semcal_cli.drive.observations import Observations
+from semcal_cli.formats import read_transform
+from semcal_cli.geometry.poses import Pose, camera_center
+from semcal_cli.initialization.initial_pose import InitialPose
+from semcal_cli.pipeline import calibrate
+from semcal_cli.refinement.polish import newton
+from semcal_cli.report.words import NOT_BELIEVED
+from semcal_cli.result.calibration import Calibration, read_calibration
+from semcal_cli.result.intervals import stated_error
+from semcal_cli.synthetic.synthesis import synthesize
+
+T = make_pose((0.4, -1.2, 0.8), (0.3, -0.2, 0.1))
+CONFIG = CalibrationConfig(cues=("labels",))
+STANDING = "the clock was not checked: the drive gives no motion"
+MOVING = (
+    "the clock was not checked: the drive gives no direction of its motion. Pictures may be 20 ms off: at 8 m/s the "
+    "camera may be 16 cm off, which is part of its interval"
+)
+
+
+def with_motion(drive: Drive, motion: Motion | None) -> Drive:
+    return drive.model_copy(update={"motion": motion})
+
+
+def at_speed(drive: Drive, speed_m_s: float) -> Drive:
+    return with_motion(drive, Motion(speed_m_s=speed_m_s))
+
+
+def found_by(data: LoadedDrive | Drive, start: Pose) -> Calibration:
+    return calibrate(data, CONFIG, initial_pose=InitialPose(start, "start"))
+
+
+def test_the_place_may_be_off_along_any_level_direction(synthetic: Drive) -> None:
+    """At 8 m/s it is 16 cm, root mean square, across the LiDAR's axis and not along it; no rotation."""
+    covariance = covariance_of_clock(at_speed(synthetic, 8.0), T)
+    assert covariance is not None
+    assert not covariance[3:].any()
+    assert not covariance[:, 3:].any()
+    in_lidar = T[:3, :3].T @ covariance[:3, :3] @ T[:3, :3]
+    np.testing.assert_allclose(in_lidar, np.diag([0.0128, 0.0128, 0.0]), atol=1e-12)
+    assert np.trace(covariance) == pytest.approx(0.16**2)
+    # A LiDAR that is turned about its axis, which no motion is stated along, makes no difference.
+    turned = covariance_of_clock(at_speed(synthetic, 8.0), T @ make_pose((0.0, 0.0, 1.1), (0.0, 0.0, 0.0)))
+    np.testing.assert_allclose(turned, covariance, atol=1e-12)
+    twice = covariance_of_clock(at_speed(synthetic, 16.0), T, 0.5 * np.eye(6))
+    np.testing.assert_allclose(twice, covariance)
+
+
+@pytest.mark.parametrize("motion", [None, Motion(speed_m_s=0.0), Motion(poses="poses.txt")])
+def test_nothing_is_added_without_a_speed(synthetic: Drive, motion: Motion | None) -> None:
+    assert covariance_of_clock(with_motion(synthetic, motion), T) is None
+
+
+def test_a_stated_speed_widens_the_interval(street: Path, street_truth: Pose) -> None:
+    """By the same for all frames and for few: they share the clock."""
+    drive = read_drive(street)
+    few = drive.model_copy(update={"frames": drive.frames[:2]})
+    for each in (drive, few):
+        standing, moving = found_by(each, street_truth), found_by(at_speed(each, 8.0), street_truth)
+        assert standing.uncertainty is not None
+        assert moving.uncertainty is not None
+        np.testing.assert_array_equal(moving.T_camera_lidar, standing.T_camera_lidar)
+        of_clock = np.array(moving.uncertainty.covariance) - np.array(standing.uncertainty.covariance)
+        np.testing.assert_allclose(
+            of_clock, covariance_of_clock(at_speed(each, 8.0), moving.pose), atol=1e-12
+        )
+        assert moving.uncertainty.covariance_of_intrinsics == standing.uncertainty.covariance_of_intrinsics
+        assert MOVING in moving.notes
+        assert STANDING in standing.notes
+
+
+def test_a_delay_at_one_speed_is_within_the_interval(tmp_path: Path) -> None:
+    """Straight on at 12 m/s, pictures that are 20 ms late put the camera 24 cm farther on, and every frame agrees."""
+    config = SynthConfig(num_frames=4, seed=11, width=640, height=360, motion="steady", delay_ms=20.0)
+    synthesize(config, tmp_path / "drive")
+    truth = read_transform(tmp_path / "drive")
+    data = load(tmp_path / "drive", CONFIG)
+    still = tuple(replace(each, twist_per_s=None) for each in data.observations.frame_observations)
+    data = replace(data, observations=replace(data.observations, frame_observations=still))
+    for speed_m_s, is_held in ((None, False), (12.0, True)):
+        motion = None if speed_m_s is None else Motion(speed_m_s=speed_m_s)
+        found = found_by(replace(data, drive=with_motion(data.drive, motion)), truth)
+        assert found.uncertainty is not None
+        off = found.pose[:3, :3] @ (camera_center(found.pose) - camera_center(truth))
+        assert np.linalg.norm(off) == pytest.approx(0.24, abs=0.02)
+        assert (np.abs(off) <= found.uncertainty.half_width_95_camera_center_m).all() == is_held
+
+
+def test_a_clock_that_makes_the_interval_too_wide(
+    street: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More frames would not help, and are not advised. The interval is in the file, and nobody is shown it."""
+    monkeypatch.setenv("GITHUB_ACTIONS", "true")
+    document = yaml.safe_load((street / "drive.yaml").read_text()) | {"motion": {"speed_m_s": 15}}
+    for frame in document["frames"]:
+        for key in {"points", "point_labels", "image_labels", "image"} & frame.keys():
+            frame[key] = str(street / frame[key])
+    (tmp_path / "drive.yaml").write_text(yaml.safe_dump(document))
+    page = tmp_path / "r.html"
+    code, _, err = run(
+        capfd, "calibrate", tmp_path, "--init", street, "-o", tmp_path / "c.yaml", "--report", page
+    )
+    assert code == 3
+    found = read_calibration(tmp_path / "c.yaml")
+    assert found.topics == ("wide-interval",)
+    assert found.reasons[0].endswith(f": {KNOW_MOTION}")
+    assert "at 15 m/s the camera may be 30 cm off, which is part of its interval" in " ".join(err.split())
+    assert found.uncertainty is not None
+    assert "::error title=semcal calibrate::fail; not_trusted 1 doubt; the pose is determined only " in err
+    assert NOT_BELIEVED in page.read_text()
+    for said in (err, page.read_text()):
+        assert stated_error(found.uncertainty, found.used_camera).replace("+-", "\u00b1") not in said
+        assert "px at 10 m" not in said
+
+
+def test_labels_with_a_clock_that_is_not_checked_weigh_less_than_a_prior(
+    street_observations: Observations, street_truth: Pose, street: Path
+) -> None:
+    """A tape measure that disagrees with the labels by what the clock may cost is no contradiction."""
+    polished = newton(street_observations, street_truth, PolishConfig()).T_camera_lidar
+    measured = polished.copy()
+    measured[:3, 3] -= polished[:3, :3] @ (0.15, 0.0, 0.0)
+    tape = Prior("tape", measured, (0.01, 0.01, 0.01, np.inf, np.inf, np.inf))
+    of_clock = covariance_of_clock(at_speed(read_drive(street), 8.0), polished)
+    sure = fuse(street_observations, polished, [tape])
+    unsure = fuse(street_observations, polished, [tape], of_clock=of_clock)
+    assert [finding.topic for finding in sure.findings] == ["prior"]
+    assert unsure.findings == ()
+    assert unsure.of_intrinsics is None
+    off_m = camera_center(unsure.T_camera_lidar) - camera_center(measured)
+    assert np.linalg.norm(off_m) < 0.01
+    assert unsure.uncertainty is not None
+    assert max(unsure.uncertainty.half_width_95_camera_center_m) < 0.03
+
+
+def frames_at(drive: Drive, gaps_s: Sequence[float | None]) -> Drive:
+    """The drive with a stamp of each sweep, and of the picture some time after it, if there is one."""
+    frames = [
+        frame.model_copy(update={"points_stamp": 1.0, "image_stamp": None if gap_s is None else 1.0 + gap_s})
+        for frame, gap_s in zip(drive.frames, gaps_s, strict=True)
+    ]
+    return drive.model_copy(update={"frames": tuple(frames)})
+
+
+def test_what_to_state_is_said_of_stamped_frames_of_different_scenes(
+    street: Path, street_observations: Observations
+) -> None:
+    drive, num_frames = read_drive(street), street_observations.num_frames
+    advice = ", state motion.poses, or motion.speed_m_s for an interval that includes what the clock may cost"
+    standing = replace(street_observations, known_scenes=[0] * num_frames)
+    for gaps_s, observations, expected in (
+        ([0.01] * num_frames, street_observations, STANDING + advice),
+        ([0.01] * num_frames, standing, STANDING),
+        ([None] * num_frames, street_observations, STANDING),
+    ):
+        assert notes_on_clock(LoadedDrive(frames_at(drive, gaps_s), observations)) == (expected,)
+    assert notes_on_clock(LoadedDrive(at_speed(drive, 0.0), street_observations)) == ()
+    assert notes_on_clock(LoadedDrive(at_speed(drive, 8.0), street_observations)) == (MOVING,)
