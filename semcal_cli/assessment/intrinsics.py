@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity, sensitivity
+from semcal_cli.checks.camera import WRONG_INTRINSICS
+from semcal_cli.checks.check import Measured
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.document import Camera, IntrinsicsSigma
 from semcal_cli.drive.intrinsics import DEFAULT_FOCAL_SIGMA, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
@@ -33,19 +34,13 @@ five on a real jam was reported to have wrong intrinsics; with blocks of two pix
 LEAST_FALL = 0.2
 """Smallest curvature along a change of the intrinsics in pixels, as a share of the median of the pose's six. Along some
 changes the information hardly falls, or even rises, and an undamped step is arbitrarily long."""
-MAX_INTRINSICS_CHI2 = 8.5
-"""Largest score of the intrinsics of many frames without a finding; that of few frames is higher."""
 FEW_FRAMES = 4
 """Number of frames, or fewer, with which the limit is twice that of many. The score scatters more widely than
 chi-square with five degrees of freedom: squares of one image depend on one another, so few frames are few independent
 parts (Hotelling), and blocks of pixels leave a bias of fy."""
-MAX_INTRINSICS_SHARE = 0.005
-"""Largest movement of the points by freed intrinsics without a finding, as a share of the width of the image. Every
-camera has small errors. Of 494 good cases with 4, 10 and 20 frames of 38 synthetic drives of six rigs, with clean,
-wrong and network-like labels, none exceeds both limits. Of 228 cases with fx, or fx and fy, wrong by 3 %, 214 do; 12 of
-the others have the narrow lens. The limits come from 24 of the drives; the other 14 count 0 of 182 and 83 of 84."""
 LEAST_PX = 3.0
-"""Smallest such limit, in pixels, because blocks of pixels leave a bias of about one pixel."""
+"""Smallest limit of the movement of the points by freed intrinsics, in pixels, because blocks of pixels leave a bias of
+about one pixel."""
 MAX_DECENTRED = 0.04
 """Largest distance of the principal point from the middle of the image without a note, as a share of the longer side.
 Lenses are off by the same length in both directions. Published cameras (KITTI, nuScenes, RELLIS-3D, OpenCalib) are off
@@ -162,7 +157,7 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
     return tuple(notes)
 
 
-def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Finding, ...]:
+def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Measured, ...]:
     """Test whether the mutual information rises with fx, fy, cx, cy and k1 free and the pose following them.
 
     Both must be exceeded: what chance does to the score, and what every camera has in pixels.
@@ -172,10 +167,9 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Findin
     if not around.of_pose.is_determined:
         return ()
     free = _Freed.of(around)
-    limit = MAX_INTRINSICS_CHI2 * (1.0 + FEW_FRAMES / max(around.num_scenes, FEW_FRAMES))
-    limit_px = max(MAX_INTRINSICS_SHARE * camera.width, LEAST_PX)
-    if free.chi2 <= limit or free.moved_px <= limit_px:
-        return ()
+    few_frames = 1.0 + FEW_FRAMES / max(around.num_scenes, FEW_FRAMES)
+    limit = WRONG_INTRINSICS.limit("chi-square") * few_frames
+    limit_px = max(WRONG_INTRINSICS.limit("movement") * camera.width, LEAST_PX)
     changes = [
         f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, free.deviations, strict=True) if each > 2.0
     ]
@@ -184,8 +178,7 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Findin
         f"the intrinsics look wrong{which}, freed they would move the points by {free.moved_px:.0f} pixels or more, "
         f"chi-square {free.chi2:.0f} of 5, needed at most {limit:.0f}"
     )
-    advice = "check K and the distortion, and that K is of pictures of this size, or calibrate the lens again"
-    return (Finding("intrinsics", found, advice),)
+    return (WRONG_INTRINSICS.measured(min(free.chi2 / limit, free.moved_px / limit_px), found),)
 
 
 class _Freed(NamedTuple):
