@@ -79,7 +79,7 @@ def _of_frames(observations: Observations, T_camera_lidar: Pose, agreement: _cor
     """Measure frames by the classes that go together in all of them, or square by square."""
     if observations.starts is not None:
         found = segment_information(observations, T_camera_lidar)
-        most = found.by_frame + ODD_FRAMES.limit("exchanged in standard errors") * found.sigma_by_frame
+        most = found.by_frame + ODD_FRAMES.limit("another picture, by squares") * found.sigma_by_frame
 
         def by_squares(others: Observations) -> Information:
             return segment_information(others, T_camera_lidar).by_frame
@@ -92,7 +92,7 @@ def _of_frames(observations: Observations, T_camera_lidar: Pose, agreement: _cor
     def by_classes(others: Observations) -> Information:
         return information_by_frame(_core.agreement(others.core, T_camera_lidar).frame_joints, table)
 
-    return _OfFrames(own, joints.sum(axis=(1, 2)), ODD_FRAMES.limit("exchanged") * own, by_classes)
+    return _OfFrames(own, joints.sum(axis=(1, 2)), ODD_FRAMES.limit("another picture") * own, by_classes)
 
 
 def information_by_frame(joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]) -> Information:
