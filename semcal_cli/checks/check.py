@@ -25,11 +25,15 @@ class Evidence:
     """Number of calibrations of good drives."""
     worst_good: float
     """Value of the good drive that is nearest to the limit, or farthest beyond it."""
+    num_good_beyond: int = 0
+    """Number of good drives beyond the limit, which are not trusted."""
     bad_kind: str | None = None
     """What was wrong with the bad drives; None if no kind of bad drive belongs to the limit."""
     num_bad: int = 0
     mildest_bad: float | None = None
     """Value of the bad drive that is farthest on the good side."""
+    num_bad_within: int = 0
+    """Number of bad drives that keep the limit: other checks have to find what is wrong with them."""
     by_rule: float | None = None
     """Limit that the rule of the command gives; None where good and bad drives overlap."""
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
 
-from semcal_cli.checks.check import Check, Limit
+from semcal_cli.checks.check import Check, Evidence, Limit
 from semcal_cli.checks.table import SECTIONS
 
 WIDTH = 120
@@ -20,8 +19,8 @@ several, begin with the first: one wrong input often brings several reasons. Bef
 DRIVE` look for mistakes in the files, and look at `semcal overlay DRIVE calibration.yaml -o overlays`: most
 mistakes are seen on one picture.
 
-Each entry with a figure has its limit, with what was measured on synthetic drives on both sides of it, and where
-else it comes from.
+Each entry with a figure has its limit, with what `semcal experiment trust --limits` measured on synthetic drives on
+both sides of it, and where else it comes from.
 """
 TAIL = """\
 ## <a id="looks-like"></a>Other commands
@@ -68,19 +67,23 @@ def _one_limit(name: str, limit: Limit) -> str:
     most = "at least" if limit.at_most is None else "at most"
     of = f"For {name}, at" if name else "At"
     sentence = f"{of}{most.removeprefix('at')} {limit.words(limit.value)}"
-    origin = "; ".join([*_measured(limit), *([limit.source] if limit.source else [])])
-    return f"{sentence}: {origin}."
+    source = limit.source[:1].upper() + limit.source[1:]
+    if limit.measured is None:
+        return f"{sentence}: {limit.source}."
+    return f"{sentence}: {_evidence(limit, limit.measured)}." + (f" {source}." if source else "")
 
 
-def _measured(limit: Limit) -> Iterator[str]:
+def _evidence(limit: Limit, found: Evidence) -> str:
     """Say what was measured on both sides of a limit."""
-    found = limit.measured
-    if found is None:
-        return
     worst, mildest = ("least", "most") if limit.at_most is None else ("most", "least")
-    yield f"{found.num_good} good drives had at {worst} {limit.words(found.worst_good)}"
-    if found.mildest_bad is not None:
-        yield f"{found.num_bad} with {found.bad_kind} at {mildest} {limit.words(found.mildest_bad)}"
+    beyond = f" ({found.num_good_beyond} of them beyond the limit)" if found.num_good_beyond else ""
+    good = f"{found.num_good} good drives had at {worst} {limit.words(found.worst_good)}{beyond}"
+    if found.mildest_bad is None:
+        return good
+    within = f" ({found.num_bad_within} of them within the limit)" if found.num_bad_within else ""
+    return (
+        f"{good}, {found.num_bad} with {found.bad_kind} at {mildest} {limit.words(found.mildest_bad)}{within}"
+    )
 
 
 def _item(text: str) -> str:

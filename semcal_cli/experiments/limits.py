@@ -45,10 +45,11 @@ def _of_another_drive(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
 
 
 def _one_class(raw: RawDrive, rng: np.random.Generator) -> RawDrive:
-    """Give all points and pixels one class, except for one label in a hundred."""
+    """Give all points and pixels of the drive the class of most points, except for one label in a hundred."""
+    counts = np.bincount(np.concatenate([frame.point_labels for frame in raw.frames]))
+    counts[spoiling.UNLABELLED] = 0
 
     def mostly_one(ids: Labels) -> Labels:
-        counts = np.bincount(ids[ids != spoiling.UNLABELLED])
         return np.where(rng.random(ids.shape) < 0.01, ids, counts.argmax()).astype(np.uint8)
 
     return raw.with_frames(

@@ -28,18 +28,19 @@ RULE = (
 
 @dataclass(frozen=True)
 class Row:
-    """A limit with what was measured."""
+    """A limit with what was measured; the fields are those of `Evidence`."""
 
     topic: str
     name: str
     today: float
-    by_rule: float | None
-    """Limit by the rule; None where good and bad drives overlap."""
     num_good: int
     worst_good: float
+    num_good_beyond: int
     bad_kind: str | None
     num_bad: int
     mildest_bad: float | None
+    num_bad_within: int
+    by_rule: float | None
 
 
 def rows(values: Sequence[Value]) -> list[Row]:
@@ -55,26 +56,39 @@ def rows(values: Sequence[Value]) -> list[Row]:
 def _row(topic: str, name: str, limit: Limit, values: Sequence[Value]) -> Row | None:
     of_limit = [each for each in values if (each.topic, each.limit) == (topic, name)]
     on_good_drives = [each for each in of_limit if each.kind in (GOOD, FEW, MOVING)]
-    good = [limit.sign * each.value for each in on_good_drives if each.is_right]
+    good = _worst_of_each([each for each in on_good_drives if each.is_right], limit)
     if not good:
         return None
     kind = BAD_OF.get(topic)
     if kind == WRONG_POSE:
-        bad = [limit.sign * each.value for each in on_good_drives if not each.is_right]
+        of_bad = [each for each in on_good_drives if not each.is_right]
     else:
-        bad = [limit.sign * each.value for each in of_limit if each.kind == kind]
-    by_rule = _by_rule(limit.sign, good, bad)
+        of_bad = [each for each in of_limit if each.kind == kind]
+    bad = _worst_of_each(of_bad, limit)
+    by_rule = _by_rule(limit.sign, [limit.sign * x for x in good], [limit.sign * x for x in bad])
     return Row(
-        topic,
-        name,
-        limit.value,
-        None if by_rule is None else _short(by_rule),
-        len(good),
-        _short(limit.sign * max(good)),
-        kind if bad else None,
-        len(bad),
-        _short(limit.sign * min(bad)) if bad else None,
+        topic=topic,
+        name=name,
+        today=limit.value,
+        num_good=len(good),
+        worst_good=_short(max(good, key=lambda x: limit.sign * x)),
+        num_good_beyond=sum(not limit.is_kept_by(x) for x in good),
+        bad_kind=kind if bad else None,
+        num_bad=len(bad),
+        mildest_bad=_short(min(bad, key=lambda x: limit.sign * x)) if bad else None,
+        num_bad_within=sum(limit.is_kept_by(x) for x in bad),
+        by_rule=None if by_rule is None else _short(by_rule),
     )
+
+
+def _worst_of_each(values: Sequence[Value], limit: Limit) -> list[float]:
+    """Take the worst value of each calibration, which decides: some checks look at both sides' labels."""
+    found: dict[tuple[str, str, int], float] = {}
+    for each in values:
+        case = (each.kind, each.cue, each.seed)
+        worst = max(limit.sign * each.value, limit.sign * found.get(case, each.value))
+        found[case] = limit.sign * worst
+    return list(found.values())
 
 
 def _by_rule(sign: int, good: Sequence[float], bad: Sequence[float]) -> float | None:
@@ -92,17 +106,11 @@ def _short(value: float) -> float:
 
 def limits_text(found: Sequence[Row], command: str, seeds: range) -> str:
     """Write all limits as limits.json has them: today's values with the new evidence."""
+    about = {"command": command, "first_seed": seeds.start, "num_seeds": len(seeds)}
     evidence = {
         (row.topic, row.name): Evidence(
-            command=command,
-            first_seed=seeds.start,
-            num_seeds=len(seeds),
-            num_good=row.num_good,
-            worst_good=row.worst_good,
-            bad_kind=row.bad_kind,
-            num_bad=row.num_bad,
-            mildest_bad=row.mildest_bad,
-            by_rule=row.by_rule,
+            **about,  # type: ignore[arg-type]
+            **{key: value for key, value in vars(row).items() if key not in ("topic", "name", "today")},
         )
         for row in found
     }
@@ -122,17 +130,17 @@ def _entry(limit: Limit) -> dict[str, object]:
 
 def markdown(found: Sequence[Row]) -> str:
     """Format the table."""
-    header = "| check | limit | good drives | worst | bad drives | mildest | limit today | by the rule |"
+    header = "| check | limit | good | worst | beyond | bad drives | mildest | within | limit today | by the rule |"
     return markdown_table(header, map(_cells, found))
 
 
 def _cells(row: Row) -> list[object]:
     limit = CHECKS[row.topic].limits[row.name]
-    bad = ["", ""]
+    bad: list[object] = ["", "", ""]
     if row.mildest_bad is not None:
-        bad = [f"{row.num_bad}, {row.bad_kind}", limit.words(row.mildest_bad)]
+        bad = [f"{row.num_bad}, {row.bad_kind}", limit.words(row.mildest_bad), row.num_bad_within]
     by_rule = "none" if row.by_rule is None else limit.words(row.by_rule)
-    good = [row.num_good, limit.words(row.worst_good)]
+    good = [row.num_good, limit.words(row.worst_good), row.num_good_beyond]
     return [row.topic, row.name, *good, *bad, limit.words(row.today), by_rule]
 
 
