@@ -28,7 +28,8 @@ from semcal_cli.assessment.pose_checks import check_motion, check_shutter
 from semcal_cli.assessment.priors import Prior, clamp
 from semcal_cli.assessment.remedies import advise
 from semcal_cli.assessment.repeatability import compare_seeds
-from semcal_cli.assessment.rivals import MIN_SIGMAS, sigmas_behind
+from semcal_cli.assessment.rivals import sigmas_behind
+from semcal_cli.checks.mounting import OTHER_POSE
 from semcal_cli.config import (
     EDGE_STARTS,
     FAR_DEG,
@@ -262,7 +263,7 @@ def _decided_by_edges(
 
 def _is_behind(data: LoadedDrive, T_camera_lidar: Pose, T_rival: Pose) -> bool:
     """Whether the pose of another mounting is clearly behind."""
-    return sigmas_behind(data.observations, T_camera_lidar, [T_rival])[0] >= MIN_SIGMAS
+    return sigmas_behind(data.observations, T_camera_lidar, [T_rival])[0] >= OTHER_POSE.limit()
 
 
 def refine(
@@ -390,8 +391,7 @@ def assess(
             with_label_bleed=with_label_bleed and {*data.cues} <= {"labels", "segments"},
         )
     if data.guide is not None and data.is_refined_by_edges:
-        of_guide = check_guide(data.guide, T_camera_lidar, stages.initial.T_camera_lidar)
-        found = replace(found, findings=(*found.findings, *of_guide))
+        found = found.with_measured(check_guide(data.guide, T_camera_lidar, stages.initial.T_camera_lidar))
     if with_remedies:
         findings = advise(
             found.findings,

@@ -8,6 +8,7 @@ import numpy as np
 
 from semcal_cli.assessment.joint import DELAY_NOT_DETERMINED
 from semcal_cli.assessment.limits import CLOCK, Check, Verdict, judge, judge_clock, together
+from semcal_cli.checks.belonging import OWN_DRIVE
 from semcal_cli.config import (
     MAX_BASELINE_M,
     AlignmentConfig,
@@ -167,7 +168,7 @@ def _made_from(drive: Drive, record: Calibration) -> Finding | None:
     if 2 * num_own <= min(len(record.input.frames), len(drive.frames)):
         return None
     found = f"{num_own} of the {len(drive.frames)} sweeps are those that the transform was calibrated from"
-    return Finding("own-drive", found, "check it on another drive, for it agrees with its own")
+    return OWN_DRIVE.finding(found)
 
 
 def _check_clock(data: LoadedDrive, stages: Stages, limit_s: float) -> tuple[Check, list[str]]:

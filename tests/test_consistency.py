@@ -7,6 +7,7 @@ import pytest
 from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.intrinsics import around_intrinsics, wrong_intrinsics
+from semcal_cli.checks.check import findings_among
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
@@ -17,7 +18,7 @@ from semcal_cli.refinement.pyramid import refine
 
 
 def sentences(observations: Observations, T_camera_lidar: Pose) -> list[str]:
-    return [finding.sentence for finding in check_consistency(observations, T_camera_lidar)]
+    return [finding.sentence for finding in findings_among(check_consistency(observations, T_camera_lidar))]
 
 
 def test_nothing_is_found_against_a_good_drive(street_observations: Observations, street_truth: Pose) -> None:
@@ -48,7 +49,9 @@ def test_pixels_of_one_class_have_no_top_to_compare_with(
     plain = street_observations.with_images(
         image.with_classes(np.zeros_like(image.classes)) for image in street_observations.images
     )
-    assert "one-class" in [finding.topic for finding in check_consistency(plain, street_truth)]
+    assert "one-class" in [
+        finding.topic for finding in findings_among(check_consistency(plain, street_truth))
+    ]
 
 
 def test_labels_that_tell_no_direction(street_observations: Observations, street_truth: Pose) -> None:
@@ -72,7 +75,7 @@ def test_wrong_intrinsics_are_named(
     )
     (focal,) = sentences(seen, refined.T_camera_lidar)
     around = around_intrinsics(seen, refined.T_camera_lidar)
-    (intrinsics,) = wrong_intrinsics(around, seen.camera)
+    (intrinsics,) = findings_among(wrong_intrinsics(around, seen.camera))
     right = "shorter" if scale > 1.0 else "longer"
     assert re.match(
         rf"the focal length looks wrong, points and pictures agree \d+\.\d% better with fx and fy 7% {right}: ",

@@ -12,6 +12,7 @@ from semcal_cli.assessment.frame_offsets import frame_offsets
 from semcal_cli.assessment.frame_scores import FrameScores
 from semcal_cli.assessment.pairing import check_pairs
 from semcal_cli.assessment.uncertainty import estimate_uncertainty
+from semcal_cli.checks.check import findings_among
 from semcal_cli.config import RefinementConfig
 from semcal_cli.drive.alike import alike_frames
 from semcal_cli.drive.document import read_drive
@@ -53,7 +54,7 @@ def paired(raw: RawDrive, folder: Path) -> tuple[Finding, ...]:
     """Check the pairs at the true pose, so that only the pairs are wrong."""
     data, T = load(write_raw_drive(raw, folder)), raw.frames[0].T_camera_lidar
     agreement = _core.agreement(data.observations.core, T)
-    return check_pairs(data.observations, T, agreement, names(raw))
+    return findings_among(check_pairs(data.observations, T, agreement, names(raw)))
 
 
 def names(raw: RawDrive) -> list[str]:
@@ -123,7 +124,7 @@ def test_frames_turned_each_by_its_own_disagree_without_parts(
 
 
 def test_nothing_is_said_of_a_good_drive(long_street: RawDrive, tmp_path: Path) -> None:
-    assert compared(long_street, tmp_path) == FrameCheck()
+    assert compared(long_street, tmp_path).findings == ()
     assert paired(long_street, tmp_path) == ()
 
 
@@ -142,7 +143,7 @@ def test_frames_of_few_squares_are_outliers_by_chance_no_more_often(rng: np.rand
 
 def test_one_frame_is_not_compared(long_street: RawDrive, tmp_path: Path) -> None:
     one = long_street.with_frames(long_street.frames[:1])
-    assert compared(one, tmp_path) == FrameCheck()
+    assert compared(one, tmp_path).findings == ()
     assert paired(one, tmp_path) == ()
 
 

@@ -204,9 +204,9 @@ def test_a_frame_without_a_picture_is_named(bare: Path) -> None:
 def test_segments_speak_against_edges_that_walked_away(bare: Path, street_truth: Pose) -> None:
     guide = load(bare).guide
     assert guide is not None
-    assert check_guide(guide, street_truth, street_truth) == ()
+    assert check_guide(guide, street_truth, street_truth).findings == ()
     walked = make_pose((0.0, 0.09, 0.0), (0.3, 0.0, 0.3)) @ street_truth
-    (finding,) = check_guide(guide, walked, street_truth)
+    (finding,) = check_guide(guide, walked, street_truth).findings
     assert finding.topic == "cues-disagree"
     assert "5.2 degrees and 42 cm away" in finding.sentence
 

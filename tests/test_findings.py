@@ -6,35 +6,48 @@ from pathlib import Path
 import pytest
 
 import semcal_cli
+from semcal_cli.checks import belonging, camera, convergence, determination, mounting, stated
+from semcal_cli.checks.check import Check
+from semcal_cli.checks.table import CHECKS
 from semcal_cli.result.stage import Finding
 
 PACKAGE = Path(semcal_cli.__file__).parent
 OF_EXPERIMENTS = {"experiments/rivals", "experiments/gradient"}
 """Modules with another `Finding`, a row of a table."""
+MAKERS = {"finding": 0, "without_value": 0, "measured": 1}
+"""Methods of a check that make a finding, with the place of its sentence among their arguments."""
+NAMES = {
+    name: value
+    for module in (belonging, camera, convergence, determination, mounting, stated)
+    for name, value in vars(module).items()
+    if isinstance(value, Check)
+}
 ORDERS = {"add", "calibrate", "check", "give", "label", "measure", "record", "start"}
 """Words that an advice begins with."""
 FEWEST = 28
 """Number of places that make a finding; a walk that finds fewer has missed some."""
 
 
-def arguments() -> list[tuple[str, ast.expr, ast.expr, ast.expr]]:
-    """Place, topic, and what was found and advised, of each finding that any module makes."""
+def sources() -> dict[str, ast.Module]:
+    """All modules that may make a finding, by name."""
+    names = {
+        path.relative_to(PACKAGE).with_suffix("").as_posix(): path for path in sorted(PACKAGE.rglob("*.py"))
+    }
+    return {name: ast.parse(path.read_text()) for name, path in names.items() if name not in OF_EXPERIMENTS}
+
+
+def places() -> list[tuple[str, Check, ast.expr]]:
+    """Place, check and sentence of each finding that any module makes."""
     found = []
-    for path in sorted(PACKAGE.rglob("*.py")):
-        name = path.relative_to(PACKAGE).with_suffix("").as_posix()
-        if name in OF_EXPERIMENTS:
-            continue
-        tree = ast.parse(path.read_text())
+    for name, tree in sources().items():
         names = constants(tree)
         for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and ast.unparse(node.func) == "Finding":
-                topic, what, advice = (resolved(each, names, tree, node) for each in node.args)
-                found.append((f"{name}:{node.lineno}", topic, what, advice))
-            # `map(Finding, ...)` and the like would hide what is made.
-            is_handed_on = isinstance(node, ast.Call) and any(
-                isinstance(each, ast.Name) and each.id == "Finding" for each in node.args
-            )
-            assert not is_handed_on, f"{name}:{node.lineno}"
+            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
+                continue
+            check = NAMES.get(ast.unparse(node.func.value))
+            place = MAKERS.get(node.func.attr, len(node.args))
+            if check is not None and place < len(node.args):
+                found.append((f"{name}:{node.lineno}", check, resolved(node.args[place], names, tree, node)))
     return found
 
 
@@ -63,22 +76,35 @@ def resolved(value: ast.expr, names: dict[str, ast.expr], tree: ast.Module, call
     return max(before, key=lambda node: node.lineno).value if before else names[value.id]
 
 
-PLACES = arguments()
+PLACES = places()
 
 
 def test_all_places_are_walked() -> None:
     assert len(PLACES) >= FEWEST
 
 
-@pytest.mark.parametrize(
-    ("what", "advice"), [each[2:] for each in PLACES], ids=[place for place, *_ in PLACES]
-)
-def test_every_reason_has_an_advice(what: ast.expr, advice: ast.expr) -> None:
-    assert isinstance(advice, ast.Constant), ast.unparse(advice)
-    sentence = advice.value
-    assert isinstance(sentence, str)
-    assert sentence.split()[0].rstrip(",") in ORDERS
-    assert not sentence.endswith(".")
+def test_only_checks_make_findings() -> None:
+    makers = {
+        name
+        for name, tree in sources().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and "Finding" in map(ast.unparse, [node.func, *node.args])
+    }
+    assert makers == {"checks/check"}
+
+
+def test_every_check_makes_a_finding() -> None:
+    assert {check.topic for _, check, _ in PLACES} == set(CHECKS)
+
+
+@pytest.mark.parametrize("check", CHECKS.values(), ids=CHECKS)
+def test_every_check_has_an_advice(check: Check) -> None:
+    assert check.advice.split()[0].rstrip(",") in ORDERS
+    assert not check.advice.endswith(".")
+
+
+@pytest.mark.parametrize("what", [what for *_, what in PLACES], ids=[place for place, *_ in PLACES])
+def test_what_was_found_says_no_nats_and_no_order(what: ast.expr) -> None:
     # Only the colon before the advice parts the two; figures of what was found are no information in nats.
     text = "".join(
         part.value

@@ -145,7 +145,8 @@ def test_borders_of_a_network_that_are_4_pixels_off_are_found(
 def test_pictures_that_cannot_be_read_are_left_out(drive: Path, street_observations: Observations) -> None:
     moved = with_pixels_moved(street_observations, lambda labels: np.roll(labels, 4, axis=1))
     (drive / "images/000001.png").unlink()
-    (finding,), (note,) = check_label_alignment(read_drive(drive), moved)
+    aligned = check_label_alignment(read_drive(drive), moved)
+    (finding,), (note,) = aligned.findings, aligned.notes
     assert finding.sentence.startswith("label images fit their pictures better shifted by 4 pixels left")
     assert note == (
         "whether label images fit their pictures was not tested on all: images/000001.png: no such file or folder"

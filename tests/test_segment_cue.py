@@ -15,6 +15,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
 from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.checks.check import findings_among
 from semcal_cli.cli import semcal
 from semcal_cli.config import SEGMENT_STARTS, CalibrationConfig, Cue, ExactConfig
 from semcal_cli.drive.classes import NO_CLASS
@@ -177,7 +178,7 @@ def test_pictures_of_unsure_labels_are_exchanged_as_sure_as_their_own(
         np.savez(tmp_path / f"{index}.npz", shares.astype(np.uint8))
         (read,) = _core.read_class_shares([tmp_path / f"{index}.npz"], image.classes.shape)
         unsure.append(replace(image, shares=read))
-    found = check_consistency(seen.with_images(unsure), street_truth)
+    found = findings_among(check_consistency(seen.with_images(unsure), street_truth))
     assert not any("pictures of other frames" in finding.sentence for finding in found)
 
 
@@ -231,8 +232,8 @@ def test_overlays_need_no_labels_of_points(bare: Path, street_truth: Pose, by: s
 
 
 def test_a_right_pose_has_no_rival_and_a_wrong_one_has(seen: Observations, street_truth: Pose) -> None:
-    assert check_rivals(seen, street_truth, None) == ()
-    (found,) = check_rivals(seen, FAR @ street_truth, None)
+    assert findings_among(check_rivals(seen, street_truth, None)) == ()
+    (found,) = findings_among(check_rivals(seen, FAR @ street_truth, None))
     assert "explains the data better" in found.sentence
     assert "standard errors ahead, needed 3 behind: add frames" in found.sentence
 

@@ -13,6 +13,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.leaked_labels import check_leaks
 from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.assessment.segment_information import SegmentInformation
+from semcal_cli.checks.check import findings_among
 from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
@@ -46,9 +47,9 @@ def painted(observations: Observations, T_camera_lidar: Pose) -> Observations:
 
 
 def test_labels_from_pictures_are_named(street_observations: Observations, street_truth: Pose) -> None:
-    assert check_leaks(street_observations, street_truth) == ()
+    assert findings_among(check_leaks(street_observations, street_truth)) == ()
     wrong = displaced(street_truth, 2.0, 0.2, np.random.default_rng(3))
-    (found,) = check_leaks(painted(street_observations, wrong), wrong)
+    (found,) = findings_among(check_leaks(painted(street_observations, wrong), wrong))
     assert found.topic == "leaked-labels"
 
 

@@ -57,7 +57,7 @@ def test_poses_of_single_frames_scatter_as_is_said(street_observations: Observat
         scatter.append(errors(T, polished))
         stated.append(sigmas(found))
     ratio = np.sqrt(np.mean(np.square(scatter), axis=0)) / np.sqrt(np.mean(np.square(stated), axis=0))
-    # What the points of a class share within one frame cannot be told from what all frames share: stated errors are wide.
+    # What the points of a class share in one frame may be shared by all frames, so that stated errors are wide.
     assert 0.2 < np.sqrt(np.mean(ratio**2)) < 2.0
 
 

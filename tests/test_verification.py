@@ -13,7 +13,8 @@ from click.testing import CliRunner, Result
 from conftest import make_pose, run
 from scipy.spatial.transform import Rotation
 
-from semcal_cli.assessment import pose_checks
+from semcal_cli.checks.check import Limit
+from semcal_cli.checks.determination import OVERLAP
 from semcal_cli.cli import semcal
 from semcal_cli.documentation import entry_address
 from semcal_cli.drive.document import DRIVE_FILE
@@ -189,7 +190,7 @@ def test_data_that_cannot_decide(street: Path, street_truth: Pose, tmp_path: Pat
 def test_what_speaks_against_a_refined_pose_speaks_against_a_verified_one(
     street: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pose_checks, "MIN_OVERLAP", 0.98)
+    monkeypatch.setitem(OVERLAP.settings, "", Limit(at_least=0.98))
     found = verify(street, street)
     assert found.exit_code == INCONCLUSIVE, found.output
     assert "of the picture, needed at least 98%" in " ".join(found.stdout.split())

@@ -29,6 +29,9 @@ from semcal_cli.assessment.rivals import check_rivals
 from semcal_cli.assessment.scale import check_scale
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity
 from semcal_cli.assessment.uncertainty import estimate_uncertainty, label_bleed, undetermined, with_others
+from semcal_cli.checks.check import Measured, findings_among
+from semcal_cli.checks.determination import NOT_DETERMINED, NOT_DETERMINED_TOGETHER
+from semcal_cli.checks.mounting import FEW_SCENES
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.intrinsics import intrinsic_value, sigma_of, with_intrinsics
@@ -41,25 +44,16 @@ from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import IntrinsicsCost, Uncertainty, as_entries
 from semcal_cli.threads import thread_pool
 
-NOTHING = Finding(
-    "not-determined",
-    "points and pictures do not determine the pose, their agreement does not fall in every direction",
-    "record frames with objects near and far, at the left and at the right, or state what is known with "
-    "--prior-translation-m",
+NOTHING = NOT_DETERMINED.finding(
+    "points and pictures do not determine the pose, their agreement does not fall in every direction"
 )
-TOGETHER = Finding(
-    "not-determined-together",
-    "labels and what is known do not determine the pose together",
-    "record frames with objects near and far, or state more with --prior-translation-m and --prior-rotation-deg",
-)
+TOGETHER = NOT_DETERMINED_TOGETHER.finding("labels and what is known do not determine the pose together")
 
 
 KNOW_K = "give --intrinsics-sigma, if K is known better than it says"
 """What to do about an interval that errors of K alone make too wide: more frames do not narrow it."""
-MIN_SCENES = 4
-"""Least number of scenes whose edges are trusted. On KITTI object, from 1 degree and 0.1 m, 4 of 14 runs with one
-frame, 4 of 10 with two and 9 of 10 with five end within half a degree and 20 cm; before this limit, a frame of
-OpenCalib was trusted 31 cm off, with an interval of 3 cm."""
+MIN_SCENES = FEW_SCENES.limit()
+"""Least number of scenes whose edges are trusted, and whose labels tell one top."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +68,13 @@ class Assessment:
     """Sentences that a person should know and that do not speak against the pose."""
     parts: tuple[DrivePart, ...] = ()
     """Parts of the drive, if its frames fit several poses."""
+    measured: tuple[Measured, ...] = ()
+    """What the checks measured, whether or not it is beyond their limits."""
+
+    def with_measured(self, *measured: Measured) -> Assessment:
+        """Add what more checks measured, with their findings."""
+        findings = (*self.findings, *findings_among(measured))
+        return replace(self, findings=findings, measured=(*self.measured, *measured))
 
 
 def assess(
@@ -129,17 +130,18 @@ def assess(
         of_scale = pool.submit(check_scale, checked)
         of_pose = pool.submit(uncertain)
         frames, found = of_frames.result(), of_pose.result()
-        findings = (
-            *frames.findings,
+        checked_all = frames.with_measured(
             *of_consistency.result(),
             *_rivals(data, T_camera_lidar, found, with_priors=fused is not None),
             *wrong_intrinsics(around, camera),
         )
         notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
+    findings = checked_all.findings
     if found is None:
-        return Assessment(None, (NOTHING if fused is None else TOGETHER, *findings), notes, frames.parts)
+        none = NOTHING if fused is None else TOGETHER
+        return replace(checked_all, findings=(none, *findings), notes=notes)
     too_wide = undetermined(found, _advice(found, T_camera_lidar, joint, of_intrinsics, of_clock))
-    return Assessment(found, (*findings, *too_wide), notes, frames.parts)
+    return replace(checked_all, uncertainty=found, findings=(*findings, *too_wide), notes=notes)
 
 
 def assess_rejected(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agreement) -> Assessment:
@@ -151,7 +153,7 @@ def assess_rejected(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Ag
         agreement: Agreement of the observations at this pose.
     """
     frames = compare_frames(data, T_camera_lidar, agreement)
-    return replace(frames, findings=(*frames.findings, *check_consistency(data.for_checks, T_camera_lidar)))
+    return frames.with_measured(*check_consistency(data.for_checks, T_camera_lidar))
 
 
 class _EffectOfIntrinsics(NamedTuple):
@@ -239,21 +241,22 @@ def compare_frames(data: LoadedDrive, T_camera_lidar: Pose, agreement: _core.Agr
     """
     observations, names = data.for_checks, [frame.points for frame in data.drive.frames]
     check = check_frames(observations, T_camera_lidar, names)
-    of_pairs = check_pairs(observations, T_camera_lidar, agreement, names)
-    findings = (*check.findings, *of_pairs, *(_few_scenes(observations) if data.is_refined_by_edges else ()))
+    measured = [*check.measured, *check_pairs(observations, T_camera_lidar, agreement, names)]
+    if data.is_refined_by_edges:
+        measured.append(_few_scenes(observations))
     notes = (*data.notes, *_notes_on_scenes(observations), *_unchecked(data))
     if "labels" in data.cues:
-        findings += check_leaks(data.of_cue("labels"), T_camera_lidar)
+        measured += check_leaks(data.of_cue("labels"), T_camera_lidar)
     if data.cues[0] in ("labels", "segments"):
         aligned = check_label_alignment(data.drive, data.of_cue(data.cues[0]))
-        findings += aligned.findings
+        measured += aligned.measured
         notes += aligned.notes
-    return Assessment(None, findings, notes, check.parts)
+    return Assessment(None, (), notes, check.parts).with_measured(*measured)
 
 
 def _rivals(
     data: LoadedDrive, T_camera_lidar: Pose, found: Uncertainty | None, *, with_priors: bool
-) -> tuple[Finding, ...]:
+) -> tuple[Measured, ...]:
     """Look for rivals, but for labels of some scenes, which tell one top, and priors, which rule others out."""
     observations = data.observations
     if observations.starts is None and (with_priors or len(set(observations.scenes)) >= MIN_SCENES):
@@ -270,13 +273,11 @@ def _unchecked(data: LoadedDrive) -> tuple[str, ...]:
     return notes
 
 
-def _few_scenes(observations: Observations) -> tuple[Finding, ...]:
+def _few_scenes(observations: Observations) -> Measured:
     """Check that edges were compared in scenes enough to tell the right top from others."""
     num_scenes = len(set(observations.scenes))
-    if num_scenes >= MIN_SCENES:
-        return ()
     found = f"edges of {num_scenes} scene{'s' * (num_scenes > 1)} were compared, needed at least {MIN_SCENES}"
-    return (Finding("few-scenes", found, "add frames from other places"),)
+    return FEW_SCENES.measured(num_scenes, found)
 
 
 def _notes_on_scenes(observations: Observations) -> tuple[str, ...]:

@@ -15,6 +15,11 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.checks.belonging import WRONG_PAIRING
+from semcal_cli.checks.camera import WRONG_CLOCKS, WRONG_FOCAL_LENGTH
+from semcal_cli.checks.check import Measured
+from semcal_cli.checks.determination import NOTHING_LABELLED, ONE_CLASS
+from semcal_cli.checks.mounting import OTHER_AZIMUTH
 from semcal_cli.config import ExactConfig, PyramidConfig
 from semcal_cli.drive.alike import shares_alike
 from semcal_cli.drive.camera import core_camera
@@ -26,49 +31,27 @@ from semcal_cli.errors import SemcalError
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.pyramid import refine
-from semcal_cli.result.stage import Finding
 from semcal_cli.threads import thread_pool
 
 NUM_FRAMES = 4
 """Number of frames that are checked."""
-MAX_EXCHANGED = 0.55
-"""Largest allowed mutual information with label images of other frames, as a share of that with a cloud's own. On eight
-development drives of five rigs with 5 and 20 frames it was at most 0.36; with clouds paired with another drive's images
-or with shuffled labels it was at least 0.56."""
-MAX_EXCHANGED_OF_SEGMENTS = 0.75
-"""The same for segments, whose kinds are few. At the right pose it was at most 0.61 on 15 synthetic drives of five
-rigs, 0.57 to 0.60 on two KITTI drives, and with another drive's images 0.89 to 1.26 (4 calibrations)."""
-MIN_CLASSES = 1.2
-"""Smallest number of equally frequent classes with the entropy of the labels, for points and for pixels. Streets have 4
-to 9. One object with a twentieth of the labels on plain ground gives 1.22, and with a hundredth 1.06."""
 MAX_ALIKE = 0.8
 """Largest share of equal pixels of two label images whose exchange tells anything."""
 MAX_SHARED = 0.4
 """Largest share of equal ranges in the sweeps of two frames whose exchange tells anything. Frames of synthetic drives
 share at most 0.24; in a real jam, frames 2.4 seconds apart share 0.21 to 0.57."""
-MAX_TURNED = 0.65
-"""Largest allowed mutual information with the camera turned to another azimuth, as a share of that at the pose. On the
-drives of `MAX_EXCHANGED` it was at most 0.55, and with another drive's images at least 0.71."""
-MAX_TURNED_OF_SEGMENTS = 0.8
-"""The same for segments, whose rivals near the pose are looked for as well (`rivals.py`). With right poses of synthetic
-drives with 16 channels it was up to 0.70."""
 TURN_DEG = 30.0
 """Step of the azimuths to which the camera is turned."""
 OTHER_MODEL_EXACT = ExactConfig(batch_size=1024, max_points=50_000)
 OTHER_MODEL_PYRAMID = PyramidConfig(coarsest_block_deg=1.0)
 """Settings of the refinements with other focal lengths and delays."""
 FOCAL_CHANGE = 0.07
-"""Share by which the focal length is made longer and shorter. Labels must agree less well with either. On 34 single
-frames and pairs of development drives of six rigs they always did. With K wrong by 10 %, they agreed better with the
-change in the right direction in 70 of 71 calibrations."""
+"""Share by which the focal length is made longer and shorter. Labels must agree less well with either."""
 CLOCK_DELAYS_S = (-0.05, -0.015, 0.015, 0.05)
 """Delays of the images that are tried, in seconds."""
-MIN_CLOCK_GAIN = 0.2
-"""Gain of mutual information by a delay, in its standard errors, above which the clocks look wrong. On a small drive at
-constant speed the gain was at most 0.04."""
 
 
-def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple[Finding, ...]:
+def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple[Measured, ...]:
     """Check a pose against its labels, its surroundings, the camera's focal length and the clocks.
 
     Args:
@@ -76,13 +59,17 @@ def check_consistency(observations: Observations, T_camera_lidar: Pose) -> tuple
         T_camera_lidar: (4, 4) refined pose, metres.
     """
     few = observations.of_frames(evenly_spaced(range(observations.num_frames), NUM_FRAMES))
-    findings = [
+    return (
         *_too_few_classes(few, T_camera_lidar),
         *_wrong_pairing(few, T_camera_lidar),
-        *_wrong_azimuth(few, T_camera_lidar),
+        _wrong_azimuth(few, T_camera_lidar),
         *_wrong_model(few, T_camera_lidar),
-    ]
-    return tuple(findings)
+    )
+
+
+def _by(observations: Observations) -> str:
+    """Name the limit that goes with what the points are compared by."""
+    return "segments" if observations.has_segments else "labels"
 
 
 def _information(observations: Observations, T_camera_lidar: Pose) -> float:
@@ -111,7 +98,7 @@ def _fit_of(agreement: _core.Agreement) -> _Fit:
     return _Fit(agreement.mutual_information - agreement.bias, agreement.sigma, agreement)
 
 
-def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
+def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
     """Check that the points in the image and its pixels have enough classes, weighted by their frequency."""
     sides = {}
     if not observations.has_segments:  # Each segment is a class of its own.
@@ -121,32 +108,24 @@ def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[F
             for cloud in observations.clouds
         ]
     sides["pixels"] = [image.classes.ravel() for image in observations.images]
-    return [line for name, ids in sides.items() for line in _too_few_on_side(name, ids)]
+    return [_too_few_on_side(name, ids) for name, ids in sides.items()]
 
 
-def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> list[Finding]:
+def _too_few_on_side(name: str, ids: Sequence[npt.NDArray[np.uint8]]) -> Measured:
     counts = np.sum([np.bincount(each, minlength=NO_CLASS + 1) for each in ids], axis=0)[:NO_CLASS]
     if not counts.any():
-        return [
-            Finding(
-                "nothing-labelled",
-                f"none of the {name} are labelled",
-                "label them, or check which ids the drive ignores",
-            )
-        ]
+        return NOTHING_LABELLED.without_value(f"none of the {name} are labelled")
     shares = counts[counts > 0] / counts.sum()
     # The number of equally frequent classes that would have the same entropy.
     effective = float(np.exp(-np.sum(shares * np.log(shares))))
-    if effective >= MIN_CLASSES:
-        return []
     found = (
         f"{name} are nearly all of one class, they vary like {effective:.2f} equally frequent classes, needed at least "
-        f"{MIN_CLASSES:g}"
+        f"{ONE_CLASS.limit():g}"
     )
-    return [Finding("one-class", found, "record frames with more kinds of things, or label more classes")]
+    return ONE_CLASS.measured(effective, found)
 
 
-def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
+def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
     """Check that clouds agree less well with the label images of other frames."""
     # Pictures are compared by their likeliest classes, their own as well: shares alone tell less.
     images, found = [image.without_shares() for image in observations.images], []
@@ -159,21 +138,15 @@ def _wrong_pairing(observations: Observations, T_camera_lidar: Pose) -> list[Fin
         alike = np.mean([np.mean(a.classes == b.classes) for a, b in zip(images, others, strict=True)])
         if alike <= MAX_ALIKE:
             found.append(_information(observations.with_images(others), T_camera_lidar))
-    most = MAX_EXCHANGED_OF_SEGMENTS if observations.has_segments else MAX_EXCHANGED
-    if not found or max(found) <= most * own:
+    if not found:
         return []
-    fit = _as_well(max(found), own)
+    by, best = _by(observations), max(found)
+    fit, most = _as_well(best, own), WRONG_PAIRING.limit(by)
     sentence = f"pictures of other frames fit the clouds {fit}, needed at most {most:.0%}"
-    return [
-        Finding(
-            "wrong-pairing",
-            sentence,
-            "check that sweeps and pictures belong together, by their times and names",
-        )
-    ]
+    return [WRONG_PAIRING.measured(_share(best, own), sentence, by)]
 
 
-def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
+def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> Measured:
     """Check that labels agree less well with the camera turned about the LiDAR's z axis to where points are visible."""
     own = _fit(observations, T_camera_lidar)
     least = 0.5 * _overlap(observations, T_camera_lidar, own)
@@ -183,23 +156,24 @@ def _wrong_azimuth(observations: Observations, T_camera_lidar: Pose) -> list[Fin
         turned = _fit(observations, T_turned)
         if turned.information > best and _overlap(observations, T_turned, turned) >= least:
             best, best_deg = turned.information, turn_deg
-    most = MAX_TURNED_OF_SEGMENTS if observations.has_segments else MAX_TURNED
-    if best <= most * own.information:
-        return []
-    fit = _as_well(best, own.information)
-    found = f"with the camera turned by {best_deg:.0f} degrees points and pictures fit {fit}, needed at most {most:.0%}"
-    return [
-        Finding(
-            "other-azimuth",
-            found,
-            "add frames from other places, or give --init with a mounting measured by hand",
-        )
-    ]
+    by, fit = _by(observations), _as_well(best, own.information)
+    found = (
+        f"with the camera turned by {best_deg:.0f} degrees points and pictures fit {fit}, needed at most "
+        f"{OTHER_AZIMUTH.limit(by):.0%}"
+    )
+    return OTHER_AZIMUTH.measured(_share(best, own.information), found, by)
 
 
 def _overlap(observations: Observations, T_camera_lidar: Pose, fit: _Fit) -> float:
     """Give the share of the pictures that visible points cover."""
     return (fit.agreement or _core.agreement(observations.core, T_camera_lidar)).overlap
+
+
+def _share(other: float, own: float) -> float:
+    """Give what another fit has as a share of the own one, which may be none at all."""
+    if own > 0.0:
+        return other / own
+    return math.inf if other > own else 0.0
 
 
 def _as_well(other: float, own: float) -> str:
@@ -214,7 +188,7 @@ def _about_z(angle_deg: float) -> Pose:
     return T
 
 
-def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Finding]:
+def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
     """Check that labels agree less well after refinements with other focal lengths and other delays of the images.
 
     All refinements use the same frames and settings. The agreement tells focal lengths apart even with a single frame,
@@ -241,25 +215,18 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Findi
     ]
 
 
-def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Finding]:
-    best, best_change = own.information, 0.0
-    for change, found in others.items():
-        if found is not None and found.information > best:
-            best, best_change = found.information, change
-    if best_change == 0.0:
+def _wrong_focal_length(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Measured]:
+    found = {change: fit.information for change, fit in others.items() if fit is not None}
+    if not found:
         return []
-    better = f"{best / own.information - 1.0:.1%} better" if own.information > 0.0 else "better"
+    best_change = max(found, key=lambda change: found[change])
+    gain = _share(found[best_change], own.information) - 1.0
+    better = f"{gain:.1%} better" if own.information > 0.0 else "better"
     sentence = (
         f"the focal length looks wrong, points and pictures agree {better} with fx and fy {abs(best_change):.0%} "
         f"{'longer' if best_change > 0.0 else 'shorter'}"
     )
-    return [
-        Finding(
-            "focal-length",
-            sentence,
-            "check fx and fy of K, and that K is of pictures of this size",
-        )
-    ]
+    return [WRONG_FOCAL_LENGTH.measured(gain, sentence)]
 
 
 def _tells_clocks(observations: Observations) -> bool:
@@ -268,8 +235,8 @@ def _tells_clocks(observations: Observations) -> bool:
     return twists is not None and bool(np.ptp(twists, axis=0).any())
 
 
-def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Finding]:
-    best, best_delay_s = MIN_CLOCK_GAIN, 0.0
+def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Measured]:
+    best, best_delay_s = -math.inf, 0.0
     for delay_s, found in others.items():
         if found is not None:
             gain = (found.information - own.information) / max(math.hypot(own.sigma, found.sigma), 1e-12)
@@ -281,7 +248,7 @@ def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Findin
         f"the clocks look wrong, points and pictures agree better by {best:.1f} standard errors if pictures are "
         f"{1e3 * abs(best_delay_s):.0f} ms {'later' if best_delay_s > 0.0 else 'earlier'} than image_stamp says"
     )
-    return [Finding("clocks", sentence, "check the clocks of camera and LiDAR, and correct image_stamp")]
+    return [WRONG_CLOCKS.measured(best, sentence)]
 
 
 def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:

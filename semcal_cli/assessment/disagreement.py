@@ -20,6 +20,8 @@ from semcal_cli.assessment.frame_scores import score_frames
 from semcal_cli.assessment.limits import hotelling_quantile
 from semcal_cli.assessment.pairing import information_by_frame, pointwise_information
 from semcal_cli.assessment.sensitivity import determined_sensitivity
+from semcal_cli.checks.belonging import FRAMES_DISAGREE, MOVED_CAMERA
+from semcal_cli.checks.check import Measured, findings_among
 from semcal_cli.config import ExactConfig, PolishConfig, PyramidConfig, SensitivityConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.document import Camera
@@ -38,17 +40,6 @@ FINE_DEG, FINE_PX = 0.3, (2, 4)
 """Fine blocks on which frames are compared, which feel small offsets: their angle, within these sides in pixels."""
 COARSE_DEG = 1.0
 """Coarse blocks, which feel offsets of several degrees."""
-ALPHA = 1e-3
-"""Probability that frames of one pose are said to disagree, by each of the tests."""
-PARTS_ALPHA = 0.01
-"""Probability that two parts of a drive, whose scores disagree by chance, are said to fit two poses."""
-MAX_SCATTER = 1.1
-"""Largest allowed Cochran's Q, as a multiple of what chance exceeds with probability `ALPHA`. Frames of good drives
-scatter somewhat more than their squares say. In 52 calibrations of six development drives with 3 to 14 frames and
-clean to network-like labels, Q was at most 0.82 of its limit, and the squared distance at a change 0.84 of its own."""
-MAX_SCATTER_OF_SEGMENTS = 1.4
-"""The same for segments, whose scores scatter more: with right poses of synthetic drives with a 35-degree lens Q was up
-to 1.24 times what chance exceeds."""
 MAX_PARTS = 4
 """Largest number of parts of a drive."""
 FAR_PYRAMID = PyramidConfig(coarsest_block_deg=4.0)
@@ -68,11 +59,16 @@ class Part:
 
 @dataclass(frozen=True)
 class FrameCheck:
-    """Result of comparing the frames: findings, and the parts of the drive if the camera was moved."""
+    """Result of comparing the frames: what was measured, and the parts of the drive if the camera was moved."""
 
-    findings: tuple[Finding, ...] = ()
+    measured: tuple[Measured, ...] = ()
     parts: tuple[DrivePart, ...] = ()
     """At least two parts; empty if no movement was found."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What speaks against one pose of all frames."""
+        return findings_among(self.measured)
 
 
 def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequence[str]) -> FrameCheck:
@@ -86,18 +82,18 @@ def check_frames(observations: Observations, T_camera_lidar: Pose, names: Sequen
     whole = range(observations.num_frames)
     if len(whole) < 2:
         return FrameCheck()
-    suspicion = _suspect(observations, T_camera_lidar)
+    suspicion = _compare(observations, T_camera_lidar)
     if suspicion is None:
         return FrameCheck()
+    scatter = _measured_scatter(suspicion, observations)
+    if not suspicion.is_grave:
+        return FrameCheck((scatter,))
     parts = _split(observations, whole, T_camera_lidar, suspicion, MAX_PARTS) if suspicion.place else []
     if len(parts) > 1 and all(_is_one(observations, part) for part in parts):
         described = tuple(_describe(parts, names))
-        advice = "calibrate each part with `semcal calibrate --split`, or record again"
-        return FrameCheck(
-            (Finding("moved-camera", _moved_sentence(parts, described, names), advice),), described
-        )
-    advice = "check the times of sweeps and pictures, the motion and the labels, or take these frames out"
-    return FrameCheck((Finding("frames-disagree", _scatter_sentence(suspicion, names), advice),))
+        moved = MOVED_CAMERA.without_value(_moved_sentence(parts, described, names))
+        return FrameCheck((scatter, moved), described)
+    return FrameCheck((scatter, FRAMES_DISAGREE.without_value(_scatter_sentence(suspicion, names))))
 
 
 @dataclass(frozen=True)
@@ -117,9 +113,32 @@ class _Suspicion:
     outliers: tuple[int, ...]
     """Frames whose own score is farther from zero than chance explains."""
 
+    @property
+    def is_grave(self) -> bool:
+        """Whether anything speaks against one pose."""
+        return self.place is not None or bool(self.outliers) or not self.scatter <= self.allowed
+
+
+def _measured_scatter(suspicion: _Suspicion, observations: Observations) -> Measured:
+    """Hand out the scatter as a multiple of what chance exceeds; whether it is a finding, parts decide as well."""
+    by = _by(observations)
+    share = suspicion.scatter / suspicion.allowed
+    return FRAMES_DISAGREE.measured(share * FRAMES_DISAGREE.limit(by), limit=by)
+
+
+def _by(observations: Observations) -> str:
+    """Name the limit that goes with what the points are compared by."""
+    return "segments" if observations.has_segments else "labels"
+
 
 def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
     """Test whether the frames fit one pose; None if nothing speaks against it."""
+    found = _compare(observations, T_camera_lidar)
+    return found if found is not None and found.is_grave else None
+
+
+def _compare(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | None:
+    """Compare the frames with one pose; None if their scores tell nothing."""
     blocks_px = _blocks_px(observations.camera)
     found = [score_frames(observations, T_camera_lidar, block_px) for block_px in blocks_px]
     scored = [scores for scores in found if scores is not None]
@@ -127,17 +146,14 @@ def _suspect(observations: Observations, T_camera_lidar: Pose) -> _Suspicion | N
         return None
     count = observations.num_frames
     num_squares = min(scores.num_squares for scores in scored)
-    alpha = ALPHA / (len(blocks_px) * count)
+    alpha = FRAMES_DISAGREE.limit("chance") / (len(blocks_px) * count)
     # Two frames, one at either side of a change, have this many squares.
     limit = hotelling_quantile(alpha, 2.0 * num_squares / count)
     splits = max((scores.splits() for scores in scored), key=np.max)
     place = int(np.argmax(splits)) + 1 if splits.max() > limit else None
     outliers = tuple(np.flatnonzero(np.any([each.outliers(alpha) for each in scored], axis=0)).tolist())
     scatter = max(scores.heterogeneity for scores in scored) / (6.0 * (count - 1))
-    widest = MAX_SCATTER_OF_SEGMENTS if observations.has_segments else MAX_SCATTER
-    allowed = widest * _scatter_by_chance(count, num_squares)
-    if place is None and not outliers and scatter <= allowed:
-        return None
+    allowed = FRAMES_DISAGREE.limit(_by(observations)) * _scatter_by_chance(count, num_squares)
     return _Suspicion(place, math.sqrt(max(splits.max(), 0.0)), math.sqrt(limit), scatter, allowed, outliers)
 
 
@@ -149,8 +165,8 @@ def _blocks_px(camera: Camera) -> tuple[int, int]:
 
 
 def _scatter_by_chance(num_frames: int, num_squares: int) -> float:
-    """Compute the Q over its degrees of freedom that chance exceeds with probability `ALPHA`."""
-    return _core.fisher_limit(ALPHA, 6 * (num_frames - 1), num_squares - num_frames)
+    """Compute the Q over its degrees of freedom that chance exceeds with the probability of the table."""
+    return _core.fisher_limit(FRAMES_DISAGREE.limit("chance"), 6 * (num_frames - 1), num_squares - num_frames)
 
 
 def _is_one(observations: Observations, part: Part) -> bool:
@@ -230,7 +246,9 @@ def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> in
 
 def _is_apart(before: Part, after: Part) -> bool:
     offset, covariance, dof = _offset(before, after)
-    return float(offset @ np.linalg.solve(covariance, offset)) > hotelling_quantile(PARTS_ALPHA, dof)
+    return float(offset @ np.linalg.solve(covariance, offset)) > hotelling_quantile(
+        MOVED_CAMERA.limit("chance"), dof
+    )
 
 
 def _offset(before: Part, after: Part) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], float]:

@@ -17,12 +17,6 @@ import numpy.typing as npt
 
 Fits = npt.NDArray[np.float64]
 
-MIN_Z = 4.0
-"""Gain of the fit, in standard errors, above which labels are displaced. Of the 64 displacements of points, labels that
-fit nothing exceed it with a probability of at most 2 %. On 24 good drives of six rigs with 8 or 10 frames, each with
-exact labels, 10 and 30 % wrong ones, a network's, and things grown and shrunk by 2 pixels, the gain was at most 1.0. On
-23 real pictures with labels of a network or a person it was at most 1.9, and on one real sweep 0."""
-
 
 @dataclass(frozen=True)
 class Displaced:

@@ -25,6 +25,8 @@ from semcal_cli.assessment.intrinsics import (
 from semcal_cli.assessment.measurement import Measurement, measure, silent, sum_of
 from semcal_cli.assessment.priors import EXACT, Prior, clamp
 from semcal_cli.assessment.sensitivity import Matrix, Sensitivity, sensitivity
+from semcal_cli.checks.convergence import FUSION_NOT_SETTLED
+from semcal_cli.checks.stated import PRIOR
 from semcal_cli.config import EDGE_BAND_PX, SensitivityConfig
 from semcal_cli.drive.document import IntrinsicsSigma
 from semcal_cli.drive.intrinsics import sigma_of
@@ -36,10 +38,6 @@ from semcal_cli.result.uncertainty import Uncertainty
 
 Vector6 = npt.NDArray[np.float64]
 
-CONTRADICTION_LEVEL = 1e-4
-"""Probability of a distance between labels and a prior, by chance, below which the two contradict each other."""
-MAX_SIGMAS = 4.0
-"""Largest distance of a prior from the pose along one axis, in its standard deviations, without a finding."""
 MAX_ROUNDS = 20
 """Largest number of Gauss-Newton rounds."""
 LONGEST_STEP_PX = 2.0
@@ -48,12 +46,9 @@ SETTLED_PX = 0.1
 """Movement of the points below which the rounds end, in pixels, root mean square, as `PolishConfig.settled_px`."""
 LEAST_INFORMATION = 1e-13
 """Smallest information along a direction, as a share of the best known direction's. Less is rounding."""
-UNSETTLED = Finding(
-    "fusion-not-settled",
-    f"the pose that labels and what is known determine together had not settled in {MAX_ROUNDS} rounds",
-    "add frames, or start nearer with --init",
+UNSETTLED = FUSION_NOT_SETTLED.finding(
+    f"the pose that labels and what is known determine together had not settled in {MAX_ROUNDS} rounds"
 )
-MEASURE_AGAIN = "measure it again, or state it less exactly"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +229,8 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
     fewest = float(labels.degrees_of_freedom(alone).min())
     # With few parts of the images almost any distance may be chance, so it is limited as well.
     num_axes = int(stated.sum())
-    most = num_axes * min(_core.fisher_limit(CONTRADICTION_LEVEL, num_axes, fewest), MAX_SIGMAS**2)
+    by_chance = _core.fisher_limit(PRIOR.limit("chance"), num_axes, fewest)
+    most = num_axes * min(by_chance, PRIOR.limit("one axis") ** 2)
     if chi2 <= most:
         return []
     worst = int((np.abs(off) / np.sqrt(np.diag(covariance))).argmax())
@@ -243,21 +239,19 @@ def _contradiction(labels: Measurement, prior: Prior, T_camera_lidar: Pose) -> l
         f"{prior.name} is {far} from where labels alone lead, chi-square {chi2:.0f} of {num_axes}, needed at most "
         f"{most:.0f}"
     )
-    return [Finding("prior", found, MEASURE_AGAIN)]
+    return [PRIOR.finding(found)]
 
 
 def _distance(prior: Prior, T_camera_lidar: Pose) -> list[Finding]:
     """Compare a prior with the fused pose, axis by axis."""
     deviations = np.abs(prior.residual(T_camera_lidar)) / np.maximum(prior.sigmas, EXACT)
     worst = int(deviations.argmax())
-    if deviations[worst] <= MAX_SIGMAS:
-        return []
     far = _length(worst, float(prior.residual(T_camera_lidar)[worst]))
     found = (
         f"{prior.name} is {far} from the pose that all else leads to, {deviations[worst]:.1f} standard deviations, "
-        f"needed at most {MAX_SIGMAS:.0f}"
+        f"needed at most {PRIOR.limit('one axis'):.0f}"
     )
-    return [Finding("prior", found, MEASURE_AGAIN)]
+    return [*PRIOR.measured(float(deviations[worst]), found, "one axis").findings]
 
 
 def _length(axis: int, off: float) -> str:

@@ -12,12 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli.assessment.sensitivity import LEAST_BEND, Matrix, Sensitivity, sensitivity
+from semcal_cli.checks.camera import WRONG_INTRINSICS
+from semcal_cli.checks.check import Measured
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.document import Camera, IntrinsicsSigma
 from semcal_cli.drive.intrinsics import DEFAULT_FOCAL_SIGMA, default_sigma, sigma_of
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import IntrinsicsCost, PoseChange
 
 INTRINSICS = ("fx", "fy", "cx", "cy", "k1")
@@ -32,12 +33,6 @@ AROUND_INTRINSICS_OF_EDGES = SensitivityConfig(factor=2, edge_band_px=0)
 five on a real jam was reported to have wrong intrinsics; with blocks of two pixels, none of nine on three drives."""
 RADIAL_SIGMA = 0.01
 """Standard deviation of k1 that is allowed for beside those of fx, fy, cx and cy: 1 % at 45 degrees from the axis."""
-MAX_INTRINSICS_CHI2 = 5.0
-"""Largest score of the intrinsics without a finding. It is smaller than chance gives chi-square of five variables,
-because errors that a camera is allowed, and those that the points of a class share, are part of its scatter. On 18
-synthetic drives of six rigs, with 5 and 20 frames, clean and network-like labels, it was at most 4.8 (72 runs). Of 36
-runs each of 5 and of 20 frames, also with borders of classes that are off in all frames alike, it found f that is 1 %
-off in 53 and 72 %, cx 10 px off in 72 and 75 %, and cy 10 px off, which pitch hides, in 33 and 47 %."""
 MAX_DECENTRED = 0.04
 """Largest distance of the principal point from the middle of the image without a note, as a share of the longer side.
 Lenses are off by the same length in both directions. Published cameras (KITTI, nuScenes, RELLIS-3D, OpenCalib) are off
@@ -154,7 +149,7 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
     return tuple(notes)
 
 
-def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Finding, ...]:
+def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Measured, ...]:
     """Test whether the mutual information rises with fx, fy, cx, cy and k1 free and the pose following them.
 
     Errors that the drive states, but at least those that a camera has where nothing is stated, are allowed for.
@@ -162,18 +157,15 @@ def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Findin
     if around is None or not around.of_pose.is_determined:
         return ()
     free = _Freed.of(around, _allowed(camera))
-    if free.chi2 <= MAX_INTRINSICS_CHI2:
-        return ()
     changes = [
         f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, free.deviations, strict=True) if each > 2.0
     ]
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
     found = (
         f"the intrinsics look wrong{which}, chi-square {free.chi2:.1f} of 5, needed at most "
-        f"{MAX_INTRINSICS_CHI2:.0f}"
+        f"{WRONG_INTRINSICS.limit():.1f}"
     )
-    advice = "check K and the distortion, and that K is of pictures of this size, or calibrate the lens again"
-    return (Finding("intrinsics", found, advice),)
+    return (WRONG_INTRINSICS.measured(free.chi2, found),)
 
 
 def _allowed(camera: Camera) -> Matrix:

@@ -16,9 +16,11 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.displacement import MIN_Z, Displaced, find_displaced
+from semcal_cli.assessment.displacement import Displaced, find_displaced
 from semcal_cli.assessment.frame_names import frame_list
 from semcal_cli.assessment.picture_alignment import Move, find_moved_pixels
+from semcal_cli.checks.belonging import SHIFTED_LABEL_IMAGES, SHIFTED_POINT_LABELS
+from semcal_cli.checks.check import Check, Measured, findings_among
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.reading import read_frame_image
@@ -34,10 +36,15 @@ NUM_BLOCKS = 128
 class LabelAlignment(NamedTuple):
     """What labels say of the points and pixels that they belong to."""
 
-    findings: tuple[Finding, ...]
-    """Labels that belong to others."""
+    measured: tuple[Measured, ...]
+    """How much better labels fit where they are displaced."""
     notes: tuple[str, ...] = ()
     """Sentences about pictures that could not be looked at."""
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Labels that belong to others."""
+        return findings_among(self.measured)
 
 
 def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlignment:
@@ -48,23 +55,22 @@ def check_label_alignment(drive: Drive, observations: Observations) -> LabelAlig
         observations: Labelled points, in the order of their files, and label images of the same frames.
     """
     names = [frame.points for frame in drive.frames]
-    found, unread = list[Finding](), list[str]()
-    points, entries = find_moved_points(observations)
-    if points.z > MIN_Z and not observations.has_segments:
+    found, unread = list[Measured](), list[str]()
+    if not observations.has_segments:
+        points, entries = find_moved_points(observations)
         end = "start" if entries < 0 else "end"
         shift = f"{abs(entries)} {'entry' if abs(entries) == 1 else 'entries'} towards the {end} of the file"
         of = _of(names, points.frames)
-        sentence = f"labels of points{of} fit the clouds better shifted by {shift}, {_by(points)}"
-        advice = "check that what wrote them left no point out, and label these sweeps again"
-        found.append(Finding("shifted-point-labels", sentence, advice))
+        sentence = f"labels of points{of} fit the clouds better shifted by {shift}, {_by(points, SHIFTED_POINT_LABELS)}"
+        found.append(SHIFTED_POINT_LABELS.measured(points.z, sentence))
     pixels = find_moved_pixels(observations, partial(_read_picture, drive, unread))
-    if pixels is not None and pixels.displaced.z > MIN_Z:
+    if pixels is not None:
         of = _of(names, pixels.displaced.frames, pixels.num_pictures)
         sentence = (
-            f"label images{of} fit their pictures better {_words(pixels.move)}, {_by(pixels.displaced)}"
+            f"label images{of} fit their pictures better {_words(pixels.move)}, "
+            f"{_by(pixels.displaced, SHIFTED_LABEL_IMAGES)}"
         )
-        advice = "check that they were made from these pictures, in their size, and label them again"
-        found.append(Finding("shifted-label-images", sentence, advice))
+        found.append(SHIFTED_LABEL_IMAGES.measured(pixels.displaced.z, sentence))
     return LabelAlignment(tuple(found), _note(sorted(set(unread))))
 
 
@@ -98,12 +104,12 @@ def _read_picture(drive: Drive, unread: list[str], index: int) -> npt.NDArray[np
 
 def _of(names: Sequence[str], frames: Sequence[int], num_frames: int | None = None) -> str:
     """Name the frames, unless they are all frames that were looked at."""
-    is_all = len(frames) == (len(names) if num_frames is None else num_frames)
+    is_all = len(frames) in (0, len(names) if num_frames is None else num_frames)
     return "" if is_all else f" of {frame_list(names, frames)}"
 
 
-def _by(displaced: Displaced) -> str:
-    return f"by {displaced.z:.1f} standard errors, needed at most {MIN_Z:g}"
+def _by(displaced: Displaced, check: Check) -> str:
+    return f"by {displaced.z:.1f} standard errors, needed at most {check.limit():g}"
 
 
 def _words(move: Move) -> str:

@@ -10,12 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.checks.belonging import LEAKED_LABELS
+from semcal_cli.checks.check import Measured
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.stage import Finding
 
 NUM_FRAMES = 5
 """Number of frames that are looked at."""
@@ -23,13 +24,9 @@ LEAST_POINTS = 200
 """Number of hidden points, or fewer, that tell nothing."""
 LEAST_CLASSES = 2.0
 """Number of equally frequent classes that hidden points vary like, or fewer, that tell nothing."""
-MAX_TOLD = 0.8
-"""Largest share of the entropy of hidden points' classes that the pixels before them may tell. It was 0.25 to 0.76 with
-labels of their own (12 synthetic drives of three rigs and single frames of them, clean and as by a network; 0.42 on
-RELLIS-3D), and 0.85 to 0.99 with labels from pictures, up to 0.03 degrees and 5 mm from where they were made."""
 
 
-def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Finding, ...]:
+def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Measured, ...]:
     """Check that hidden points have classes of their own, and not those of what hides them.
 
     Args:
@@ -45,14 +42,11 @@ def check_leaks(observations: Observations, T_camera_lidar: Pose) -> tuple[Findi
     # Miller's correction: chance tells so much of few points.
     by_chance = (num_points - 1) * (num_pixels - 1) / (2.0 * count)
     told = (of_points + of_pixels - _entropy(joint.ravel()) - by_chance) / of_points
-    if told <= MAX_TOLD:
-        return ()
     found = (
         f"labels of points seem to be made from those of the pictures, pixels tell {told:.0%} of the classes of points "
-        f"that are hidden behind what they show, needed at most {MAX_TOLD:.0%}"
+        f"that are hidden behind what they show, needed at most {LEAKED_LABELS.limit():.0%}"
     )
-    advice = "label the points without the pictures, or calibrate with --cue segments,edges"
-    return (Finding("leaked-labels", found, advice),)
+    return (LEAKED_LABELS.measured(float(told), found),)
 
 
 def _joint_of_hidden(observations: Observations, T_camera_lidar: Pose) -> npt.NDArray[np.float64]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -10,20 +12,13 @@ import numpy.typing as npt
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_list, frame_name
 from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.checks.belonging import ODD_FRAMES
+from semcal_cli.checks.check import Measured
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
-from semcal_cli.result.stage import Finding
 
-MIN_INFORMATION = 0.35
-"""Least information of a frame, as a share of that of the best quarter of frames, that needs no second look. On good
-drives it was at least 0.6; with a picture of another moment or a mirrored one at most 0.35 in 29 of 36 frames."""
-MAX_EXCHANGED = 0.5
-"""Largest allowed information with the picture of another frame, as a share of that with the frame's own."""
 MIN_PAIRS = 500.0
 """Least number of pairs of points and pixels of a frame that tell anything."""
-MAX_EXCHANGED_SIGMAS = 2.0
-"""The same for other cues than labels, as a distance above that with the frame's own picture, in its standard errors:
-some frames have few segments or edges, and streets are alike."""
 NUM_EXCHANGES = 3
 """Number of other frames whose pictures are tried."""
 
@@ -32,7 +27,7 @@ Information = npt.NDArray[np.float64]
 
 def check_pairs(
     observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement, names: Sequence[str]
-) -> tuple[Finding, ...]:
+) -> tuple[Measured, ...]:
     """Check for each frame that its points agree with its own pixels.
 
     Labels are judged by the classes that go together in all frames. What tells less, segments, edges and intensity, is
@@ -44,44 +39,60 @@ def check_pairs(
         agreement: Agreement of all frames at this pose.
         names: Name of each frame: its point cloud.
     """
-    if observations.starts is not None:
-        found = segment_information(observations, T_camera_lidar)
-        own, num_pairs = found.by_frame, found.weight_by_frame
-        most_exchanged = own + MAX_EXCHANGED_SIGMAS * found.sigma_by_frame
-
-        def measure(others: Observations) -> Information:
-            return segment_information(others, T_camera_lidar).by_frame
-    else:
-        joints = agreement.frame_joints[: observations.num_frames]
-        table = pointwise_information(joints.sum(axis=0))
-        own, num_pairs = information_by_frame(joints, table), joints.sum(axis=(1, 2))
-        most_exchanged = MAX_EXCHANGED * own
-
-        def measure(others: Observations) -> Information:
-            joints = _core.agreement(others.core, T_camera_lidar).frame_joints
-            return information_by_frame(joints, table)
-
+    own, num_pairs, most_exchanged, measure = _of_frames(observations, T_camera_lidar, agreement)
     is_seen = num_pairs >= MIN_PAIRS
-    usual = float(np.quantile(own[is_seen], 0.75)) if is_seen.any() else 0.0
-    doubtful = np.flatnonzero(is_seen & (own < MIN_INFORMATION * usual))
-    if len(doubtful) == 0 or observations.num_frames < 2:
+    if not is_seen.any() or observations.num_frames < 2:
         return ()
-    exchanged = _exchanged(observations, measure)
-    is_wrong = (own <= 0.0) | (exchanged > most_exchanged)
-    wrong = doubtful[is_wrong[doubtful]].tolist()
+    usual, least = float(np.quantile(own[is_seen], 0.75)), ODD_FRAMES.limit("information")
+    doubtful = np.flatnonzero(is_seen & (own < least * usual))
+    wrong = []
+    if len(doubtful) > 0:
+        is_wrong = (own <= 0.0) | (_exchanged(observations, measure) > most_exchanged)
+        wrong = doubtful[is_wrong[doubtful]].tolist()
     if not wrong:
-        return ()
+        share = float(own[is_seen].min()) / usual if usual > 0.0 else math.nan
+        return (ODD_FRAMES.measured(share, limit="information"),)
     worst = min(wrong, key=lambda frame: float(own[frame]))
-    as_well = f"{own[worst] / usual:.0%} as well as others" if usual > 0.0 else "worse than others"
+    share = float(own[worst]) / usual if usual > 0.0 else -math.inf
+    as_well = f"{share:.0%} as well as others" if usual > 0.0 else "worse than others"
     sentence = (
         f"points and pixels of {frame_list(names, wrong)} may not belong together, {frame_name(names, worst)} agrees "
-        f"{as_well}, needed at least {MIN_INFORMATION:.0%} or more than with pictures of other frames"
+        f"{as_well}, needed at least {least:.0%} or more than with pictures of other frames"
     )
-    return (
-        Finding(
-            "odd-frames", sentence, "check the times and the names of their files, or take these frames out"
-        ),
-    )
+    return (ODD_FRAMES.measured(share, sentence, "information"),)
+
+
+class _OfFrames(NamedTuple):
+    """What the points of each frame tell of pixels."""
+
+    own: Information
+    """(F,) information with the frame's own pixels."""
+    num_pairs: npt.NDArray[np.float64]
+    """(F,) number of pairs of points and pixels."""
+    most_exchanged: Information
+    """(F,) largest allowed information with the pixels of another frame."""
+    measure: Callable[[Observations], Information]
+    """Computes the information (F,) with the pixels of other observations."""
+
+
+def _of_frames(observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement) -> _OfFrames:
+    """Measure frames by the classes that go together in all of them, or square by square."""
+    if observations.starts is not None:
+        found = segment_information(observations, T_camera_lidar)
+        most = found.by_frame + ODD_FRAMES.limit("another picture, by squares") * found.sigma_by_frame
+
+        def by_squares(others: Observations) -> Information:
+            return segment_information(others, T_camera_lidar).by_frame
+
+        return _OfFrames(found.by_frame, found.weight_by_frame, most, by_squares)
+    joints = agreement.frame_joints[: observations.num_frames]
+    table = pointwise_information(joints.sum(axis=0))
+    own = information_by_frame(joints, table)
+
+    def by_classes(others: Observations) -> Information:
+        return information_by_frame(_core.agreement(others.core, T_camera_lidar).frame_joints, table)
+
+    return _OfFrames(own, joints.sum(axis=(1, 2)), ODD_FRAMES.limit("another picture") * own, by_classes)
 
 
 def information_by_frame(joints: npt.NDArray[np.float64], table: npt.NDArray[np.float64]) -> Information:

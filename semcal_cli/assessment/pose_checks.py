@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from semcal_cli import _core
-from semcal_cli.config import MIN_OVERLAP
+from semcal_cli.checks.camera import FAR_CAMERA, MOTION, SHUTTER
+from semcal_cli.checks.determination import CHANCE, OVERLAP
 from semcal_cli.drive.document import Drive
 from semcal_cli.drive.observations import Observations
 from semcal_cli.drive.shutter import can_be_unrolled, shutter_error_px
@@ -13,8 +14,6 @@ from semcal_cli.geometry.baseline import baseline_m
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.stage import Finding
 
-MAX_MOTION_PX = 3.0
-"""Largest median displacement of the points by uncompensated motion without a finding, in pixels."""
 LEAST_BIAS = 1e-12
 """Smallest information by chance that another is divided by, nats."""
 AT_LIMIT = 0.999
@@ -23,15 +22,13 @@ AT_LIMIT = 0.999
 
 def check_motion(motion_error_px: float | None) -> tuple[Finding, ...]:
     """Check the median displacement of the points by uncompensated motion, in pixels; None if it is unknown."""
-    if motion_error_px is None or motion_error_px <= MAX_MOTION_PX:
+    if motion_error_px is None:
         return ()
     found = (
         f"the LiDAR's motion is not compensated, half of the points are {motion_error_px:.1f} pixels off or more, "
-        f"needed at most {MAX_MOTION_PX:.0f}"
+        f"needed at most {MOTION.limit():.0f}"
     )
-    return (
-        Finding("motion", found, "give motion.poses or motion.twist in the drive, or record at lower speed"),
-    )
+    return MOTION.measured(motion_error_px, found).findings
 
 
 def check_shutter(
@@ -53,14 +50,12 @@ def check_shutter(
         note = "the rolling shutter is not compensated by this method: all lines count as the middle one"
         return (), () if is_compensated else (note,)
     found = "the rolling shutter is not compensated, since the drive gives no direction of its motion"
-    advice = "give motion.poses or motion.twist in the drive, or record at lower speed"
     error_px = shutter_error_px(drive, [cloud.points for cloud in observations.clouds])
     if error_px is None:
-        return (), (f"{found}: {advice}",)
+        return (), (f"{found}: {SHUTTER.advice}",)
     cost = f"half of the points are {error_px:.1f} pixels off or more"
-    if error_px <= MAX_MOTION_PX:
-        return (), (f"{found}, {cost}: {advice}",)
-    return (Finding("shutter", f"{found}, {cost}, needed at most {MAX_MOTION_PX:.0f}", advice),), ()
+    measured = SHUTTER.measured(error_px, f"{found}, {cost}, needed at most {SHUTTER.limit():.0f}")
+    return measured.findings, () if measured.findings else (f"{found}, {cost}: {SHUTTER.advice}",)
 
 
 def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding, ...]:
@@ -69,7 +64,7 @@ def check_distance(T_camera_lidar: Pose, max_baseline_m: float) -> tuple[Finding
     if distance_m <= max_baseline_m:
         return ()
     found = f"the camera is {distance_m:.3g} m from the LiDAR, --max-baseline-m allows {max_baseline_m:g} m"
-    return (Finding("baseline", found, "give a larger --max-baseline-m if it is farther away"),)
+    return (FAR_CAMERA.finding(found),)
 
 
 def check_pose(
@@ -86,18 +81,11 @@ def check_pose(
     distance_m = baseline_m(T_camera_lidar)
     if distance_m >= AT_LIMIT * max_baseline_m:
         found = f"the camera is held at {distance_m:.3g} m from the LiDAR, the limit of --max-baseline-m"
-        findings.append(Finding("baseline", found, "give a larger --max-baseline-m if it is farther away"))
-    if agreement.overlap < MIN_OVERLAP:
-        covered = f"visible points with classes cover {agreement.overlap:.1%} of the picture"
-        found = f"{covered}, needed at least {MIN_OVERLAP:.0%}"
-        findings.append(
-            Finding("overlap", found, "label more of the points, or check which ids the drive ignores")
-        )
-    if not agreement.mutual_information > agreement.bias:
-        by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
-        how = f"{by_chance:.0%} as well as unrelated ones do by chance"
-        found = f"points and pictures agree {how}, needed more than 100%"
-        findings.append(
-            Finding("chance", found, "check that the labels are those of these sweeps and pictures")
-        )
-    return tuple(findings)
+        findings.append(FAR_CAMERA.finding(found))
+    covered = f"visible points with classes cover {agreement.overlap:.1%} of the picture"
+    found = f"{covered}, needed at least {OVERLAP.limit():.0%}"
+    findings += OVERLAP.measured(agreement.overlap, found).findings
+    by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
+    how = f"{by_chance:.0%} as well as unrelated ones do by chance"
+    found = f"points and pictures agree {how}, needed more than 100%"
+    return (*findings, *CHANCE.measured(by_chance, found).findings)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from semcal_cli.assessment.sensitivity import Matrix
+from semcal_cli.checks.convergence import SEEDS
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.calibration import Repeatability
@@ -48,7 +49,7 @@ def compare_seeds(
     findings = []
     if found.num_failed:
         sentence = f"{found.num_failed} of {found.num_seeds} seeds gave no answer"
-        findings.append(Finding("seeds", sentence, "add frames from other places"))
+        findings.append(SEEDS.finding(sentence))
     if uncertainty is not None:
         # Errors of K and of the clock move all of them alike.
         squared = np.square(uncertainty.half_widths) - np.square(uncertainty.half_widths_of_intrinsics)
@@ -59,5 +60,5 @@ def compare_seeds(
                 f"{num_beyond} of {found.num_seeds} seeds lead beyond the 95 % interval, up to "
                 f"{100.0 * found.farthest_camera_center_m:.2g} cm and {found.farthest_rotation_deg:.2g} degrees away"
             )
-            findings.append(Finding("seeds", sentence, "add frames from other places"))
+            findings.append(SEEDS.finding(sentence))
     return found, tuple(findings)

@@ -13,6 +13,8 @@ import numpy as np
 
 from semcal_cli import _core
 from semcal_cli.assessment.uncertainty import MAX_HALF_WIDTH_DEG, MAX_HALF_WIDTH_M
+from semcal_cli.checks.check import Measured
+from semcal_cli.checks.mounting import OTHER_POSE
 from semcal_cli.config import EDGE_BAND_PX, ExactConfig, PolishConfig, PyramidConfig
 from semcal_cli.drive.frame_selection import few_frames
 from semcal_cli.drive.observations import Observations
@@ -22,14 +24,8 @@ from semcal_cli.geometry.twists import displaced
 from semcal_cli.refinement.exact import ExactEstimator
 from semcal_cli.refinement.polish import newton
 from semcal_cli.refinement.pyramid import pyramid_factors
-from semcal_cli.result.stage import Finding
 from semcal_cli.result.uncertainty import Uncertainty
 
-MIN_SIGMAS = 3.0
-"""Standard errors of the information by which every rival must be behind. On a real jam, by segments and intensity, the
-best one was 4.1 to 4.9 behind the right pose; on single real frames, at most 1.9 behind wrong ones (18 runs). By labels
-of both sides it was at most 1.2 behind on RELLIS-3D 000104, whose ends lie 0.3 to 1.8 m off (16 runs), and at least 3.8
-behind the right pose of single frames of synthetic drives (12 runs)."""
 NUM_RIVALS, NUM_FRAMES = 16, 5
 """Number of ascents that look for rivals, and of the frames by which they do."""
 NUM_COMPARED = 6
@@ -43,7 +39,7 @@ CONFIG = ExactConfig(steps=40, max_points=30_000)
 
 def check_rivals(
     observations: Observations, T_camera_lidar: Pose, uncertainty: Uncertainty | None
-) -> tuple[Finding, ...]:
+) -> tuple[Measured, ...]:
     """Check that no other pose within reach explains the observations nearly as well.
 
     A rival lies farther away than a trusted pose may be uncertain; by labels, outside the interval of the pose. Its
@@ -59,13 +55,12 @@ def check_rivals(
     if observations.starts is None and uncertainty is not None:
         finished = [newton(observations, top, PolishConfig()).T_camera_lidar for top in near]
         tops += [top for top in finished if _is_outside(top, T_camera_lidar, uncertainty)]
+    if not tops:
+        return ()
     behind, T_rival = min(
         zip(sigmas_behind(observations, T_camera_lidar, tops), tops, strict=True),
         key=lambda each: each[0],
-        default=(math.inf, T_camera_lidar),
     )
-    if behind >= MIN_SIGMAS:
-        return ()
     away = compare_poses(T_rival, T_camera_lidar)
     how = (
         f"almost as well, {behind:.1f} standard errors behind"
@@ -74,9 +69,9 @@ def check_rivals(
     )
     found = (
         f"a pose {away.rotation_deg:.1f} degrees and {away.camera_center_cm:.0f} cm away explains the data {how}, "
-        f"needed {MIN_SIGMAS:g} behind"
+        f"needed {OTHER_POSE.limit():g} behind"
     )
-    return (Finding("other-pose", found, "add frames from other places, or labels of points"),)
+    return (OTHER_POSE.measured(behind, found),)
 
 
 def _tops(observations: Observations, T_camera_lidar: Pose) -> tuple[list[Pose], list[Pose]]:

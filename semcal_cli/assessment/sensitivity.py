@@ -125,18 +125,18 @@ class Sensitivity:
 
     def sandwich(self) -> tuple[Matrix, npt.NDArray[np.float64]]:
         """Compute the covariance (n, n) of all variables and Satterthwaite's degrees of freedom (n,)."""
-        found = self.scatter(np.linalg.inv(self.curvature))
+        found = self.scatter(np.asarray(np.linalg.inv(self.curvature), np.float64))
         return found.covariance, found.degrees_of_freedom
 
     def scatter(self, influence: Matrix) -> Scatter:
         """Compute the scatter of the sum of `scores @ influence`, where `influence` is (n, m).
 
-        Squares of the pictures are independent, but for what the points of a class share: a network moves the borders of
-        a class in the same way in every frame. The covariance is that of both kinds of clusters (Cameron, Gelbach and
-        Miller, *Robust inference with multiway clustering*, 2011, eq. 2.13), less what they have in common. Classes are
-        few and unequal, and the optimum yields to the largest, so that each counts by where the optimum would lie
-        without it (the cluster jackknife CV3 of MacKinnon, Nielsen and Webb, *Fast and reliable jackknife and bootstrap
-        methods for cluster-robust inference*, 2023).
+        Squares of the pictures are independent, but for what the points of a class share: a network moves the borders
+        of a class in the same way in every frame. The covariance is that of both kinds of clusters (Cameron, Gelbach
+        and Miller, *Robust inference with multiway clustering*, 2011), less what they have in common. Classes are few
+        and unequal, and the optimum yields to the largest, so that each counts by where the optimum would lie without
+        it (the jackknife CV3 of MacKinnon, Nielsen and Webb, *Fast and reliable jackknife and bootstrap methods for
+        cluster-robust inference*, 2023).
 
         Influences of `k` frames that show one scene are one, repeated: their sum has `k^2` times the variance of one.
         """

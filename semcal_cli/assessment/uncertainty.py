@@ -7,7 +7,7 @@ Zeger, *Longitudinal data analysis using generalized linear models*, 1986). The 
 see different edges. If few parts determine an axis, Student's t with Satterthwaite's degrees of freedom widens its
 interval.
 
-More frames do not reduce errors that all frames share: see `sensitivity.SHARED_FRAMES`, `label_bleed` and
+More frames do not reduce errors that all frames share: see `Sensitivity.scatter`, `label_bleed` and
 `intrinsics`. Stated errors of the intrinsics add a covariance that is known, with infinite degrees of freedom (Welch
 and Satterthwaite).
 """
@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from semcal_cli.assessment.measurement import MANY
 from semcal_cli.assessment.sensitivity import Matrix, determined_sensitivity, sensitivity
+from semcal_cli.checks.determination import WIDE_INTERVAL
 from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
@@ -34,9 +35,9 @@ from semcal_cli.result.uncertainty import LabelBleed, Uncertainty, wide_directio
 
 BLEED_FRAMES = 2
 """Number of frames from which the effect of bleeding labels is computed; all frames show the same effect."""
-MAX_HALF_WIDTH_M = 0.25
+MAX_HALF_WIDTH_M = WIDE_INTERVAL.limit("position")
 """Largest half width of a 95 % interval of the camera's position of a trusted pose, in metres."""
-MAX_HALF_WIDTH_DEG = 1.0
+MAX_HALF_WIDTH_DEG = WIDE_INTERVAL.limit("rotation")
 """Largest half width of a 95 % interval of the rotation of a trusted pose, in degrees."""
 
 CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
@@ -52,7 +53,7 @@ def undetermined(uncertainty: Uncertainty, advice: str | None = None) -> tuple[F
         return ()
     needed = f"needed {MAX_HALF_WIDTH_M:g} m and {MAX_HALF_WIDTH_DEG:g} degree"
     sentence = f"the pose is determined only {', '.join(found)} (95 %), {needed}"
-    finding = Finding("wide-interval", sentence, "add frames with objects near and far, from a moving car")
+    finding = WIDE_INTERVAL.finding(sentence)
     return (finding if advice is None else finding._replace(advice=advice),)
 
 

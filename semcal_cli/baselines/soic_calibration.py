@@ -10,6 +10,7 @@ from semcal_cli import _core
 from semcal_cli.assessment.pose_checks import check_distance, check_motion, check_shutter
 from semcal_cli.baselines.config import SoicConfig
 from semcal_cli.baselines.soic import Soic
+from semcal_cli.checks.convergence import SOIC
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.loading import LoadedDrive
 from semcal_cli.events import Listener, Progress, StageDone, ignore
@@ -18,7 +19,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import make_calibration
 from semcal_cli.result.calibration import Calibration
-from semcal_cli.result.stage import Finding, StageResult
+from semcal_cli.result.stage import StageResult
 from semcal_cli.stages import Stages
 
 
@@ -86,9 +87,7 @@ def _minimize(data: LoadedDrive, soic: Soic, T_init: Pose, on_event: Listener) -
     on_event(Progress("moving points to their classes"))
     settled = soic.minimize(T_init)
     T = settled.T_camera_lidar
-    unsettled = Finding(
-        "soic", f"SOIC had not settled after {soic.config.max_restarts} restarts", "start nearer with --init"
-    )
+    unsettled = SOIC.finding(f"SOIC had not settled after {soic.config.max_restarts} restarts")
     found = StageResult(
         T_camera_lidar=T,
         agreement=_core.agreement(data.observations.core, T),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, get_args
 import click
 
 from semcal_cli.cli.experiment_options import into_option, out_option, print_table, seeds_options
+from semcal_cli.cli.experiment_trust import trust
 from semcal_cli.cli.options import (
     KNOWN_TRANSFORMS,
     PATH,
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from semcal_cli.experiments.page_tables import Place
 
 ESTIMATORS = ("exact", "mine")
-TRUST_PARTS = ("good", "bad", "spoiled", "subtle", "verify")
 
 
 @click.group()
@@ -128,49 +128,7 @@ def jointly(
     print_table(jointly.write_jointly(results, jobs, folder), folder, into)
 
 
-@experiment.command()
-@seeds_options(
-    60,
-    "Drives: six calibrations of each as it is, five made impossible, 15 verifications.",
-    first_seed=20_000,
-)
-@click.option(
-    "--only",
-    "parts",
-    type=click.Choice(TRUST_PARTS),
-    multiple=True,
-    default=TRUST_PARTS,
-    help="Only this part; may be given again. Beside others, `spoiled` and `subtle` spoil only every fifth drive.",
-)
-@out_option
-@into_option
-def trust(
-    seeds: int, first_seed: int, jobs: int, parts: tuple[str, ...], out: Path, into: Place | None
-) -> None:
-    """Count how often intervals contain the truth, verdicts are right, and `verify` detects offsets.
-
-    Drives are also spoiled in the ways of real recordings, and given subtle faults: none should be trusted and wrong.
-    Takes about two minutes for each drive, and seven for one that is spoiled. Writes the same files as `accuracy`; a
-    stopped run resumes.
-    """
-    from semcal_cli.cli.experiment_progress import experiment_progress
-    from semcal_cli.experiments import runner, trust, trust_rates
-    from semcal_cli.experiments.outcome import Outcome
-    from semcal_cli.experiments.pool import Pool
-
-    if "good" in parts:  # every fifth drive of which is calibrated by MINE, too
-        check_torch("semcal experiment trust --only good")
-    folder = runner.make_folder(out, "trust")
-    with experiment_progress(jobs) as watcher:
-        findings = runner.run_cases(
-            trust.cases(range(first_seed, first_seed + seeds), parts),
-            trust.Experiment(Pool(out / "pool"), Pool(out / "pool_with_pictures", has_pictures=True)),
-            Outcome,
-            folder,
-            jobs,
-            watcher,
-        )
-    print_table(trust_rates.write_trust(findings, jobs, folder), folder, into)
+experiment.add_command(trust)
 
 
 def _rivals_command(name: str, help: str) -> None:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.checks.mounting import NOTHING_TO_COMPARE, OTHER_MOUNTING
 from semcal_cli.config import InitializationConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.frame_selection import few_frames
@@ -22,14 +23,10 @@ from semcal_cli.initialization.registration import Candidate, register
 from semcal_cli.result.hypothesis import Hypothesis
 from semcal_cli.result.stage import Finding, StageResult
 
-MIN_RUNNER_UP_MARGIN = 2.0
+MIN_RUNNER_UP_MARGIN = OTHER_MOUNTING.limit()
 """Standard errors of mutual information by which other mounting directions must be behind a trusted answer."""
 
-NO_OTHER = Finding(
-    "nothing-to-compare",
-    "no other mounting was left to compare with, needed one that is worse",
-    "add frames from other places, or give --init with a mounting measured by hand",
-)
+NO_OTHER = NOTHING_TO_COMPARE.finding("no other mounting was left to compare with, needed one that is worse")
 
 FAR_RUNNER_UPS = 2.0
 """Times `runner_up_deg` by which one other mounting is away while poses ascend, so that one is left to compare with.
@@ -163,19 +160,14 @@ def led_by(found: Initialization, first: Hypothesis, observations: Observations)
 
 def check_runner_up(best: Hypothesis, other: Hypothesis | None) -> tuple[Finding, ...]:
     """Check that the runner-up is far enough behind the best hypothesis."""
-    if other is None or (margin := best.margin(other)) >= MIN_RUNNER_UP_MARGIN:
+    if other is None:
         return ()
+    margin = best.margin(other)
     found = (
         f"a mounting {other.rotation_from_best_deg:.0f} degrees away explains the labels almost as well, "
         f"{margin:.2f} standard errors apart, needed {MIN_RUNNER_UP_MARGIN:.2f}"
     )
-    return (
-        Finding(
-            "other-mounting",
-            found,
-            "add frames from other places, or give --init with a mounting measured by hand",
-        ),
-    )
+    return OTHER_MOUNTING.measured(margin, found).findings
 
 
 class _Scored(NamedTuple):

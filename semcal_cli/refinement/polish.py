@@ -13,6 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
+from semcal_cli.checks.convergence import POLISH_NOT_SETTLED, POLISH_NOT_TESTED, POLISH_REJECTED
+from semcal_cli.checks.determination import NO_DIRECTION
 from semcal_cli.config import PolishConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.observations import Observations
@@ -99,27 +101,24 @@ def _held_out_gain(
 def _rejected(check: HeldOut, max_loss: float) -> tuple[Finding, ...]:
     if check.held_out_sigma_nats is None:
         found = "the polish was rejected, too few pixels were held out to test it"
-        return (Finding("polish-not-tested", found, "add frames, or label more of the pictures"),)
+        return (POLISH_NOT_TESTED.finding(found),)
     by = -check.held_out_gain_nats / max(check.held_out_sigma_nats, LEAST_SIGMA)
     found = (
         f"the polish was rejected, held-out data agree less after it by {by:.1f} standard errors, needed at most "
         f"{max_loss:g}"
     )
-    advice = "check with `semcal inspect` that sweeps, pictures and labels belong together, or add frames"
-    return (Finding("polish-rejected", found, advice),)
+    return (POLISH_REJECTED.finding(found),)
 
 
 def _unsettled(moved_px: float, most_px: float) -> tuple[Finding, ...]:
     if not math.isfinite(moved_px):
         found = "the polish found no direction in which the pose changes the agreement"
-        return (
-            Finding("no-direction", found, "record frames with more classes, such as poles, cars and kerbs"),
-        )
+        return (NO_DIRECTION.finding(found),)
     found = (
         f"the polish had not settled, its last round still moved points by {moved_px:.2f} pixels, needed at most "
         f"{most_px:g}"
     )
-    return (Finding("polish-not-settled", found, "add frames, or start nearer with --init"),)
+    return (POLISH_NOT_SETTLED.finding(found),)
 
 
 def split(observations: Observations, config: PolishConfig) -> tuple[Observations, Observations]:

@@ -20,6 +20,7 @@ from dataclasses import asdict, dataclass
 from typing import Protocol
 
 from semcal_cli import _core
+from semcal_cli.checks.convergence import REFINEMENT_NOT_SETTLED
 from semcal_cli.config import PyramidConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -132,7 +133,7 @@ def _not_settled(finest: Level, most: float) -> Finding:
         f"the refinement had not settled, the pose still moved points by {finest.drift:.1f} pixels over the last "
         f"quarters of the finest level, needed at most {most:g}"
     )
-    return Finding("refinement-not-settled", found, "add frames, or start nearer with --init")
+    return REFINEMENT_NOT_SETTLED.finding(found)
 
 
 def pyramid_factors(camera: Camera, config: PyramidConfig) -> list[int]:

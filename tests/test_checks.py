@@ -1,0 +1,162 @@
+"""The table of checks: its limits, what is measured on both sides of them, and the page that is made of it."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+from conftest import STREET
+from documentation import ROOT, blocks
+
+from semcal_cli.checks import check as checks
+from semcal_cli.checks.belonging import LEAKED_LABELS
+from semcal_cli.checks.check import LIMITS, LIMITS_FILE, Check, Limit, findings_among, read_limits
+from semcal_cli.checks.mounting import OTHER_POSE
+from semcal_cli.checks.page import entry
+from semcal_cli.checks.table import CHECKS
+from semcal_cli.cli import semcal
+from semcal_cli.experiments.accuracy import RIGS
+from semcal_cli.experiments.limits import (
+    ANOTHER_DRIVE,
+    BAD_OF,
+    FEW,
+    GOOD,
+    KINDS,
+    MOTIONS,
+    PAINTED,
+    WRONG_POSE,
+    Case,
+    Experiment,
+    Value,
+)
+from semcal_cli.experiments.limits_table import limits_text, markdown, rows
+from semcal_cli.experiments.pool import Pool
+from semcal_cli.experiments.trust import OTHER_DRIVE
+from semcal_cli.synthetic.synthesis import synthesize
+
+ALL = [(topic, name) for topic, check in CHECKS.items() for name in check.limits]
+
+
+def value(kind: str, number: float, topic: str, limit: str = "", *, is_right: bool = True) -> Value:
+    return Value(kind, "labels", 0, "default", 5, 0.0, is_right, topic, limit, number)
+
+
+@pytest.mark.parametrize(("topic", "name"), ALL)
+def test_every_limit_says_where_it_comes_from(topic: str, name: str) -> None:
+    limit = CHECKS[topic].limits[name]
+    assert (limit.at_most is None) != (limit.at_least is None)
+    assert limit.source or limit.measured
+    assert CHECKS[topic].measures
+
+
+def test_every_limit_of_the_file_is_of_a_check() -> None:
+    assert set(LIMITS) <= set(CHECKS)
+    assert set(BAD_OF) <= set(LIMITS)
+    assert set(BAD_OF.values()) <= {*KINDS, *MOTIONS, WRONG_POSE}
+
+
+def test_every_limit_is_looked_up_by_the_code() -> None:
+    """A named limit stands in a module that imports its check; a single one is that of `limit()` or `measured`."""
+    code = "\n".join(path.read_text() for path in Path(checks.__file__).parents[1].rglob("*.py"))
+    for name in {name for topic, name in ALL if topic in LIMITS and name}:
+        assert f'"{name}"' in code or f"'{name}'" in code, name
+
+
+def test_a_value_beyond_its_limit_makes_a_finding() -> None:
+    assert LEAKED_LABELS.measured(0.8, "found").findings == ()
+    assert LEAKED_LABELS.measured(0.81, "found").findings == (LEAKED_LABELS.finding("found"),)
+    assert LEAKED_LABELS.measured(0.81).findings == ()
+    assert OTHER_POSE.measured(3.0, "found").findings == ()
+    behind = OTHER_POSE.measured(2.9, "found")
+    assert findings_among([behind, behind]) == (OTHER_POSE.finding("found"),) * 2
+    assert LEAKED_LABELS.without_value("found").findings[0].advice == LEAKED_LABELS.advice
+
+
+def test_what_cannot_be_computed_keeps_no_limit() -> None:
+    assert LEAKED_LABELS.measured(math.nan, "found").finding is not None
+    assert OTHER_POSE.measured(math.nan, "found").finding is not None
+
+
+def test_a_limit_is_said_with_its_unit() -> None:
+    assert Limit(at_most=0.55, unit="%").words(0.361) == "36.1 %"
+    assert Limit(at_least=3.0, unit="standard errors").words(4.5) == "4.5 standard errors"
+
+
+def test_the_worst_value_of_a_calibration_counts() -> None:
+    (row,) = rows([value(GOOD, 1.1, "one-class"), value(GOOD, 5.0, "one-class")])
+    assert (row.num_good, row.worst_good, row.num_good_beyond) == (1, 1.1, 1)
+
+
+def test_the_rule_lies_midway_between_good_and_bad() -> None:
+    found = [value(GOOD, 0.2, "wrong-pairing", "labels"), value(FEW, 0.4, "wrong-pairing", "labels")]
+    found += [value(ANOTHER_DRIVE, 0.8, "wrong-pairing", "labels", is_right=False)] * 3
+    (row,) = rows(found)
+    assert (row.num_good, row.worst_good, row.num_bad, row.mildest_bad) == (2, 0.4, 1, 0.8)
+    assert row.by_rule == pytest.approx(0.6)
+    assert (
+        "| wrong-pairing | labels | 2 | 40 % | 0 | 1, pictures of another drive | 80 % | 0 | 55 % | 60 % |"
+        in (markdown([row]))
+    )
+
+
+def test_there_is_no_rule_where_good_and_bad_overlap_and_a_margin_without_bad_ones() -> None:
+    (row,) = rows([value(GOOD, 0.9, "leaked-labels"), value(BAD_OF["leaked-labels"], 0.8, "leaked-labels")])
+    assert (row.by_rule, row.num_good_beyond, row.num_bad_within) == (None, 1, 1)
+    (row,) = rows([value(GOOD, 5.0, "other-pose")])
+    assert (row.by_rule, row.bad_kind, row.mildest_bad) == (4.0, None, None)
+
+
+def test_a_wrong_pose_of_a_good_drive_is_a_bad_one() -> None:
+    (row,) = rows([value(GOOD, 5.0, "other-pose"), value(FEW, 1.0, "other-pose", is_right=False)])
+    assert (row.worst_good, row.mildest_bad, row.by_rule) == (5.0, 1.0, 3.0)
+
+
+def test_the_file_of_limits_is_written_as_it_is_read() -> None:
+    assert limits_text([], "a command", range(1)) == LIMITS_FILE.read_text(encoding="utf-8")
+    found = rows([value(GOOD, 0.9, "leaked-labels")])
+    limit = read_limits(limits_text(found, "a command", range(7, 9)))["leaked-labels"][""]
+    assert limit.value == LEAKED_LABELS.limit()
+    assert limit.measured == checks.Evidence(
+        command="a command",
+        first_seed=7,
+        num_seeds=2,
+        num_good=1,
+        worst_good=0.9,
+        num_good_beyond=1,
+        by_rule=1.125,
+    )
+
+
+def test_what_checks_measure_on_a_good_drive_and_on_bad_ones(tmp_path: Path) -> None:
+    seed = 6 * 7 + list(RIGS).index("default")
+    for number in (seed, seed + OTHER_DRIVE):
+        synthesize(replace(STREET, seed=number, num_frames=4), tmp_path / f"default_{number:06d}")
+    experiment = Experiment(Pool(tmp_path, has_pictures=True))
+
+    def measured(kind: str) -> dict[tuple[str, str], float]:
+        found = experiment(Case(kind, "labels", seed, 3, 0.0))
+        return {(each.topic, each.limit): each.value for each in found}
+
+    good, exchanged, painted = (measured(kind) for kind in (GOOD, ANOTHER_DRIVE, PAINTED))
+    assert good.keys() >= {("wrong-pairing", "labels"), ("other-mounting", ""), ("shifted-label-images", "")}
+    for (topic, name), number in good.items():
+        assert CHECKS[topic].limits[name].is_kept_by(number), topic
+    assert exchanged[("wrong-pairing", "labels")] > good[("wrong-pairing", "labels")]
+    assert painted[("leaked-labels", "")] > LEAKED_LABELS.limit() > good[("leaked-labels", "")]
+
+
+def test_limits_are_measured_of_all_parts() -> None:
+    found = CliRunner().invoke(semcal, ["experiment", "trust", "--limits", "--only", "good"])
+    assert found.exit_code == 2
+    assert "--limits has no parts: leave out --only" in found.output
+
+
+def test_the_check_of_the_guide_for_contributors() -> None:
+    (block,) = blocks(ROOT / "CONTRIBUTING.md", "python")
+    names = {"Check": Check, "Limit": Limit}
+    exec(block, names)
+    (finding,) = names["measured"].findings
+    assert f"> {finding.sentence}\n" in entry(names["OVEREXPOSED"])
+    assert json.dumps(finding.topic) == '"overexposed"'
