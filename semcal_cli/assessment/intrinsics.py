@@ -149,23 +149,25 @@ def notes_on_intrinsics(camera: Camera, cost: IntrinsicsCost | None) -> tuple[st
     return tuple(notes)
 
 
-def wrong_intrinsics(around: Sensitivity | None, camera: Camera) -> tuple[Measured, ...]:
+def wrong_intrinsics(
+    around: Sensitivity | None, camera: Camera, *, by_segments: bool = False
+) -> tuple[Measured, ...]:
     """Test whether the mutual information rises with fx, fy, cx, cy and k1 free and the pose following them.
 
     Errors that the drive states, but at least those that a camera has where nothing is stated, are allowed for.
     """
     if around is None or not around.of_pose.is_determined:
         return ()
-    free = _Freed.of(around, _allowed(camera))
+    free, limit = _Freed.of(around, _allowed(camera)), "segments" if by_segments else "labels"
     changes = [
         f"{name} by {each:.1f}" for name, each in zip(INTRINSICS, free.deviations, strict=True) if each > 2.0
     ]
     which = f" ({', '.join(changes)} standard errors)" if changes else ""
     found = (
         f"the intrinsics look wrong{which}, chi-square {free.chi2:.1f} of 5, needed at most "
-        f"{WRONG_INTRINSICS.limit():.1f}"
+        f"{WRONG_INTRINSICS.limit(limit):.1f}"
     )
-    return (WRONG_INTRINSICS.measured(free.chi2, found),)
+    return (WRONG_INTRINSICS.measured(free.chi2, found, limit),)
 
 
 def _allowed(camera: Camera) -> Matrix:
