@@ -113,7 +113,12 @@ def test_labels_with_stated_errors_of_k_weigh_less_than_a_prior(
 
 def test_a_good_camera_is_not_doubted(street_observations: Observations, polished: Pose) -> None:
     around = around_intrinsics(street_observations, polished)
-    assert findings_among(wrong_intrinsics(around, street_observations.camera)) == ()
+    assert (
+        findings_among(
+            wrong_intrinsics(around, street_observations.camera, len(set(street_observations.scenes)))
+        )
+        == ()
+    )
     assert notes_on_intrinsics(street_observations.camera, None) == ()
 
 

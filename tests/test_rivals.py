@@ -23,6 +23,8 @@ from semcal_cli.files.images import read_image, write_image
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, inverse, mounting_rpy_deg, pose_from_mounting
 
+FLAT_PX = 0.1
+"""Distance between borders that may differ among machines on this frame."""
 FLAT_NATS = 0.02
 """Mutual information of the frame changes by less over a metre along the optical axis: tops near one another are as
 good, and that of semcal is among them."""
@@ -70,7 +72,7 @@ def test_every_method_on_a_real_frame(rellis3d: Path, tmp_path: Path) -> None:
     measure = {m: float(row["mutual_information_nats"]) for m, row in rows.items()}
     assert measure["semcal"] > max(measure.values()) - FLAT_NATS
     distance = {m: float(row["distance_px"]) for m, row in rows.items()}
-    assert distance["SOIC"] == min(distance.values())
+    assert distance["SOIC"] <= min(distance.values()) + FLAT_PX
     size = read_image(rellis3d / "frame000104-1581624663_149.jpg").shape
     for name in ("a_reference", "b_soic", "c_pmi", "d_semcal"):
         picture = read_image(tmp_path / f"table_rellis3d_000104/{name}.png")

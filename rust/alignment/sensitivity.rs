@@ -36,11 +36,11 @@ pub struct Sensitivity {
     pub motions: DMatrix<f64>,
     /// Share of each part in the gradient, nats; one row for each part.
     pub scores: DMatrix<f64>,
-    /// Frame of each part, the row and column of its square in the image, and the class of its points.
+    /// Frame of each part, the row and column of its square in the image, and the class of its points, or under its segments.
     pub parts: Vec<[u32; 4]>,
     /// Share of each frame in the curvature, nats.
     pub frame_curvatures: Vec<DMatrix<f64>>,
-    /// Share of each class of points in the curvature, nats.
+    /// Share of each class of points in the curvature, nats; by segments, of each class of the pictures under them.
     pub class_curvatures: Vec<DMatrix<f64>>,
 }
 
@@ -70,9 +70,13 @@ pub fn sensitivity(
         Level::new(in_view(observations, &[*pose]), config.factor, config.edge_band_px, config.max_points);
     let Chosen { moving: mut samples, constant } = level.chosen(pose, Counted::Visible, CONSTANT_RADIUS);
     let to_anchor = to_camera(pose);
-    // What is left is a point's share of its class: the labelled share under it is put back where it lands.
+    // What is left is a point's share of its class: the labelled share under it is put back where it lands. Segments are
+    // of one sweep: what they share with those of others is the class of the picture that they lie on.
     samples.par_iter_mut().for_each(|sample| {
         let sampled = level.sampled(sample, &to_anchor(&sample.position));
+        if observations.frames[sample.frame as usize].partitions.is_some() {
+            sample.class = sampled.as_ref().and_then(Sampled::largest).unwrap_or(sample.class);
+        }
         sample.weight = (f64::from(sample.weight) / sampled.map_or(1.0, |sampled| sampled.total())) as f32;
     });
     let anchor = Estimate { pose: *pose, camera: observations.camera.clone(), offset_s: 0.0 };
@@ -240,9 +244,15 @@ impl Problem<'_> {
     }
 
     fn no_gradients(&self) -> Shares<DMatrix<f64>> {
+        let observations = &self.level.observations;
+        let num_classes = if observations.has_partitions() {
+            observations.num_point_classes.max(observations.num_image_classes)
+        } else {
+            observations.num_point_classes
+        };
         Shares {
             of_frames: DMatrix::zeros(self.n, self.level.maps.len()),
-            of_classes: DMatrix::zeros(self.n, self.level.observations.num_point_classes),
+            of_classes: DMatrix::zeros(self.n, num_classes),
         }
     }
 

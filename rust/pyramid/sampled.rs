@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 
 use crate::class_shares::Share;
+use crate::classes::NO_CLASS;
 
 /// The surroundings of a pixel.
 #[derive(Clone, Copy, Debug)]
@@ -20,6 +21,23 @@ impl Sampled<'_> {
         match self {
             Self::Uniform(_) => 1.0,
             Self::Mixed(shares) => shares.total,
+        }
+    }
+
+    /// The class with the largest share; `None` if none is labelled.
+    pub fn largest(&self) -> Option<u8> {
+        match self {
+            Self::Uniform(class) => Some(*class),
+            Self::Mixed(shares) if shares.total > 0.0 => {
+                let mut classes = [0.0; NO_CLASS as usize];
+                shares.add_to(&mut classes, 1.0);
+                classes
+                    .iter()
+                    .zip(0u8..)
+                    .max_by(|a, b| a.0.total_cmp(b.0).then(b.1.cmp(&a.1)))
+                    .map(|(_, class)| class)
+            }
+            Self::Mixed(_) => None,
         }
     }
 

@@ -133,7 +133,7 @@ def assess(
         checked_all = frames.with_measured(
             *of_consistency.result(),
             *_rivals(data, T_camera_lidar, found, with_priors=fused is not None),
-            *wrong_intrinsics(around, camera, by_segments=checked.has_segments),
+            *wrong_intrinsics(around, camera, checked.num_cues * len(set(checked.scenes))),
         )
         notes = (*frames.notes, *notes_on_intrinsics(camera, effect.cost), *of_scale.result())
     findings = checked_all.findings

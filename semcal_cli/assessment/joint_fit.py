@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.measurement import measure
+from semcal_cli.assessment.measurement import MANY, measure
 from semcal_cli.assessment.sensitivity import BLOCKS_PX, Matrix, determined_sensitivity, sensitivity
 from semcal_cli.config import (
     CENTER_SIGMA_PX,
@@ -156,8 +156,8 @@ class Fit(NamedTuple):
             return False
         of_variables, count = self.covariance[np.ix_(self.places, self.places)], len(self.changes)
         distance = float(self.changes @ np.linalg.solve(of_variables, self.changes))
-        fewest = float(self.degrees_of_freedom[self.places].min())
-        return distance > count * _core.fisher_limit(CHANCE, count, fewest)
+        # What classes share is in the covariance. By the few degrees of freedom of classes nothing is beyond chance.
+        return distance > count * _core.fisher_limit(CHANCE, count, MANY)
 
 
 def fit_determined(
@@ -297,8 +297,9 @@ def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> floa
     around = determined_sensitivity(observations, T, settings)
     if around is None:
         return None
-    covariance, _ = around.sandwich()
-    return 6.0 / float(np.trace(covariance @ around.curvature))
+    # What classes share does not make the climb less steep: it is part of the covariance at its end.
+    noise = around.scatter(np.asarray(np.linalg.inv(around.curvature), np.float64)).of_squares
+    return 6.0 / float(np.trace(noise @ around.curvature))
 
 
 def _covariance(

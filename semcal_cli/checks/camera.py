@@ -36,13 +36,14 @@ WRONG_INTRINSICS = Check(
     topic="intrinsics",
     title="The intrinsics look wrong",
     measures=(
-        "score of the freed intrinsics, beyond the errors that the drive states or that any camera may have (0.1 % "
-        "of the focal length, 1 pixel of the principal point, 0.01 of k1): a chi-square of 5"
+        "score of the freed intrinsics (chi-square of 5, of many frames), and movement of the points as "
+        "a share of the width of the picture"
     ),
     needs="a pose that is determined",
     advice="check K and the distortion, and that K is of pictures of this size, or calibrate the lens again",
     examples=(
-        "the intrinsics look wrong (cx by 3.1 standard errors), chi-square 9.8 of 5, needed at most 5.0",
+        "the intrinsics look wrong (cx by 6.1 standard errors), freed they would move the points by "
+        "14 pixels or more, chi-square 61 of 5, needed at most 12",
     ),
     advices=(
         (

@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.assessment.sensitivity import SHARED_FRAMES
-from semcal_cli.assessment.uncertainty import estimate_uncertainty
-from semcal_cli.config import PolishConfig, SensitivityConfig
+from semcal_cli.assessment.sensitivity import sensitivity
+from semcal_cli.config import EDGE_BAND_PX, PolishConfig, SensitivityConfig
 from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.observations import Observations
@@ -57,15 +56,16 @@ def ratios(
     """(6,) the stated standard error over that of the resamples, for each axis."""
     polished = newton(observations, T_start, CONFIG)
     T = polished.T_camera_lidar
-    stated = estimate_uncertainty(observations, T)
-    if stated is None:
+    around = sensitivity(observations, T, SensitivityConfig(edge_band_px=EDGE_BAND_PX))
+    if around is None or not around.is_determined:
         return np.full(6, np.nan)
+    noise = around.scatter(np.asarray(np.linalg.inv(around.curvature))).of_squares
     found = [
         twist(newton(resampled(observations, rng), T, CONFIG, polished.inverse_curvature).T_camera_lidar, T)
         for _ in range(num_resamples)
     ]
-    sigmas = np.concatenate([stated.sigma_camera_center_m, stated.sigma_rotation_deg])
-    return sigmas / np.sqrt(1.0 + observations.num_frames / SHARED_FRAMES) / np.std(found, axis=0)
+    sigmas = np.sqrt(np.diag(noise)) * [1.0, 1.0, 1.0, *[np.degrees(1.0)] * 3]
+    return np.asarray(sigmas / np.std(found, axis=0))
 
 
 def main() -> None:
