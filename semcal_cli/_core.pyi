@@ -489,13 +489,16 @@ class Sensitivity:
         """(n, n) mean products of the pixels by which the variables move the points."""
     @property
     def parts(self) -> NDArray[np.uint32]:
-        """(parts, 4) frame, row and column of the square of each part, and the class of its points."""
+        """(parts, 4) frame, row and column of the square of each part, and the class of its points.
+
+        That of segments is the class of the picture under them, numbered after those of points.
+        """
     @property
     def frame_curvatures(self) -> _Float64:
         """(frames, n, n) share of each frame in `curvature`, nats."""
     @property
     def class_curvatures(self) -> _Float64:
-        """(classes, n, n) share of the points of each class in `curvature`, nats."""
+        """(classes, n, n) share of each class, as in `parts`, in `curvature`, nats."""
 
 @final
 class Projected:

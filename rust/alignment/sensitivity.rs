@@ -1,8 +1,8 @@
 //! Dependence of the mutual information on the pose and the intrinsics, near a pose: scores and curvature.
 //!
 //! The score of a part of the data, the points of one class in one square of an image, is its share of the gradient. The
-//! scatter of the scores measures how far the optimum would move with other data. The objective is piecewise smooth with a smoothed cusp at its maximum, so curvature is
-//! the difference of gradients half a pixel to either side.
+//! scatter of the scores measures how far the optimum would move with other data. The objective is piecewise smooth with
+//! a smoothed cusp at its maximum, so curvature is the difference of gradients half a pixel to either side.
 
 use std::collections::BTreeMap;
 use std::ops::AddAssign;
@@ -36,11 +36,12 @@ pub struct Sensitivity {
     pub motions: DMatrix<f64>,
     /// Share of each part in the gradient, nats; one row for each part.
     pub scores: DMatrix<f64>,
-    /// Frame of each part, the row and column of its square in the image, and the class of its points, or under its segments.
+    /// Frame of each part, the row and column of its square in the image, and the class of its points. That of segments
+    /// is the class of the image under them, numbered after those of points.
     pub parts: Vec<[u32; 4]>,
     /// Share of each frame in the curvature, nats.
     pub frame_curvatures: Vec<DMatrix<f64>>,
-    /// Share of each class of points in the curvature, nats; by segments, of each class of the pictures under them.
+    /// Share of each class, as in `parts`, in the curvature, nats.
     pub class_curvatures: Vec<DMatrix<f64>>,
 }
 
@@ -75,7 +76,9 @@ pub fn sensitivity(
     samples.par_iter_mut().for_each(|sample| {
         let sampled = level.sampled(sample, &to_anchor(&sample.position));
         if observations.frames[sample.frame as usize].partitions.is_some() {
-            sample.class = sampled.as_ref().and_then(Sampled::largest).unwrap_or(sample.class);
+            let under = sampled.as_ref().and_then(Sampled::largest);
+            let class = under.map(|class| observations.num_point_classes + usize::from(class));
+            sample.class = class.and_then(|class| u8::try_from(class).ok()).unwrap_or(sample.class);
         }
         sample.weight = (f64::from(sample.weight) / sampled.map_or(1.0, |sampled| sampled.total())) as f32;
     });
@@ -245,11 +248,8 @@ impl Problem<'_> {
 
     fn no_gradients(&self) -> Shares<DMatrix<f64>> {
         let observations = &self.level.observations;
-        let num_classes = if observations.has_partitions() {
-            observations.num_point_classes.max(observations.num_image_classes)
-        } else {
-            observations.num_point_classes
-        };
+        let of_images = if observations.has_partitions() { observations.num_image_classes } else { 0 };
+        let num_classes = observations.num_point_classes + of_images;
         Shares {
             of_frames: DMatrix::zeros(self.n, self.level.maps.len()),
             of_classes: DMatrix::zeros(self.n, num_classes),

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.limits import hotelling_quantile
-from semcal_cli.assessment.sensitivity import summed
+from semcal_cli.assessment.sensitivity import squares_of, summed
 from semcal_cli.config import SensitivityConfig
 from semcal_cli.drive.observations import Observations
 from semcal_cli.geometry.poses import Pose
@@ -111,7 +111,7 @@ def score_frames(observations: Observations, T_camera_lidar: Pose, block_px: int
     around = _core.sensitivity(observations.core, T_camera_lidar, config)
     if around is None or np.linalg.eigvalsh(around.curvature)[0] <= 0.0:
         return None
-    squares, places = np.unique(around.parts[:, :3], axis=0, return_inverse=True)
+    squares, places = squares_of(around)
     num_squares, num_frames = len(squares), observations.num_frames
     if num_squares - num_frames < LEAST_SQUARES:
         return None
