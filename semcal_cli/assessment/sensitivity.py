@@ -18,8 +18,8 @@ Matrix = npt.NDArray[np.float64]
 
 MOST_LEVERAGE = 0.75
 """Largest share of the curvature along a direction that counts as one class's, so that the pull of a class counts at
-most four times. On 18 drives whose classes' borders are off in all frames alike, 88 to 91 % of the axes were inside with
-three, four or ten times."""
+most four times. On 18 drives whose classes' borders are off in all frames alike, 88 to 91 % of the axes were inside
+with three, four or ten times."""
 LEAST_CLASSES = 4.0
 """Least number of independent classes that the degrees of freedom of their scatter count. With fewer, Student's t makes
 intervals wide that need not be: on 36 drives whose classes have borders that are off in all frames alike, 92 % of the
