@@ -27,6 +27,7 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, camera_center, inverse
 from semcal_cli.result.calibration import Calibration, read_calibration
 from semcal_cli.result.uncertainty import Uncertainty
+from semcal_cli.synthetic.raw_drive import RawDrive, write_raw_drive
 
 NOT_LABELLED = 0
 """The id that synthetic drives ignore."""
@@ -185,9 +186,10 @@ def test_a_polish_that_held_out_data_reject_is_undone(
 
 
 def test_a_drive_with_a_wrong_focal_length_is_not_trusted(
-    drive: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    long_street: RawDrive, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    path = drive / "drive.yaml"
+    path = write_raw_drive(long_street, tmp_path)
+    drive = path.parent
     document = yaml.safe_load(path.read_text())
     for row in range(2):
         document["camera"]["K"][row][row] *= 1.1
