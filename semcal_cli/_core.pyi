@@ -71,6 +71,7 @@ __all__ = [
     "estimate_up",
     "fisher_limit",
     "held_out_gain",
+    "information",
     "information_along",
     "information_gains",
     "look_up_classes",
@@ -87,7 +88,6 @@ __all__ = [
     "sample_correspondences",
     "scan_grid",
     "seen_ids",
-    "segment_information",
     "segment_sweep",
     "segment_sweeps",
     "sensitivity",
@@ -858,10 +858,10 @@ def turned_partitions(
     of the azimuths that the sweeps cover.
     """
 
-def segment_information(
+def information(
     observations: Observations, t_camera_lidar: _Float64, edge_band_px: int
 ) -> list[tuple[list[int], float, float]]:
-    """What segments tell of the pictures at a pose (4, 4), less what null partitions tell.
+    """What points tell of the pixels at a pose (4, 4): segments less what null partitions tell.
 
     For each square of the pictures, by frame, row and column: the sum over its visible points, and their weight. All
     sums over all weights are the adjusted mutual information of segments, a share, or that of classes, nats.

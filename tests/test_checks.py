@@ -65,9 +65,10 @@ def test_every_limit_is_looked_up_by_the_code() -> None:
 
 
 def test_a_value_beyond_its_limit_makes_a_finding() -> None:
-    assert LEAKED_LABELS.measured(0.8, "found").findings == ()
-    assert LEAKED_LABELS.measured(0.81, "found").findings == (LEAKED_LABELS.finding("found"),)
-    assert LEAKED_LABELS.measured(0.81).findings == ()
+    most = LEAKED_LABELS.limit()
+    assert LEAKED_LABELS.measured(most, "found").findings == ()
+    assert LEAKED_LABELS.measured(most + 0.01, "found").findings == (LEAKED_LABELS.finding("found"),)
+    assert LEAKED_LABELS.measured(most + 0.01).findings == ()
     assert OTHER_POSE.measured(3.0, "found").findings == ()
     behind = OTHER_POSE.measured(2.9, "found")
     assert findings_among([behind, behind]) == (OTHER_POSE.finding("found"),) * 2

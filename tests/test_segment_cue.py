@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 
 from semcal_cli import _core
 from semcal_cli.assessment.consistency import check_consistency
+from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.assessment.rivals import check_rivals
-from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.checks.check import findings_among
 from semcal_cli.cli import semcal
 from semcal_cli.config import SEGMENT_STARTS, CalibrationConfig, Cue, ExactConfig
@@ -64,24 +64,24 @@ def test_points_are_ground_objects_or_nothing(seen: Observations) -> None:
 
 
 def test_information_is_highest_at_the_truth_about_every_axis(seen: Observations, street_truth: Pose) -> None:
-    own = segment_information(seen, street_truth).mean
+    own = information_by_squares(seen, street_truth).mean
     for axis in np.eye(3):
         for side in (-0.02, 0.02):
             turned = make_pose(tuple(axis * side), (0.0, 0.0, 0.0)) @ street_truth
-            assert segment_information(seen, turned).mean < 0.9 * own
+            assert information_by_squares(seen, turned).mean < 0.9 * own
 
 
 def test_segments_in_the_wrong_place_tell_nothing(seen: Observations, street_truth: Pose) -> None:
-    found = segment_information(seen, street_truth)
+    found = information_by_squares(seen, street_truth)
     assert found.mean > 5.0 * found.sigma
     about_up = np.eye(4)
     about_up[:3, :3] = Rotation.from_euler("z", 100.0, degrees=True).as_matrix()
-    elsewhere = segment_information(seen, street_truth @ about_up)
+    elsewhere = information_by_squares(seen, street_truth @ about_up)
     assert elsewhere.mean < 0.3 * found.mean
 
 
 def test_frames_and_squares_add_up(seen: Observations, street_truth: Pose) -> None:
-    found = segment_information(seen, street_truth)
+    found = information_by_squares(seen, street_truth)
     by_frame = found.by_frame @ found.weight_by_frame / found.weight_by_frame.sum()
     assert found.mean == pytest.approx(by_frame)
     assert len(found.by_frame) == seen.num_frames
@@ -92,8 +92,8 @@ def test_the_order_of_points_changes_nothing(street: Path, seen: Observations, s
     orders = [rng.permutation(cloud.num_points) for cloud in seen.clouds]
     points = [cloud.points[order] for cloud, order in zip(seen.clouds, orders, strict=True)]
     shuffled = with_points(seen, points)
-    expected = segment_information(seen, street_truth).mean
-    assert segment_information(shuffled, street_truth).mean == pytest.approx(expected, rel=0.03)
+    expected = information_by_squares(seen, street_truth).mean
+    assert information_by_squares(shuffled, street_truth).mean == pytest.approx(expected, rel=0.03)
 
 
 @pytest.mark.parametrize("way_up", [(np.pi, 0.0, 0.0), (0.0, 0.0, 2.0), (0.0, 1.2, 0.0)])
@@ -102,8 +102,8 @@ def test_the_mounting_of_the_lidar_changes_little(
 ) -> None:
     turn = make_pose(way_up, (0.0, 0.0, 0.0))
     points = [(cloud.points @ turn[:3, :3].T).astype(np.float32) for cloud in seen.clouds]
-    found = segment_information(with_points(seen, points), street_truth @ np.linalg.inv(turn)).mean
-    assert found == pytest.approx(segment_information(seen, street_truth).mean, rel=0.1)
+    found = information_by_squares(with_points(seen, points), street_truth @ np.linalg.inv(turn)).mean
+    assert found == pytest.approx(information_by_squares(seen, street_truth).mean, rel=0.1)
 
 
 def write_stored(T: Pose, path: Path) -> None:
@@ -186,7 +186,7 @@ def test_a_weight_scales_a_cue(seen: Observations, street_truth: Pose) -> None:
     light = replace(
         seen, frame_observations=tuple(replace(each, weight=0.5) for each in seen.frame_observations)
     )
-    full, half = (segment_information(each, street_truth) for each in (seen, light))
+    full, half = (information_by_squares(each, street_truth) for each in (seen, light))
     assert half.weights.sum() == pytest.approx(0.5 * full.weights.sum(), rel=1e-5)
     # Pairs that weigh little count as a tenth of a point.
     assert half.mean == pytest.approx(full.mean, rel=0.1)

@@ -10,9 +10,9 @@ from click.testing import CliRunner
 from conftest import run
 
 from semcal_cli import _core
+from semcal_cli.assessment.information import InformationBySquares
 from semcal_cli.assessment.leaked_labels import check_leaks
 from semcal_cli.assessment.limits import hotelling_quantile
-from semcal_cli.assessment.segment_information import SegmentInformation
 from semcal_cli.checks.check import findings_among
 from semcal_cli.cli import semcal
 from semcal_cli.config import CalibrationConfig
@@ -152,7 +152,9 @@ def test_the_quantile_of_a_scatter_matrix_is_hotellings() -> None:
 
 
 def test_a_frame_of_one_square_has_no_standard_error() -> None:
-    found = SegmentInformation(np.array([0, 1, 1]), np.array([1.0, 2.0, 4.0]), np.ones(3), 3)
+    found = InformationBySquares(
+        np.array([[0, 0, 0], [1, 0, 0], [1, 0, 1]]), np.array([1.0, 2.0, 4.0]), np.ones(3), 3
+    )
     # Two squares: half their difference, times the root of n / (n - 1) over n.
     np.testing.assert_allclose(found.sigma_by_frame, [np.inf, 1.0, np.inf])
 

@@ -284,7 +284,7 @@ pub(super) fn information_along(
 }
 
 #[pyfunction]
-pub(super) fn segment_information(
+pub(super) fn information(
     py: Python<'_>,
     observations: &PyObservations,
     t_camera_lidar: PyReadonlyArray2<f64>,

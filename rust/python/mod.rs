@@ -31,8 +31,8 @@ mod _core {
     use super::agreement::{PyAgreement, PyHeldOutGain, agreement, held_out_gain};
     #[pymodule_export]
     use super::alignment::{
-        PyAligned, PyAscended, PyJointMaximum, PyPolished, PySensitivity, align, ascend, information_along,
-        information_gains, maximise, polish, segment_information, sensitivity,
+        PyAligned, PyAscended, PyJointMaximum, PyPolished, PySensitivity, align, ascend, information,
+        information_along, information_gains, maximise, polish, sensitivity,
     };
     #[pymodule_export]
     use super::anchored::{PyAnchoredPoints, PyMiniBatch};

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli import _core
-from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.assessment.information import information_by_squares, paired_gain
 from semcal_cli.checks.belonging import WRONG_PAIRING
 from semcal_cli.checks.camera import WRONG_CLOCKS, WRONG_FOCAL_LENGTH
 from semcal_cli.checks.check import Measured
@@ -80,22 +80,21 @@ def _information(observations: Observations, T_camera_lidar: Pose) -> float:
 class _Fit(NamedTuple):
     """How well observations agree at a pose."""
 
+    T_camera_lidar: Pose
     information: float
     """Nats, or AMI."""
-    sigma: float
     agreement: _core.Agreement | None
-    """Agreement of the labels, from which the others were computed; None for segments."""
+    """Agreement of the labels, from which the information was computed; None for segments."""
 
 
 def _fit(observations: Observations, T_camera_lidar: Pose) -> _Fit:
     if observations.has_segments:
-        found = segment_information(observations, T_camera_lidar)
-        return _Fit(found.mean, found.sigma, None)
-    return _fit_of(_core.agreement(observations.core, T_camera_lidar))
+        return _Fit(T_camera_lidar, information_by_squares(observations, T_camera_lidar).mean, None)
+    return _fit_of(T_camera_lidar, _core.agreement(observations.core, T_camera_lidar))
 
 
-def _fit_of(agreement: _core.Agreement) -> _Fit:
-    return _Fit(agreement.mutual_information - agreement.bias, agreement.sigma, agreement)
+def _fit_of(T_camera_lidar: Pose, agreement: _core.Agreement) -> _Fit:
+    return _Fit(T_camera_lidar, agreement.mutual_information - agreement.bias, agreement)
 
 
 def _too_few_classes(observations: Observations, T_camera_lidar: Pose) -> list[Measured]:
@@ -211,7 +210,7 @@ def _wrong_model(observations: Observations, T_camera_lidar: Pose) -> list[Measu
     zoomed, of_delays = others[: len(changes)], others[len(changes) :]
     return [
         *_wrong_focal_length(own, dict(zip(changes, zoomed, strict=True))),
-        *_wrong_clocks(own, dict(zip(delays_s, of_delays, strict=True))),
+        *_wrong_clocks(observations, own, dict(zip(delays_s, of_delays, strict=True))),
     ]
 
 
@@ -235,20 +234,25 @@ def _tells_clocks(observations: Observations) -> bool:
     return twists is not None and bool(np.ptp(twists, axis=0).any())
 
 
-def _wrong_clocks(own: _Fit, others: Mapping[float, _Fit | None]) -> list[Measured]:
-    best, best_delay_s = -math.inf, 0.0
-    for delay_s, found in others.items():
-        if found is not None:
-            gain = (found.information - own.information) / max(math.hypot(own.sigma, found.sigma), 1e-12)
-            if gain > best:
-                best, best_delay_s = gain, delay_s
-    if best_delay_s == 0.0:
+def _wrong_clocks(
+    observations: Observations, own: _Fit, others: Mapping[float, _Fit | None]
+) -> list[Measured]:
+    found = {delay_s: fit for delay_s, fit in others.items() if fit is not None}
+    if not found:
         return []
+    before = information_by_squares(observations, own.T_camera_lidar)
+    gains = {}
+    for delay_s, fit in found.items():
+        after = information_by_squares(delayed(observations, delay_s), fit.T_camera_lidar)
+        gain = paired_gain(before, after)
+        gains[delay_s] = gain.gain / max(gain.sigma, 1e-12)
+    best_delay_s = max(gains, key=lambda delay_s: gains[delay_s])
     sentence = (
-        f"the clocks look wrong, points and pictures agree better by {best:.1f} standard errors if pictures are "
-        f"{1e3 * abs(best_delay_s):.0f} ms {'later' if best_delay_s > 0.0 else 'earlier'} than image_stamp says"
+        f"the clocks look wrong, points and pictures agree better by {gains[best_delay_s]:.1f} standard errors if "
+        f"pictures are {1e3 * abs(best_delay_s):.0f} ms {'later' if best_delay_s > 0.0 else 'earlier'} than "
+        "image_stamp says"
     )
-    return [WRONG_CLOCKS.measured(best, sentence)]
+    return [WRONG_CLOCKS.measured(gains[best_delay_s], sentence)]
 
 
 def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
@@ -262,4 +266,6 @@ def _refitted(observations: Observations, T_camera_lidar: Pose) -> _Fit | None:
         )
     except SemcalError:
         return None  # The lens does not reach the points, or no point is left in the image.
-    return _fit(observations, found.T_camera_lidar) if observations.has_segments else _fit_of(found.agreement)
+    if observations.has_segments:
+        return _fit(observations, found.T_camera_lidar)
+    return _fit_of(found.T_camera_lidar, found.agreement)

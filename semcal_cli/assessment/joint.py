@@ -12,9 +12,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from semcal_cli import _core
+from semcal_cli.assessment.information import information_by_squares, paired_gain
 from semcal_cli.assessment.intrinsics import AROUND_INTRINSICS, shift_by
 from semcal_cli.assessment.joint_fit import Fit, Variables, finish, fit_determined, seen_by
-from semcal_cli.assessment.segment_information import segment_information
 from semcal_cli.assessment.sensitivity import Matrix, sensitivity
 from semcal_cli.config import JointlyConfig, PolishConfig
 from semcal_cli.drive.document import Camera
@@ -186,7 +186,9 @@ def _held_out_gain(
         return _core.held_out_gain(kept.core, held_out.core, before, before)
     seen = seen_by(held_out, part.variables, part.changes)
     if observations.has_segments:
-        return _segments_gain(held_out, before, seen, part.T_camera_lidar)
+        return paired_gain(
+            information_by_squares(held_out, before), information_by_squares(seen, part.T_camera_lidar)
+        )
     return _core.held_out_gain(
         kept.core, held_out.core, before, part.T_camera_lidar, (part.observations.core, seen.core)
     )
@@ -247,15 +249,6 @@ def _clock_of(fit: Fit, before_s: float, is_kept: bool) -> Clock:
 
 def _rows(covariance: Matrix | None) -> tuple[tuple[float, ...], ...] | None:
     return None if covariance is None else tuple(map(tuple, covariance.tolist()))
-
-
-def _segments_gain(
-    before: Observations, T_before: Pose, after: Observations, T_after: Pose
-) -> _core.HeldOutGain:
-    """Compute what segments tell more of the pictures at another pose by another camera, paired by frames."""
-    found = [segment_information(before, T_before), segment_information(after, T_after)]
-    shares = [each.by_frame * each.weight_by_frame / max(each.weights.sum(), 1.0) for each in found]
-    return _core.HeldOutGain.of_parts((shares[1] - shares[0]).tolist())
 
 
 def _notes(fit: Fit, asked: Variables, gain: _core.HeldOutGain, is_kept: bool) -> tuple[str, ...]:

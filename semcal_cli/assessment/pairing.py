@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from semcal_cli import _core
 from semcal_cli.assessment.frame_names import frame_list, frame_name
-from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.checks.belonging import ODD_FRAMES
 from semcal_cli.checks.check import Measured
 from semcal_cli.drive.observations import Observations
@@ -78,11 +78,11 @@ class _OfFrames(NamedTuple):
 def _of_frames(observations: Observations, T_camera_lidar: Pose, agreement: _core.Agreement) -> _OfFrames:
     """Measure frames by the classes that go together in all of them, or square by square."""
     if observations.starts is not None:
-        found = segment_information(observations, T_camera_lidar)
+        found = information_by_squares(observations, T_camera_lidar)
         most = found.by_frame + ODD_FRAMES.limit("another picture, by squares") * found.sigma_by_frame
 
         def by_squares(others: Observations) -> Information:
-            return segment_information(others, T_camera_lidar).by_frame
+            return information_by_squares(others, T_camera_lidar).by_frame
 
         return _OfFrames(found.by_frame, found.weight_by_frame, most, by_squares)
     joints = agreement.frame_joints[: observations.num_frames]

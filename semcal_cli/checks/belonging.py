@@ -61,12 +61,12 @@ SHIFTED_LABEL_IMAGES = Check(
 LEAKED_LABELS = Check(
     topic="leaked-labels",
     title="Labels of points come from the pictures",
-    measures="share of the classes of hidden points that the pixels before them tell",
+    measures="ratio of what pixels tell of the classes of hidden points to what they tell of those of visible points",
     needs="labels of both sides, and at least 200 hidden points of several classes",
     advice="label the points without the pictures, or calibrate with --cue segments,edges",
     examples=(
-        "labels of points seem to be made from those of the pictures, pixels tell 98% of the "
-        "classes of points that are hidden behind what they show, needed at most 80%",
+        "labels of points seem to be made from those of the pictures, pixels tell 98% as much of points "
+        "that are hidden behind what they show as of visible points, needed at most 88%",
     ),
     means=(
         "Points behind a thing have the thing's class. Such labels agree best at the transform that "

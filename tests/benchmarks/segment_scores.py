@@ -18,7 +18,7 @@ import numpy as np
 from real_data import real_drives
 
 from semcal_cli import _core
-from semcal_cli.assessment.segment_information import segment_information
+from semcal_cli.assessment.information import information_by_squares
 from semcal_cli.config import CalibrationConfig
 from semcal_cli.drive.camera import core_camera
 from semcal_cli.drive.classes import NO_CLASS
@@ -57,7 +57,11 @@ class Profiles:
     def at(self, T_camera_lidar: Pose) -> tuple[float, float, float]:
         """Give the three scores: nats, and shares."""
         information, entropy = self._plug_in(T_camera_lidar)
-        return information, information / entropy, segment_information(self.observations, T_camera_lidar).mean
+        return (
+            information,
+            information / entropy,
+            information_by_squares(self.observations, T_camera_lidar).mean,
+        )
 
     def _plug_in(self, T_camera_lidar: Pose) -> tuple[float, float]:
         """Mutual information of segments and labels, and the entropy of the labels, nats."""

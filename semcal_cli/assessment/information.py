@@ -1,7 +1,7 @@
-"""What segments tell of the pictures at a pose, the adjusted mutual information (AMI): of all frames, and of each.
+"""What points tell of the pixels they land on, by squares of the pictures: of all frames, and of each.
 
-It is 0 where they tell no more than null partitions do, and 1 where they tell every label: see
-`rust/alignment/adjusted.rs`.
+By classes it is their mutual information, nats. By segments it is the adjusted mutual information (AMI): 0 where they
+tell no more than null partitions do, and 1 where they tell every label; see `rust/alignment/adjusted.rs`.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from semcal_cli.geometry.poses import Pose
 
 
 @dataclass(frozen=True, eq=False)
-class SegmentInformation:
-    """Information of segments and pixels at a pose."""
+class InformationBySquares:
+    """Information of points and pixels at a pose."""
 
-    frames: npt.NDArray[np.intp]
-    """(parts,) frame of each square of the pictures."""
+    squares: npt.NDArray[np.intp]
+    """(parts, 3) frame, row and column of each square of the pictures."""
     sums: npt.NDArray[np.float64]
     """(parts,) sum over the visible points of each square."""
     weights: npt.NDArray[np.float64]
@@ -30,8 +30,13 @@ class SegmentInformation:
     num_frames: int
 
     @property
+    def frames(self) -> npt.NDArray[np.intp]:
+        """(parts,) frame of each square."""
+        return self.squares[:, 0]
+
+    @property
     def mean(self) -> float:
-        """Mean over all points: the AMI."""
+        """Mean over all points, nats or AMI."""
         return float(self.sums.sum() / max(self.weights.sum(), 1.0))
 
     @property
@@ -66,13 +71,22 @@ class SegmentInformation:
         return np.where(counts > 1, np.sqrt(squares * counts / np.maximum(counts - 1, 1)), np.inf)
 
 
-def segment_information(observations: Observations, T_camera_lidar: Pose) -> SegmentInformation:
-    """Measure what segments tell of the pictures at a pose (4, 4), in full resolution."""
-    parts = _core.segment_information(observations.core, T_camera_lidar, EDGE_BAND_PX)
+def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> InformationBySquares:
+    """Measure what points tell of the pixels at a pose (4, 4), in full resolution."""
+    parts = _core.information(observations.core, T_camera_lidar, EDGE_BAND_PX)
     squares, sums, weights = zip(*parts, strict=True) if parts else ((), (), ())
-    return SegmentInformation(
-        observations.frame_indices[[observed for observed, _, _ in squares]],
-        np.array(sums, np.float64),
-        np.array(weights, np.float64),
-        observations.num_frames,
+    places = np.array(squares, np.intp).reshape(-1, 3)
+    places[:, 0] = observations.frame_indices[places[:, 0]]
+    return InformationBySquares(
+        places, np.array(sums, np.float64), np.array(weights, np.float64), observations.num_frames
     )
+
+
+def paired_gain(before: InformationBySquares, after: InformationBySquares) -> _core.HeldOutGain:
+    """Compute the gain of the mean from one model of the same frames to another; their squares are paired."""
+    _, places = np.unique(np.vstack([before.squares, after.squares]), axis=0, return_inverse=True)
+    shares = (
+        -before.sums / max(before.weights.sum(), 1.0),
+        after.sums / max(after.weights.sum(), 1.0),
+    )
+    return _core.HeldOutGain.of_parts(np.bincount(places.ravel(), np.concatenate(shares)).tolist())
