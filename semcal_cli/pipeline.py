@@ -31,7 +31,6 @@ from semcal_cli.assessment.repeatability import compare_seeds
 from semcal_cli.assessment.rivals import sigmas_behind
 from semcal_cli.checks.mounting import OTHER_POSE
 from semcal_cli.config import (
-    EDGE_STARTS,
     FAR_DEG,
     CalibrationConfig,
     ExactConfig,
@@ -204,9 +203,8 @@ def _refine_and_polish(
     refined = refine(
         data, initial.T_camera_lidar, config, seed, priors, on_event, from_afar=from_afar, others=others
     )
-    is_by_edges = data.guide is not None and data.is_refined_by_edges
-    if is_by_edges and isinstance(initial, Initialization) and initial.findings:
-        initial, refined = _decided_by_edges(data, initial, refined, config, seed, priors, on_event)
+    if data.observations.starts is not None and isinstance(initial, Initialization) and initial.findings:
+        initial, refined = _decided_in_full(data, initial, refined, config, seed, priors, on_event)
     seen = None
     if can_be_unrolled(data.observations):
         refined = refine(
@@ -226,7 +224,7 @@ def _refine_and_polish(
     return found
 
 
-def _decided_by_edges(
+def _decided_in_full(
     data: LoadedDrive,
     initial: Initialization,
     refined: Refinement,
@@ -235,35 +233,34 @@ def _decided_by_edges(
     priors: Sequence[Prior],
     on_event: Listener,
 ) -> tuple[Initialization, Refinement]:
-    """Decide by edges between mountings that segments cannot tell apart.
+    """Decide by what refines poses between mountings that ground and objects alone cannot tell apart.
 
     The mounting is clear if all others are behind it by enough standard errors. Those that are not once coarse blocks
     are ascended are refined in full, and the best one is taken.
     """
+    assert data.observations.starts is not None
     best = taken = initial.hypotheses[0]
     rivals = [
         other for other in initial.hypotheses if is_rival(best, other, InitializationConfig.runner_up_deg)
     ]
     is_clear, exact = bool(rivals), ExactConfig(max_baseline_m=config.max_baseline_m)
+    least = OTHER_POSE.limit()
     for rival in rivals:
-        on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away by edges"))
+        on_event(Progress(f"comparing a mounting {rival.rotation_from_best_deg:.0f} degrees away"))
         # A mounting in which sweeps and pictures do not overlap is none.
         with suppress(CalibrationError):
-            several = SeveralStarts(data.observations, exact, seed, EDGE_STARTS)
-            if _is_behind(data, refined.T_camera_lidar, several.coarse_top(rival.pose)):
+            several = SeveralStarts(data.observations, exact, seed, data.observations.starts)
+            T_coarse = several.coarse_top(rival.pose)
+            if sigmas_behind(data.observations, refined.T_camera_lidar, [T_coarse])[0] >= least:
                 continue
             found = refine(data, rival.pose, config, seed, priors)
-            if found.agreement.mutual_information > refined.agreement.mutual_information:
-                taken, refined, found = rival, found, refined
-            is_clear &= _is_behind(data, refined.T_camera_lidar, found.T_camera_lidar)
+            (behind,) = sigmas_behind(data.observations, refined.T_camera_lidar, [found.T_camera_lidar])
+            if behind < 0.0:
+                taken, refined = rival, found
+            is_clear &= abs(behind) >= least
     return replace(
         led_by(initial, taken, data.for_search), findings=() if is_clear else initial.findings
     ), refined
-
-
-def _is_behind(data: LoadedDrive, T_camera_lidar: Pose, T_rival: Pose) -> bool:
-    """Whether the pose of another mounting is clearly behind."""
-    return sigmas_behind(data.observations, T_camera_lidar, [T_rival])[0] >= OTHER_POSE.limit()
 
 
 def refine(

@@ -23,13 +23,16 @@ from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, initialize, make_calibration, refine_and_polish
-from semcal_cli.synthetic.label_noise import with_wrong_labels
+from semcal_cli.synthetic.label_noise import with_shared_errors, with_wrong_labels
 from semcal_cli.verification import verify
 
 PAIRS = (1, 2, 3, 5, 10, 20)
 NOISES = (0.0, 0.1, 0.2, 0.3)
 VERIFY_DRAWS = 5
 """Number of times that a drive's labels are corrupted for `verify`, with transforms off in other directions."""
+SHARED = "classes off alike in all frames"
+"""Good drives whose classes' borders are a little off in every picture, as a network draws them."""
+SHARED_PAIRS = (5, 20)
 MINE_PAIRS = 10
 MINE_EVERY = SPOILED_EVERY = 5
 """Step between the seeds whose drive is also calibrated with MINE, or spoiled; it covers all rigs in turn."""
@@ -122,15 +125,17 @@ OFFSETS = (AS_IT_IS, TURNED, *MOVED)
 def cases(seeds: range, parts: Sequence[str] = PARTS) -> list[Case]:
     """List the cases of some parts of the experiment, seed by seed.
 
-    Each seed has six calibrations of a good drive, five of bad ones, and five rounds of three verifications. A round
-    without wrong labels occurs only once: another one would be the same. Every fifth seed also has a calibration with
-    MINE, and a drive for each way of spoiling; if no other parts are asked for, every seed has them.
+    Each seed has six calibrations of a good drive, two with errors of classes, five of bad ones, and five rounds of
+    three verifications. A round without wrong labels occurs only once: another one would be the same. Every fifth seed
+    also has a calibration with MINE, and a drive for each way of spoiling; if no other parts are asked for, every seed
+    has them.
     """
     found = []
     for seed in seeds:
         rng = np.random.default_rng(seed)
         found += [Case("good", seed, num_pairs, float(rng.choice(NOISES))) for num_pairs in PAIRS]
         found += [Case(kind, seed, int(rng.choice(PAIRS)), float(rng.choice(NOISES))) for kind in BAD]
+        found += [Case(SHARED, seed, num_pairs, 0.0) for num_pairs in SHARED_PAIRS]
         noises = [*NOISES, *rng.choice(NOISES[1:], VERIFY_DRAWS - len(NOISES)).tolist()]
         found += [Case("verify", seed, PAIRS[-1], noise, draw) for draw, noise in enumerate(noises)]
         if seed % MINE_EVERY == 0:
@@ -166,6 +171,8 @@ class Experiment:
         chosen = np.sort(rng.choice(observations.num_frames, case.num_pairs, replace=False)).tolist()
         data = LoadedDrive(drive, observations).of_frames(chosen)
         observations = with_wrong_labels(data.observations, case.noise, rng)
+        if case.kind == SHARED:
+            observations = with_shared_errors(observations, rng)
         if (degrade := BAD.get(case.kind)) is not None:
             scene = Scene(truth, lambda: with_wrong_labels(self._other(case.seed, rig), case.noise, rng))
             observations = degrade(observations, scene, rng)

@@ -19,7 +19,7 @@ from semcal_cli.experiments.result_files import machine, markdown_table, write_r
 from semcal_cli.experiments.spoiled import KINDS
 from semcal_cli.experiments.spoiled_rates import spoiled_markdown, spoiled_rates
 from semcal_cli.experiments.subtle_rates import subtle_markdown, subtle_rates
-from semcal_cli.experiments.trust import BAD, MOVED, MOVED_M, NOISES, OFFSETS, PAIRS
+from semcal_cli.experiments.trust import BAD, MOVED, MOVED_M, NOISES, OFFSETS, PAIRS, SHARED, SHARED_PAIRS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,6 +30,7 @@ def rates(findings: Sequence[Outcome]) -> list[Rate]:
     good = [f for f in findings if f.kind == "good"]
     calibrated = [f for f in findings if f.kind not in OFFSETS and f.kind not in KINDS]
     mine = [f for f in findings if f.kind == "mine"]
+    shared = [f for f in findings if f.kind == SHARED and f.status == "trusted"]
     many = [f for f in good if f.num_pairs >= 10]
     trusted = [f for f in good if f.status == "trusted"]
     found = [
@@ -43,6 +44,10 @@ def rates(findings: Sequence[Outcome]) -> list[Rate]:
     ]
     found += [axes_inside(f"trusted, {rig}", [f for f in trusted if f.rig == rig]) for rig in RIGS]
     found += [
+        *(
+            axes_inside(f"trusted, {SHARED}, {n} pairs", [f for f in shared if f.num_pairs == n])
+            for n in SHARED_PAIRS
+        ),
         axes_inside("trusted, MINE, 10 pairs", [f for f in mine if f.status == "trusted"]),
         rate_of("confident and wrong, of all", calibrated, lambda f: f.is_confidently_wrong),
         rate_of(

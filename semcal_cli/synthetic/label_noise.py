@@ -1,4 +1,4 @@
-"""Label noise for experiments: wrong labels, grown and shrunk objects, errors of a network, disjoint ontologies."""
+"""Label noise for experiments: wrong labels, grown and moved classes, errors of a network, disjoint ontologies."""
 
 from __future__ import annotations
 
@@ -23,6 +23,8 @@ BLOB_RADIUS_PX = (5.0, 40.0)
 """Smallest and largest radius of these ellipses, in pixels."""
 POINT_SHARE = 0.06
 """Share of the points that a network labels wrongly."""
+SHARED_RMS_PX = 1.5
+"""Distance by which each class is moved along either axis, and grown, in all frames alike: root mean square, pixels."""
 
 THINGS = (
     *("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian", "rider"),
@@ -106,6 +108,18 @@ def with_ragged_things(observations: Observations, grow_px: int) -> Observations
     )
 
 
+def with_shared_errors(observations: Observations, rng: np.random.Generator) -> Observations:
+    """Move and grow each class of the pictures by an amount of its own, in all frames alike.
+
+    More frames do not average that out. A network does it that draws one class too large and another to one side.
+    """
+    shape = (len(observations.image_class_names), 3)
+    changes = rng.normal(0.0, SHARED_RMS_PX, shape).astype(np.float32)
+    return observations.with_images(
+        image.with_classes(_with_moved_classes(image.classes, changes)) for image in observations.images
+    )
+
+
 def with_disjoint_ontologies(observations: Observations, rng: np.random.Generator) -> Observations:
     """Merge some classes of the points and others of the images, shuffle the ids and remove the names."""
     points, num_points = _without_names(observations.point_class_names, MERGED_POINT_CLASSES, rng)
@@ -142,6 +156,23 @@ def _with_grown(image: Labels, things: Sequence[int], grow_px: int) -> Labels:
     )
     grown: Labels = np.where(~grows & (above > 0), above - 1, image).astype(np.uint8)
     return grown
+
+
+def _with_moved_classes(image: Labels, changes: npt.NDArray[np.float32]) -> Labels:
+    """Give each pixel the class in whose changed region it lies deepest; (C, 3) right, down and outwards, pixels."""
+    import cv2
+
+    depths = np.full((len(changes), *image.shape), -np.inf, np.float32)
+    for index in np.unique(image[image != NO_CLASS]):
+        right, down, outwards = changes[index]
+        is_inside = (image == index).astype(np.uint8)
+        depth = cv2.distanceTransform(is_inside, cv2.DIST_L2, cv2.DIST_MASK_5)
+        depth -= cv2.distanceTransform(1 - is_inside, cv2.DIST_L2, cv2.DIST_MASK_5)
+        shift = np.array([[1.0, 0.0, right], [0.0, 1.0, down]], np.float32)
+        moved = cv2.warpAffine(depth, shift, image.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+        depths[index] = moved + outwards
+    classes: Labels = np.where(image == NO_CLASS, NO_CLASS, depths.argmax(axis=0)).astype(np.uint8)
+    return classes
 
 
 def _with_moved_borders(image: Labels, rng: np.random.Generator) -> Labels:
