@@ -34,7 +34,12 @@ POLISH_REJECTED = Check(
     topic="polish-rejected",
     title="The polish was rejected",
     measures="information that held-out data lose by the polish",
-    settings={"": Limit(at_most=PolishConfig.max_loss, unit="standard errors", source="a setting")},
+    settings={
+        "": Limit(at_most=PolishConfig.max_loss, unit="standard errors", source="a setting"),
+        "several starts": Limit(
+            at_most=PolishConfig.max_loss_of_tops, unit="standard errors", source="a setting"
+        ),
+    },
     advice="check with `semcal inspect` that sweeps, pictures and labels belong together, or add frames",
     examples=(
         "the polish was rejected, held-out data agree less after it by 4.2 standard errors, needed at most 3",

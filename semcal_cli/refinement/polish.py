@@ -56,8 +56,9 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     polished = newton(kept, T_camera_lidar, config)
     found = _held_out_gain(kept, held_out, T_camera_lidar, polished.T_camera_lidar, config)
     gain, sigma = found.gain, found.sigma
+    max_loss = config.max_loss if observations.starts is None else config.max_loss_of_tops
     # Without a standard error, nothing speaks for it.
-    is_accepted = math.isfinite(sigma) and gain >= -config.max_loss * sigma
+    is_accepted = math.isfinite(sigma) and gain >= -max_loss * sigma
     T_polished = T_camera_lidar
     if is_accepted:
         polished = newton(observations, polished.T_camera_lidar, config, polished.inverse_curvature)
@@ -72,7 +73,7 @@ def polish(observations: Observations, T_camera_lidar: Pose, config: PolishConfi
     return Polish(
         T_camera_lidar=T_polished,
         agreement=_core.agreement(observations.core, T_polished),
-        findings=_rejected(check, config.max_loss)
+        findings=_rejected(check, max_loss)
         if not is_accepted
         else ()
         if is_settled
