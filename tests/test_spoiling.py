@@ -161,6 +161,7 @@ def test_every_seed_is_spoiled_in_every_way() -> None:
     assert {case.kind for case in trust.cases(range(100, 103), ["good", "bad"])} == {
         "good",
         "mine",
+        trust.SHARED,
         *trust.BAD,
     }
     assert sum(case.kind in spoiled.KINDS for case in trust.cases(range(100, 110))) == 2 * len(spoiled.KINDS)

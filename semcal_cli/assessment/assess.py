@@ -107,7 +107,9 @@ def assess(
     around = effect.around if checked is observations else around_intrinsics(checked, T_camera_lidar)
 
     of_intrinsics = effect.of_stated if fused is None else fused.of_intrinsics
-    of_clock = covariance_of_clock(data.drive, T_camera_lidar, label_gain)
+    # An estimate of the clock tells how far it may be off.
+    is_estimated = joint is not None and joint.clock is not None
+    of_clock = None if is_estimated else covariance_of_clock(data.drive, T_camera_lidar, label_gain)
 
     def uncertain() -> Uncertainty | None:
         of_others = sum_of(effect.of_stated, of_clock)

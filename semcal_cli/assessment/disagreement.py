@@ -232,7 +232,9 @@ def fit_part(
     around = determined_sensitivity(few, T, SensitivityConfig())
     if around is None:
         return None
-    return Part(frames, T, Uncertainty.from_covariance(T, *around.sandwich()))
+    # What the points of a class share moves the poses of all parts alike, and parts are only compared.
+    noise = around.noise(np.asarray(np.linalg.inv(around.curvature), np.float64))
+    return Part(frames, T, Uncertainty.from_covariance(T, *noise))
 
 
 def _best_place(observations: Observations, T_before: Pose, T_after: Pose) -> int:

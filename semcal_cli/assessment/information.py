@@ -40,13 +40,17 @@ class InformationBySquares:
         return float(self.sums.sum() / max(self.weights.sum(), 1.0))
 
     @property
+    def influence(self) -> npt.NDArray[np.float64]:
+        """(parts,) pull of each square on the mean."""
+        return np.asarray((self.sums - self.mean * self.weights) / max(self.weights.sum(), 1.0))
+
+    @property
     def sigma(self) -> float:
         """Standard error of the mean: squares are independent. Infinite with fewer than two."""
         count = len(self.sums)
         if count < 2:
             return float("inf")
-        influence = (self.sums - self.mean * self.weights) / max(self.weights.sum(), 1.0)
-        return float(np.sqrt((influence**2).sum() * count / (count - 1)))
+        return float(np.sqrt((self.influence**2).sum() * count / (count - 1)))
 
     @property
     def weight_by_frame(self) -> npt.NDArray[np.float64]:
@@ -85,8 +89,7 @@ def information_by_squares(observations: Observations, T_camera_lidar: Pose) -> 
 def paired_gain(before: InformationBySquares, after: InformationBySquares) -> _core.HeldOutGain:
     """Compute the gain of the mean from one model of the same frames to another; their squares are paired."""
     _, places = np.unique(np.vstack([before.squares, after.squares]), axis=0, return_inverse=True)
-    shares = (
-        -before.sums / max(before.weights.sum(), 1.0),
-        after.sums / max(after.weights.sum(), 1.0),
+    influences = np.bincount(places.ravel(), np.concatenate([-before.influence, after.influence]))
+    return _core.HeldOutGain.of_parts(
+        (influences + (after.mean - before.mean) / max(len(influences), 1)).tolist()
     )
-    return _core.HeldOutGain.of_parts(np.bincount(places.ravel(), np.concatenate(shares)).tolist())

@@ -204,7 +204,7 @@ class _Freed(NamedTuple):
         following = -np.linalg.solve(H[pose, pose], H[pose, intrinsics])
         jacobian = np.vstack([following, np.eye(H.shape[0] - 6)])
         score = around.scores.sum(axis=0) @ jacobian
-        covariance = around.noise(jacobian) * (1.0 + num_scenes / SHARED_FRAMES)
+        covariance = around.noise(jacobian)[0] * (1.0 + num_scenes / SHARED_FRAMES)
         curvature = H[intrinsics, intrinsics] + H[intrinsics, pose] @ following
         step = np.linalg.lstsq(curvature, score)[0]
         inverse = np.linalg.pinv(curvature)

@@ -298,7 +298,7 @@ def _evidence(observations: Observations, T: Pose, polish: PolishConfig) -> floa
     if around is None:
         return None
     # What classes share does not make the climb less steep: it is part of the covariance at its end.
-    noise = around.noise(np.asarray(np.linalg.inv(around.curvature), np.float64))
+    noise, _ = around.noise(np.asarray(np.linalg.inv(around.curvature), np.float64))
     return 6.0 / float(np.trace(noise @ around.curvature))
 
 

@@ -64,7 +64,9 @@ class Scatter(NamedTuple):
         """Satterthwaite's degrees of freedom (m,) of the variances."""
         of_squares, of_classes = np.diag(self.of_squares), np.diag(self.of_classes)
         by_square = _effective_number(self.squares, self.num_alike)
-        by_class = np.maximum(_effective_number(self.classes, np.ones(len(self.classes))), LEAST_CLASSES)
+        most = max(float(np.count_nonzero(self.classes.any(axis=1))) - 1.0, 1.0)
+        found = _effective_number(self.classes, np.ones(len(self.classes)))
+        by_class = found.clip(min(LEAST_CLASSES, most), most)
         spread = of_squares**2 / by_square + of_classes**2 / by_class
         return np.asarray((of_squares + of_classes) ** 2 / np.maximum(spread, np.finfo(float).tiny))
 
@@ -136,22 +138,27 @@ class Sensitivity:
         and Miller, *Robust inference with multiway clustering*, 2011), less what they have in common. Classes are few
         and unequal, and the optimum yields to the largest, so that each counts by where the optimum would lie without
         it (the jackknife CV3 of MacKinnon, Nielsen and Webb, *Fast and reliable jackknife and bootstrap methods for
-        cluster-robust inference*, 2023).
+        cluster-robust inference*, 2023). What is in common may come out below nothing and then counts as nothing, so
+        that the covariance is never smaller than that of squares alone.
 
         Influences of `k` frames that show one scene are one, repeated: their sum has `k^2` times the variance of one.
         """
         centred = self._centred(influence)
         of_squares = centred.T @ centred
-        without = self._scores_without_class() @ influence
+        count = max(len(np.unique(self.classes)), 1)
+        without = np.sqrt((count - 1) / count) * self._scores_without_class() @ influence
         by_class = summed(without, self.classes, len(self.class_curvatures))
         alone = np.sqrt(self.num_alike)[self.squares, None] * without
         common = by_class.T @ by_class - alone.T @ alone
         return Scatter(centred, self.num_alike, of_squares, by_class, _positive_part(common, of_squares))
 
-    def noise(self, influence: Matrix) -> Matrix:
-        """Compute the part (m, m) of the covariance that differs from square to square, as `scatter` does."""
+    def noise(self, influence: Matrix) -> tuple[Matrix, npt.NDArray[np.float64]]:
+        """Compute the part (m, m) of the covariance that differs from square to square, and its degrees of freedom.
+
+        It is that of a difference of two optima by the same classes, which cancels what the classes share.
+        """
         centred = self._centred(influence)
-        return np.asarray(centred.T @ centred)
+        return np.asarray(centred.T @ centred), _effective_number(centred, self.num_alike)
 
     def _centred(self, influence: Matrix) -> Matrix:
         by_square = summed(self.scores, self.squares, len(self.num_alike)) @ influence
@@ -162,6 +169,7 @@ class Sensitivity:
         """Scores (parts, n) that move the optimum as far as leaving out the class of each part would.
 
         With the curvature `H` and the share `H_k` of a class, `(H - H_k)^-1 s = H^-1 s_k` for `s_k = H (H - H_k)^-1 s`.
+        That takes the gradient at the optimum, with that of what was known before, as nothing.
         """
         scale = 1.0 / np.sqrt(np.diag(self.motions))
         bends, directions = np.linalg.eigh(self.curvature * np.outer(scale, scale))

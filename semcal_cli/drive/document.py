@@ -276,6 +276,9 @@ class Drive(StrictModel):
     time_offset_s: TimeOffset = 0.0
     """Time by which pictures are later than image_stamp says, in seconds; negative if they are earlier. It counts only
     with a motion."""
+    time_offset_sigma_s: Annotated[float, Field(ge=0.0, le=MAX_OFFSET_S)] = 0.02
+    """Standard deviation of `time_offset_s`, in seconds, where the motion of the frames does not tell it; 0 where the
+    camera is triggered. At a speed that is stated, it is part of the interval."""
     T_camera_lidar: Annotated[StatedTransform, AfterValidator(_orthonormal)] | None = None
     """Reference transform, p_camera = T_camera_lidar * p_lidar. Only commands that compare read it."""
 

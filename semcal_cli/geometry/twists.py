@@ -47,6 +47,12 @@ def apply_twist(T: Pose, twist: Twist) -> Pose:
     return apply_motion(T, rotation_matrix(twist[3:]), twist[:3])
 
 
+def adjoint(T: Pose) -> NDArray[np.float64]:
+    """Compute the adjoint (6, 6) of a transform (4, 4): T exp(xi) = exp(Ad xi) T with xi = (rho, phi)."""
+    R = T[:3, :3]
+    return np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
+
+
 def displaced(T: Pose, angle_deg: float, distance_m: float, rng: np.random.Generator) -> Pose:
     """Turn a camera by an angle about a random axis, and move its centre by a distance in a random direction."""
     axis, direction = rng.standard_normal((2, 3))

@@ -16,11 +16,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.assessment.limits import joint_quantile
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
-from semcal_cli.geometry.poses import Pose, cross_matrix, inverse
+from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.geometry.twists import adjoint
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.uncertainty import Uncertainty
 
@@ -104,9 +104,3 @@ def make_pair(
         uncertainty = Uncertainty.from_covariance(T_a_b, covariance, degrees_of_freedom)
     is_doubted = "not_trusted" in (of_a.status, of_b.status)
     return Pair(a, b, T_a_b, uncertainty, reference, is_doubted)
-
-
-def adjoint(T: Pose) -> npt.NDArray[np.float64]:
-    """Compute the adjoint (6, 6) of a transform (4, 4): T exp(xi) = exp(Ad xi) T with xi = (rho, phi)."""
-    R = T[:3, :3]
-    return np.block([[R, cross_matrix(T[:3, 3]) @ R], [np.zeros((3, 3)), R]])
