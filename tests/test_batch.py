@@ -11,6 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -22,12 +23,15 @@ from hostile_drives import break_drive
 from refined import with_camera
 
 from semcal_cli.batch.drives import find_drives, folder_of
+from semcal_cli.batch.execution import Ended
+from semcal_cli.batch.folders import MARKER
 from semcal_cli.batch.summary import worst
 from semcal_cli.batch.tasks import Outcome, Task, describe_result
-from semcal_cli.cli import semcal
+from semcal_cli.cli import Ending, semcal, worker
+from semcal_cli.cli import run as run_command
+from semcal_cli.cli.worker import run_task
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
-from semcal_cli.jobs import processes
 from semcal_cli.jobs.resume import locked
 from semcal_cli.result.calibration import Calibration, write_calibration
 from semcal_cli.result.provenance import camera_hash
@@ -110,34 +114,29 @@ def test_only_what_changed_is_done_again(copies: Path, tmp_path: Path) -> None:
     assert (tmp_path / "out/summary.jsonl").read_bytes() != before
 
 
-HOSTILE = """
-import sys
-sys.path = sys.argv[1:]
-import os, signal, time
-from semcal_cli.cli import worker
-real = worker.run
-def run(arguments):
-    name = os.path.basename(arguments[1])
-    if name == "000":
-        os.kill(os.getpid(), signal.SIGKILL)
-    if name == "001":
-        time.sleep(1000)
-    if name == "002":
-        os.write(1, b"no JSON at all\\n")
-        os._exit(7)
-    if name == "003":
-        raise RuntimeError("out of luck")
-    return real(arguments)
-worker.run = run
-worker.main()
-"""
+def hostile(task: Task) -> Ended:
+    """Run a task whose command crashes, hangs or is broken, in its process."""
+
+    def command_of(arguments: list[str]) -> Ending:
+        match Path(arguments[1]).name:
+            case "000":
+                os.kill(os.getpid(), signal.SIGKILL)
+            case "001":
+                time.sleep(1000)
+            case "002":
+                os._exit(7)
+            case "003":
+                raise RuntimeError("out of luck")
+        return run_command(arguments)
+
+    worker.run = command_of
+    return run_task(task)
 
 
 def test_who_crashes_or_hangs_does_not_stop_the_others(
     copies: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hostile = (sys.executable, "-c", HOSTILE, *sys.path)
-    monkeypatch.setattr(processes, "command", lambda module: hostile)
+    monkeypatch.setattr(worker, "run_task", hostile)
     (copies / "004/drive.yaml").write_text("semcal_drive: 1\n")
     found = run([*command(copies, tmp_path / "out", "--timeout", "30", "--jobs", "2")])
     assert found.exit_code == 1
@@ -148,7 +147,7 @@ def test_who_crashes_or_hangs_does_not_stop_the_others(
     assert reasons[1] == ["timed out after 30 s"]
     assert reasons[3] == ["RuntimeError: out of luck"]
     assert reasons[4][0].endswith("004/drive.yaml: camera: found nothing, needed a value")
-    assert "exit code 7" in reasons[2][0]
+    assert reasons[2] == ["the process ended with exit code 7"]
     for outcome in outcomes[:5]:
         assert Path(outcome["drive"]).name in found.stderr
     assert (
@@ -235,6 +234,33 @@ def test_killed_at_any_moment_it_goes_on(drives: Path, tmp_path: Path) -> None:
     assert not list((tmp_path / "killed").rglob("*.part"))
 
 
+@pytest.mark.parametrize("waited_s", [0.0, 0.1, 1.0])
+def test_ctrl_c_ends_all_processes(waited_s: float, drives: Path, tmp_path: Path) -> None:
+    """A terminal sends Ctrl-C to all processes of a command, also to those that are just beginning."""
+    process = subprocess.Popen(
+        [*SEMCAL, *command(drives, tmp_path / "out", "--jobs", "2"), "--search-deg", "90"],
+        cwd=tmp_path,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    while not list((tmp_path / "out").rglob(MARKER)):  # A drive begins, and starts the first process.
+        time.sleep(0.01)
+    time.sleep(waited_s)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=10)
+    assert process.returncode == 130
+    assert "Traceback" not in told
+    assert told.endswith(" of 6 drives are done; the same command does the others\n")
+    for _ in range(100):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, 0)
+            time.sleep(0.1)
+            continue
+        return
+    pytest.fail("a process goes on")
+
+
 def test_a_folder_is_one_batch_s_at_a_time(drives: Path, tmp_path: Path) -> None:
     with locked(tmp_path / ".lock", "batch"):
         found = run(command(drives, tmp_path))
@@ -304,34 +330,18 @@ def test_the_worst_wins() -> None:
 
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
-    """A scheduler and two workers, each a process of its own, on loopback."""
-    distributed = pytest.importorskip("distributed")
-    assert distributed is not None
-    environment = os.environ | {"DASK_DISTRIBUTED__WORKER__DAEMON": "False"}
+    """A scheduler and two workers, each a process of its own, on loopback; the second has a nanny, as is usual."""
+    pytest.importorskip("distributed")
     file = tmp_path / "scheduler.json"
-    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "env": environment, "cwd": tmp_path}
-    scheduler = subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0",
-         "--no-dashboard", "--scheduler-file", str(file)], **quiet)  # fmt: skip
-    workers = [
-        subprocess.Popen(
-            [
-                sys.executable,
-                "-m",
-                "distributed.cli.dask_worker",
-                "--scheduler-file",
-                str(file),
-                "--nthreads",
-                "1",
-                "--no-nanny",
-                "--no-dashboard",
-                "--local-directory",
-                str(tmp_path / f"worker{number}"),
-            ],
-            **quiet,
-        )
-        for number in range(2)
-    ]
+
+    def start(program: str, *options: str) -> subprocess.Popen:
+        return subprocess.Popen(
+            [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", "--scheduler-file", str(file),
+             *options], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)  # fmt: skip
+
+    scheduler = start("dask_scheduler", "--host", "127.0.0.1", "--port", "0")
+    one = ("--nthreads", "1", "--local-directory", str(tmp_path / "workers"))
+    workers = [start("dask_worker", *one, option) for option in ("--no-nanny", "--nanny")]
     try:
         for _ in range(600):
             if file.exists() and file.read_text():
@@ -339,8 +349,8 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen]]]:
             time.sleep(0.1)
         yield json.loads(file.read_text())["address"], workers
     finally:
-        for process in (scheduler, *workers):
-            process.kill()
+        for process in (*workers, scheduler):
+            process.terminate()
             process.wait()
 
 

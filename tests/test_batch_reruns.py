@@ -3,7 +3,9 @@
 import hashlib
 import json
 import os
+import resource
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +16,7 @@ import pytest
 from batches import SEMCAL, command, make_drives, run, summary
 
 from semcal_cli.batch.drives import folder_of
+from semcal_cli.batch.execution import Ended
 from semcal_cli.batch.folders import check_apart
 from semcal_cli.batch.records import (
     MAX_RECORD_BYTES,
@@ -25,37 +28,37 @@ from semcal_cli.batch.records import (
     write_record,
 )
 from semcal_cli.batch.tasks import Task, failed
+from semcal_cli.cli import Ending, worker
+from semcal_cli.cli import run as run_command
+from semcal_cli.cli.worker import run_task
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
-from semcal_cli.jobs import processes
 
 NUM_DRIVES = 6
-UNLUCKY = """
-import sys
-sys.path = sys.argv[1:]
-import os, resource, signal
-from semcal_cli.cli import worker
-real = worker.run
-def run(arguments):
-    name = os.path.basename(arguments[1])
-    if name in ends:
-        os.kill(os.getpid(), ends[name])
-    if name == "002":
-        raise MemoryError("Unable to allocate 1 TiB")
-    if name == "005":
-        raise RuntimeError("out of luck")
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    if name == "001":
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        return real(arguments)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-ends = {"000": signal.SIGKILL, "003": signal.SIGTERM, "004": signal.SIGSEGV}
-worker.run = run
-worker.main()
-"""
-"""Worker to which something happens at each drive. A limit of size refuses to write as a full disk does."""
+ENDS = {"000": signal.SIGKILL, "003": signal.SIGTERM, "004": signal.SIGSEGV}
+
+
+def unlucky(task: Task) -> Ended:
+    """Run a task to whose command something happens; a limit of size refuses to write as a full disk does."""
+
+    def command_of(arguments: list[str]) -> Ending:
+        name = Path(arguments[1]).name
+        if name in ENDS:
+            os.kill(os.getpid(), ENDS[name])
+        if name == "002":
+            raise MemoryError("Unable to allocate 1 TiB")
+        if name == "005":
+            raise RuntimeError("out of luck")
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        if name == "001":
+            resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+        try:
+            return run_command(arguments)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+    worker.run = command_of
+    return run_task(task)
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +84,7 @@ def test_what_the_machine_failed_at_is_done_again(
 ) -> None:
     arguments = command(drives, tmp_path / "out")
     with monkeypatch.context() as patch:
-        patch.setattr(processes, "command", lambda module: (sys.executable, "-c", UNLUCKY, *sys.path))
+        patch.setattr(worker, "run_task", unlucky)
         assert run(arguments).exit_code == 1
     reasons = [outcome["reasons"][0] for outcome in summary(tmp_path / "out")]
     assert reasons[0].startswith("the process was ended by SIGKILL")
