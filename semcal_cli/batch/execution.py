@@ -5,14 +5,13 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 from typing import TypeAlias
 
 from semcal_cli.batch.folders import make_folder_of_drive
-from semcal_cli.batch.records import FileState, read_inputs, write_record
-from semcal_cli.batch.tasks import LOG, Outcome, Task, describe_result, failed
+from semcal_cli.batch.records import Inputs, read_inputs, write_record
+from semcal_cli.batch.tasks import LOG, Outcome, Task, failed
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import os_reason
 from semcal_cli.jobs.processes import ProcessError, Worker, in_processes
@@ -22,19 +21,8 @@ Execute: TypeAlias = Callable[[Sequence[Task]], Generator[Outcome, None, None]]
 """Function that runs tasks, and yields the outcome of each when it is done."""
 
 
-@dataclass(frozen=True)
-class Ended:
-    """How the command of a task ended."""
-
-    exit_code: int
-    error: str
-    """Message of a failure."""
-    is_of_machine: bool
-    """Whether it failed for the machine's reasons, not for the drive's."""
-
-
-Run: TypeAlias = Callable[[Task], Ended]
-"""Function that runs the command of a task; it is pickled for other processes."""
+Run: TypeAlias = Callable[[Task, Inputs], Outcome]
+"""Function that runs the command of a task in its process, and records the outcome unless the machine failed."""
 
 
 def execute_here(
@@ -65,22 +53,18 @@ def execute_task(folder: Path, worker: Worker, run: Run, task: Task) -> Outcome:
         CancelledError: the batch was stopped.
     """
     begun = monotonic()
-    inputs: dict[str, FileState | None] = {}
-    is_timed_out = False
+    inputs: Inputs = {}
     try:
         make_folder_of_drive(task, folder)
         try:
             inputs = worker.ask(read_inputs, task, timeout_s=task.timeout_s)
-            ended = worker.ask(run, task, timeout_s=_left_s(task, begun))
-            outcome, is_of_machine = _outcome(folder, task, ended), ended.is_of_machine
+            return worker.ask(run, task, inputs, timeout_s=_left_s(task, begun))
         except ProcessError as error:
-            is_timed_out = error.is_timed_out
-            # A process that ends before the files of the drive are read does not do so by their content.
-            is_of_machine = not is_timed_out and (error.is_from_outside or not inputs)
             outcome = _failure(task, error)
-        if not is_of_machine:
-            write_record(task, outcome, inputs, timed_out=is_timed_out)
-        return outcome
+            # A process that ends before the files of the drive are read does not do so by their content.
+            if error.is_timed_out or (inputs and not error.is_from_outside):
+                write_record(task, outcome, inputs, timed_out=error.is_timed_out)
+            return outcome
     except InputError as error:
         return failed(task.drive, str(error))
     except OSError as error:
@@ -102,10 +86,3 @@ def _failure(task: Task, error: ProcessError) -> Outcome:
     with suppress(OSError, InputError), open_own(Path(task.folder) / LOG) as log:
         log.write(f"{reason}\n".encode())
     return failed(task.drive, reason)
-
-
-def _outcome(folder: Path, task: Task, ended: Ended) -> Outcome:
-    """Make the outcome of a drive whose command ended."""
-    if ended.exit_code not in (0, 3, 4):
-        return failed(task.drive, ended.error)
-    return describe_result(task, ended.exit_code, task.result.relative_to(folder).as_posix())

@@ -8,6 +8,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import AfterValidator, model_validator
 
+from semcal_cli.batch.drives import folder_of
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.files.documents import read_document
@@ -121,17 +122,17 @@ def failed(drive: str, reason: str) -> Outcome:
     return Outcome(drive, FAILED, 1, (" ".join(text.splitlines()),))
 
 
-def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
+def describe_result(task: Task, exit_code: int) -> Outcome:
     """Read the result of a command.
 
     Args:
         task: Task of the command.
         exit_code: Exit code of the command: 0, 3 or 4.
-        result: Name of the result's file, relative to the folder of the batch.
 
     Raises:
         InputError: the file is not a result of the command.
     """
+    result = str(folder_of(task.drive) / task.result.name)
     stamp = first_stamp(read_drive(Path(task.path)))
     if task.command == "calibrate":
         found = read_calibration(task.result)

@@ -9,15 +9,28 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from semcal_cli.batch.execution import Ended
 from semcal_cli.batch.failures import is_of_machine
-from semcal_cli.batch.tasks import LOG, PART, TIMES, Task
+from semcal_cli.batch.records import Inputs, write_record
+from semcal_cli.batch.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
 from semcal_cli.cli import Ending, run
 from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
 from semcal_cli.files.messages import os_reason
 
 
-def run_task(task: Task) -> Ended:
+def run_task(task: Task, inputs: Inputs) -> Outcome:
+    """Run the command of a task, and record its outcome, unless the machine failed, not the drive."""
+    ending = _run_to_files(task)
+    if ending.exit_code in (0, 3, 4):
+        outcome = describe_result(task, ending.exit_code)
+    else:
+        line = ending.line or f"the command ended with exit code {ending.exit_code}"
+        outcome = failed(task.drive, line)
+    if not is_of_machine(ending.failure, Path(task.folder)):
+        write_record(task, outcome, inputs, timed_out=False)
+    return outcome
+
+
+def _run_to_files(task: Task) -> Ending:
     """Run the command of a task, with its output redirected to files."""
     # The batch tells the CI system of all of its drives together.
     for name in (GITHUB_ACTIONS, GITHUB_STEP_SUMMARY):
@@ -37,10 +50,9 @@ def run_task(task: Task) -> Ended:
             sys.stderr.flush()
         if output is not None and ending.exit_code != 1:
             output.replace(result)
+        return ending
     except OSError as failure:
-        ending = Ending(1, f"{failure.filename or folder}: {os_reason(failure)}", failure)
-    line = ending.line or f"the command ended with exit code {ending.exit_code}"
-    return Ended(ending.exit_code, line, is_of_machine(ending.failure, folder))
+        return Ending(1, f"{failure.filename or folder}: {os_reason(failure)}", failure)
 
 
 def _run(arguments: list[str]) -> Ending:

@@ -14,9 +14,9 @@ from semcal_cli.experiments.result_files import FILES
 from semcal_cli.files.kinds import check_own_file
 from semcal_cli.files.reading import read_text
 from semcal_cli.files.writing import write_text
+from semcal_cli.jobs.pace import Pace
 from semcal_cli.jobs.processes import ProcessError, Worker, in_processes
 from semcal_cli.jobs.resume import locked, resume
-from semcal_cli.jobs.watcher import Watcher
 from semcal_cli.threads import set_num_threads
 
 JOURNAL, MEASURED = "results.jsonl", "measured.txt"
@@ -56,7 +56,7 @@ def run_cases(
     kind: type[Found],
     folder: Path,
     num_jobs: int,
-    watcher: Watcher | None = None,
+    watcher: Pace | None = None,
 ) -> list[Found]:
     """Run each case that has no results in `folder` yet; a stopped run resumes where it was.
 
@@ -78,7 +78,7 @@ def run_cases(
         CalibrationError: the process of a case crashed.
     """
     num_threads = 1 if num_jobs > 1 else None
-    watcher = watcher or Watcher()
+    watcher = watcher or Pace(len(cases), num_jobs)
 
     def read_outcome(case: Case) -> Measured[Case, Found] | None:
         results = journal.find(case)
