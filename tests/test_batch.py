@@ -25,7 +25,7 @@ from refined import with_camera
 from semcal_cli.batch.drives import find_drives, folder_of
 from semcal_cli.batch.folders import MARKER
 from semcal_cli.batch.summary import worst
-from semcal_cli.batch.tasks import Outcome, Task, describe_result
+from semcal_cli.batch.tasks import Task, describe_result
 from semcal_cli.cli import semcal
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.geometry.pose_error import compare_poses
@@ -338,11 +338,6 @@ def test_a_cluster_that_is_not_there(drives: Path, tmp_path: Path, monkeypatch: 
     found = run(["batch", str(drives / "000"), "-o", str(tmp_path / "out"), "--dask", "tcp://127.0.0.1:1"])
     assert found.exit_code == 1
     assert "--dask tcp://127.0.0.1:1: found no scheduler there" in str(found.exception)
-
-
-def test_an_outcome_is_a_line_that_python_reads_back() -> None:
-    outcome = Outcome("d", "failed", 1, ("no overlap",))
-    assert Outcome(**json.loads(json.dumps(vars(outcome)))).reasons == ["no overlap"]
 
 
 @pytest.mark.parametrize("is_kept", [True, False])

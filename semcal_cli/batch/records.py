@@ -20,7 +20,7 @@ from typing import TypeAlias
 
 from pydantic import JsonValue, TypeAdapter
 
-from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, OutcomeLine, Task
+from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, Task
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
@@ -54,7 +54,7 @@ Inputs: TypeAlias = dict[str, FileState | None]
 """State of each file that a task reads, by absolute path; None for one that could not be read."""
 
 
-class RecordedOutcome(OutcomeLine):
+class RecordedOutcome(Outcome):
     """An outcome in a record, whose covariance is that of a calibration."""
 
     covariance: Covariance | None
