@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from hostile_commands import Hostile
-from hostile_files import absent, pipe
+from hostile_files import pipe
 
 from semcal_cli.batch.folders import MARK
 
@@ -18,6 +18,9 @@ APART = "needed a folder apart from the drives$"
 NEEDED = "needed a folder that is new, empty or of a batch$"
 WHOLE_BATCH = r"^summary +out/summary.csv, out/summary.jsonl$"
 """Last line of a batch that did all drives, whatever became of them."""
+ONE_LINE = "needed one line of UTF-8 text"
+TAKEN = "a file of the batch, needed another name"
+POINTS_LOG = "elsewhere/points/log.txt"
 UNKNOWN = f"which no batch wrote, {NEEDED}"
 
 
@@ -72,7 +75,25 @@ def results_of_a_batch(folder: Path) -> None:
 
 
 def no_work(folder: Path) -> None:
-    assert not list(folder.rglob("summary.*"))
+    """Check that no summary was written, over a person's file or beside it."""
+    summaries = [path for path in folder.rglob("summary.*") if path.is_file()]
+    assert all(summary.read_text() == PRECIOUS for summary in summaries)
+
+
+def refused(
+    make: Callable[[Path], object], command: tuple[str, ...] | str, line: str, *kept: str, stdin: bytes = b""
+) -> Hostile:
+    """Make a case in which a batch refuses its drives or the folder of its results before any work.
+
+    Args:
+        make: Makes the files of the case.
+        command: Arguments of the batch, or the folder of the results of both drives.
+        line: Pattern of the message.
+        kept: Files that stay as they are.
+        stdin: Standard input.
+    """
+    arguments = (*BOTH, command) if isinstance(command, str) else ("batch", *command, "-o", "out")
+    return Hostile(make, arguments, f"^semcal: error: {line}", kept=kept, stdin=stdin, check=no_work)
 
 
 def reasons(folder: Path) -> list[str]:
@@ -98,25 +119,17 @@ def drive_named(name: str) -> Callable[[Path], object]:
 
 
 FOLDERS: dict[str, Hostile] = {
-    "results where the drives are": Hostile(
-        write("log.txt"),
-        (*BOTH, "."),
-        rf"^semcal: error: \.: found a folder that holds drive drive, {APART}",
-        kept=("log.txt",),
-        check=no_work,
+    "results where the drives are": refused(
+        write("log.txt"), ".", rf"\.: found a folder that holds drive drive, {APART}", "log.txt"
     ),
-    "results in a drive": Hostile(
+    "results in a drive": refused(
         write("drive/log.txt"),
-        (*BOTH, "drive/results"),
-        rf"^semcal: error: drive/results: found a folder in drive drive, {APART}",
-        kept=("drive/log.txt",),
-        check=no_work,
+        "drive/results",
+        rf"drive/results: found a folder in drive drive, {APART}",
+        "drive/log.txt",
     ),
-    "results that a link leads into a drive": Hostile(
-        link("out", "drive"),
-        (*BOTH, "out"),
-        rf"^semcal: error: out: found the folder of drive drive, {APART}",
-        check=no_work,
+    "results that a link leads into a drive": refused(
+        link("out", "drive"), "out", rf"out: found the folder of drive drive, {APART}"
     ),
     "results beside a drive file": Hostile(
         write("drive/log.txt"),
@@ -126,12 +139,8 @@ FOLDERS: dict[str, Hostile] = {
         check=no_work,
     ),
     **{
-        f"results where a drive's files are, {output}": Hostile(
-            moved,
-            (*BOTH, output),
-            rf"^semcal: error: {output}: found {found} files of drive drive, {APART}",
-            kept=("elsewhere/points/log.txt",),
-            check=no_work,
+        f"results where a drive's files are, {output}": refused(
+            moved, output, rf"{output}: found {found} files of drive drive, {APART}", POINTS_LOG
         )
         for output, found in (
             ("elsewhere/points", "a folder with"),
@@ -139,86 +148,59 @@ FOLDERS: dict[str, Hostile] = {
             ("elsewhere/points/out", "a folder in one with"),
         )
     },
-    "results where a link in a drive leads": Hostile(
+    "results where a link in a drive leads": refused(
         linked,
-        (*BOTH, "elsewhere/points"),
-        rf"^semcal: error: elsewhere/points: found a folder with files of drive drive, {APART}",
-        kept=("elsewhere/points/log.txt",),
-        check=no_work,
+        "elsewhere/points",
+        rf"elsewhere/points: found a folder with files of drive drive, {APART}",
+        POINTS_LOG,
     ),
-    "results where one drive of another batch has them": Hostile(
+    "results where one drive of another batch has them": refused(
         results_of_a_batch,
-        (*BOTH, "out/third"),
-        rf"^semcal: error: out/third: found the results of one drive of another batch, {NEEDED}",
-        kept=("out/third/log.txt",),
+        "out/third",
+        rf"out/third: found the results of one drive of another batch, {NEEDED}",
+        "out/third/log.txt",
     ),
     **{
-        f"results in those of another batch, {output}": Hostile(
+        f"results in those of another batch, {output}": refused(
             results_of_a_batch,
-            (*BOTH, output),
-            rf"^semcal: error: {output}: found a folder in .*/{above}, the results of another batch, {NEEDED}",
-            kept=("out/third/log.txt",),
+            output,
+            rf"{output}: found a folder in .*/{above}, the results of another batch, {NEEDED}",
+            "out/third/log.txt",
         )
         for output, above in (("out/new", "out"), ("out/a/b", "out"), ("out/third/new", "out/third"))
     },
-    "a drive's results where another batch has its own": Hostile(
-        write("out/drive/.lock", MARK),
-        (*BOTH, "out"),
-        rf"^semcal: error: out/drive: found the results of another batch, {NEEDED}",
-        check=no_work,
+    "a drive's results where another batch has its own": refused(
+        write("out/drive/.lock", MARK), "out", rf"out/drive: found the results of another batch, {NEEDED}"
     ),
-    "a person's folder for results": Hostile(
-        write("out/summary.csv"),
-        (*BOTH, "out"),
-        rf"^semcal: error: out: found summary.csv, {UNKNOWN}",
-        kept=("out/summary.csv",),
+    **{
+        f"a person's {name}": refused(
+            write(f"{folder}/{name}", content),
+            "out",
+            rf"{folder}: found {name}, {UNKNOWN}",
+            f"{folder}/{name}",
+        )
+        for folder, name, content in (
+            ("out", "summary.csv", PRECIOUS.encode()),
+            ("out", ".lock", PRECIOUS.encode()),
+            ("out/other", "calibration.yaml", PRECIOUS.encode()),
+            ("out/other", "record.json", b'{"outcome": 1}'),
+        )
+    },
+    "a link for the log": refused(
+        link("out/drive/log.txt", "precious"), "out", rf"out/drive: found log.txt, {UNKNOWN}", "precious"
     ),
-    "another program's lock": Hostile(
-        write("out/.lock"),
-        (*BOTH, "out"),
-        rf"^semcal: error: out: found .lock, {UNKNOWN}",
-        kept=("out/.lock",),
-        check=no_work,
+    "a link for a drive's results": refused(
+        link("out/drive", "other"), "out", r"out/drive: found a link, needed a folder or nothing$"
     ),
-    "a person's folder for a drive's results": Hostile(
-        write("out/other/calibration.yaml"),
-        (*BOTH, "out"),
-        rf"^semcal: error: out/other: found calibration.yaml, {UNKNOWN}",
-        kept=("out/other/calibration.yaml",),
-        check=no_work,
-    ),
-    "a person's record": Hostile(
-        write("out/other/record.json", b'{"outcome": 1}'),
-        (*BOTH, "out"),
-        rf"^semcal: error: out/other: found record.json, {UNKNOWN}",
-        check=no_work,
-    ),
-    "a link for a drive's results": Hostile(
-        link("out/drive", "other"),
-        (*BOTH, "out"),
-        r"^semcal: error: out/drive: found a link, needed a folder or nothing$",
-        check=no_work,
-    ),
-    "a link for the log": Hostile(
-        link("out/drive/log.txt", "precious"),
-        (*BOTH, "out"),
-        rf"^semcal: error: out/drive: found log.txt, {UNKNOWN}",
-        kept=("precious",),
-        check=no_work,
-    ),
-    "a link for the lock": Hostile(
-        link("out/.lock", "precious"),
-        (*BOTH, "out"),
-        r"^semcal: error: out/.lock: found a link, needed a file or nothing$",
-        kept=("precious",),
-        check=no_work,
-    ),
-    "a link for the summary": Hostile(
-        link("out/summary.jsonl", "precious"),
-        (*BOTH, "out"),
-        r"^semcal: error: out/summary.jsonl: found a link, needed a file or nothing$",
-        kept=("precious",),
-    ),
+    **{
+        f"a link for {name}": refused(
+            link(f"out/{name}", "precious"),
+            "out",
+            rf"out/{name}: found a link, needed a file or nothing$",
+            "precious",
+        )
+        for name in (".lock", "summary.jsonl")
+    },
 }
 PIPES: dict[str, Hostile] = {
     **{
@@ -266,64 +248,49 @@ PIPES: dict[str, Hostile] = {
     ),
 }
 NAMES: dict[str, Hostile] = {
-    "a name that is not UTF-8": Hostile(
-        drive_of_bytes,
-        ("batch", "*", "-o", "out"),
-        r"^semcal: error: caf\\xe9: found a name that is not UTF-8, needed one line of UTF-8 text$",
-        check=no_work,
+    "a name that is not UTF-8": refused(
+        drive_of_bytes, ("*",), rf"caf\\xe9: found a name that is not UTF-8, {ONE_LINE}$"
     ),
-    "a line break in a name": Hostile(
-        drive_named("two\nlines"),
-        ("batch", "*", "-o", "out"),
-        r"^semcal: error: two\\nlines: found a NUL or a line break in a name, needed one line of UTF-8 text$",
-        check=no_work,
-    ),
-    "NUL on standard input": Hostile(
-        lambda folder: None,
-        ("batch", "-", "-o", "out"),
-        r"^semcal: error: standard input: line 2: ot\\x00er: found a NUL or a line break in a name, needed .*$",
-        stdin=b"drive\not\0er\n",
-        check=no_work,
-    ),
-    "a name of megabytes on standard input": Hostile(
-        lambda folder: None,
-        ("batch", "-", "-o", "out"),
-        r"^semcal: error: standard input: line 2: found a name of 4,000,000 bytes, needed at most 4,095$",
-        stdin=b"drive\n" + b"a/" * 2_000_000,
-        check=no_work,
-    ),
-    "bytes on standard input": Hostile(
-        lambda folder: None,
-        ("batch", "-", "-o", "out"),
-        r"^semcal: error: standard input: line 3: \\xff\\xfe: found a name that is not UTF-8, needed .*$",
-        stdin=b"# drives\r\ndrive\r\n\xff\xfe\r\n",
-        check=no_work,
-    ),
-    "bytes in a list": Hostile(
-        write("list.txt", b"drive\n\ncaf\xe9\n"),
-        ("batch", "list.txt", "-o", "out"),
-        r"^semcal: error: list.txt: line 3: caf\\xe9: found a name that is not UTF-8, needed .*$",
-        check=no_work,
-    ),
-    "no pattern": Hostile(
-        lambda folder: None,
-        ("batch", "x**y", "-o", "out"),
-        r"^semcal: error: x\*\*y: found (no pattern|nothing of this pattern)\b.*$",
+    "a line break in a name": refused(
+        drive_named("two\nlines"), ("*",), rf"two\\nlines: found a NUL or a line break in a name, {ONE_LINE}$"
     ),
     **{
-        f"a drive named {name}": Hostile(
-            drive_named(name),
-            ("batch", name, "-o", "out"),
-            rf"^semcal: error: {name}: found a drive whose results would go to {name}, a file of the batch, needed .*$",
-            check=absent("out"),
+        f"{found} on standard input": refused(
+            lambda folder: None, ("-",), f"standard input: line {line}: {message}$", stdin=content
         )
-        for name in ("summary.csv", ".lock")
+        for found, content, line, message in (
+            ("NUL", b"drive\not\0er\n", 2, rf"ot\\x00er: found a NUL or a line break in a name, {ONE_LINE}"),
+            (
+                "a name of megabytes",
+                b"drive\n" + b"a/" * 2_000_000,
+                2,
+                "found a name of 4,000,000 bytes, needed at most 4,095",
+            ),
+            (
+                "bytes",
+                b"# drives\r\ndrive\r\n\xff\xfe\r\n",
+                3,
+                rf"\\xff\\xfe: found a name that is not UTF-8, {ONE_LINE}",
+            ),
+        )
     },
-    "a drive named log.txt in another": Hostile(
-        drive_named("drive/log.txt"),
-        ("batch", "drive", "drive/log.txt", "-o", "out"),
-        r"^semcal: error: drive/log.txt: found a drive whose results would go to drive/log.txt, a file of the batch.*$",
-        check=no_work,
+    "bytes in a list": refused(
+        write("list.txt", b"drive\n\ncaf\xe9\n"),
+        ("list.txt",),
+        rf"list.txt: line 3: caf\\xe9: found a name that is not UTF-8, {ONE_LINE}$",
     ),
+    "no pattern": refused(
+        lambda folder: None, ("x**y",), r"x\*\*y: found (no pattern|nothing of this pattern)\b.*$"
+    ),
+    **{
+        f"a drive named {name}": refused(
+            drive_named(name), drives, rf"{name}: found a drive whose results would go to {name}, {TAKEN}$"
+        )
+        for name, drives in (
+            ("summary.csv", ("summary.csv",)),
+            (".lock", (".lock",)),
+            ("drive/log.txt", ("drive", "drive/log.txt")),
+        )
+    },
 }
 BATCHES = FOLDERS | PIPES | NAMES

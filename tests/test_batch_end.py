@@ -1,6 +1,5 @@
 """The end of a batch on the terminal: verdicts, drives that need a look, the agreed pose, and what is next."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +23,14 @@ def trusted_drives(count: int) -> list[Outcome]:
     poses, covariances, _ = fleet(np.random.default_rng(4), count)
     return [
         Outcome(
-            f"drives/{number:03d}",
-            "trusted",
-            0,
-            T_camera_lidar=tuple(map(tuple, T.tolist())),
-            covariance=tuple(map(tuple, covariance.tolist())),
+            drive=f"drives/{number:03d}",
+            status="trusted",
+            exit_code=0,
+            reasons=(),
+            stamp=None,
+            T_camera_lidar=T.tolist(),
+            covariance=covariance.tolist(),
+            mutual_information_nats=None,
             camera="one",
             result=f"drives/{number:03d}/calibration.yaml",
         )
@@ -37,8 +39,8 @@ def trusted_drives(count: int) -> list[Outcome]:
 
 
 def bad(number: int, reason: str = "the pose is determined in no direction") -> Outcome:
-    return Outcome(
-        f"drives/bad_{number:02d}", "not_trusted", 3, (reason,), T_camera_lidar=tuple(map(tuple, TRUTH))
+    return failed(f"drives/bad_{number:02d}", reason).model_copy(
+        update={"status": "not_trusted", "exit_code": 3, "T_camera_lidar": TRUTH.tolist()}
     )
 
 
@@ -108,7 +110,7 @@ def test_a_pose_that_drives_do_not_agree_on(
     count: int, change: dict, expected: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     *others, last = trusted_drives(count)
-    lines = end_of([*others, replace(last, **change)], tmp_path / "out", capsys)
+    lines = end_of([*others, last.model_copy(update=change)], tmp_path / "out", capsys)
     if expected is None:
         assert not any("agreed" in line for line in lines)
     else:
@@ -131,7 +133,7 @@ def test_the_progress_names_running_and_finished_drives() -> None:
         show.begin(name)
     show.tell(trusted_drives(1)[0], True)
     show.tell(bad(1), True)
-    show.tell(replace(bad(2), drive="drives/before"), False)
+    show.tell(bad(2).model_copy(update={"drive": "drives/before"}), False)
     lines = [line.plain for line in show._lines()]
     assert lines == [
         "3 of 5 drives   2 not trusted, 1 trusted   about 1 s left",

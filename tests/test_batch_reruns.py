@@ -3,9 +3,12 @@
 import hashlib
 import json
 import os
+import resource
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,44 +21,51 @@ from semcal_cli.batch.folders import check_apart
 from semcal_cli.batch.records import (
     MAX_RECORD_BYTES,
     FileState,
+    Inputs,
     has_record,
     read_inputs,
     read_outcome,
     read_state,
     write_record,
 )
-from semcal_cli.batch.tasks import Task, failed
+from semcal_cli.batch.tasks import Outcome, Task, failed
+from semcal_cli.cli import Ending, worker
+from semcal_cli.cli import run as run_command
+from semcal_cli.cli.worker import run_task
 from semcal_cli.errors import InputError
 from semcal_cli.formats import read_transform
-from semcal_cli.jobs import processes
 
-NUM_DRIVES = 6
-UNLUCKY = """
-import sys
-sys.path = sys.argv[1:]
-import os, resource, signal
-from semcal_cli.cli import worker
-real = worker.run
-def run(arguments):
-    name = os.path.basename(arguments[1])
-    if name in ends:
-        os.kill(os.getpid(), ends[name])
-    if name == "002":
-        raise MemoryError("Unable to allocate 1 TiB")
-    if name == "005":
-        raise RuntimeError("out of luck")
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    if name == "001":
-        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
-        return real(arguments)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
-ends = {"000": signal.SIGKILL, "003": signal.SIGTERM, "004": signal.SIGSEGV}
-worker.run = run
-worker.main()
-"""
-"""Worker to which something happens at each drive. A limit of size refuses to write as a full disk does."""
+NUM_DRIVES = 9
+TIMEOUT_S = 20.0
+ENDS = {"000": signal.SIGKILL, "003": signal.SIGTERM, "004": signal.SIGSEGV}
+
+
+def unlucky(task: Task, inputs: Inputs) -> Outcome:
+    """Run a task to whose command something happens; a limit of size refuses to write as a full disk does."""
+
+    def command_of(arguments: list[str]) -> Ending:
+        name = Path(arguments[1]).name
+        limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+        match name:
+            case "000" | "003" | "004":
+                os.kill(os.getpid(), ENDS[name])
+            case "001":
+                resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+            case "002":
+                raise MemoryError("Unable to allocate 1 TiB")
+            case "005":
+                raise RuntimeError("out of luck")
+            case "006":
+                os._exit(7)
+            case "007":
+                time.sleep(1000.0)
+        try:
+            return run_command(arguments)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+    worker.run = command_of
+    return run_task(task, inputs)
 
 
 @pytest.fixture(scope="module")
@@ -76,24 +86,35 @@ def first(drives: Path, out: Path) -> list[str]:
     return [*command(drives, out)[:1], str(drives / "000"), *command(drives, out)[2:]]
 
 
-def test_what_the_machine_failed_at_is_done_again(
+def test_who_crashes_or_hangs_stops_no_other_and_what_the_machine_failed_at_is_done_again(
     drives: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    arguments = command(drives, tmp_path / "out")
+    arguments = command(drives, tmp_path / "out", "--jobs", "2", "--timeout", f"{TIMEOUT_S}")
     with monkeypatch.context() as patch:
-        patch.setattr(processes, "command", lambda module: (sys.executable, "-c", UNLUCKY, *sys.path))
-        assert run(arguments).exit_code == 1
-    reasons = [outcome["reasons"][0] for outcome in summary(tmp_path / "out")]
-    assert reasons[0].startswith("the process was ended by SIGKILL")
+        patch.setattr(worker, "run_task", unlucky)
+        found = run(arguments)
+    assert found.exit_code == 1
+    outcomes = summary(tmp_path / "out")
+    assert [outcome["status"] == "failed" for outcome in outcomes] == [True] * 8 + [False]
+    reasons = [outcome["reasons"][0] for outcome in outcomes[:8]]
     assert reasons[1].endswith("calibration.yaml: cannot be written: file too large")
-    assert reasons[2] == "MemoryError: Unable to allocate 1 TiB"
-    assert reasons[3:] == [
-        *("the process was ended by SIGTERM", "the process was ended by SIGSEGV", "RuntimeError: out of luck")
+    assert [reasons[0], *reasons[2:]] == [
+        "the process was ended by SIGKILL, as when memory runs out",
+        "MemoryError: Unable to allocate 1 TiB",
+        "the process was ended by SIGTERM",
+        "the process was ended by SIGSEGV",
+        "RuntimeError: out of luck",
+        "the process ended with exit code 7",
+        "timed out after 20 s",
     ]
+    for outcome in outcomes[:8]:
+        assert Path(outcome["drive"]).name in found.stderr
+    log = tmp_path / "out" / folder_of(outcomes[7]["drive"]) / "log.txt"
+    assert "timed out after 20 s" in log.read_text()
     assert run(arguments).exit_code == 1
     again = summary(tmp_path / "out")
-    assert [outcome["status"] == "failed" for outcome in again] == [False] * 4 + [True] * 2
-    assert [outcome["reasons"][0] for outcome in again[4:]] == reasons[4:]
+    assert [outcome["status"] == "failed" for outcome in again] == [False] * 4 + [True] * 4 + [False]
+    assert [outcome["reasons"][0] for outcome in again[4:8]] == reasons[4:]
     assert run([*arguments[:1], "--force", *arguments[1:]]).exit_code in (0, 3)
 
 

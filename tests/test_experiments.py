@@ -27,8 +27,8 @@ from semcal_cli.experiments.runner import in_words, run_cases
 from semcal_cli.geometry.pose_error import compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
+from semcal_cli.jobs.pace import Pace
 from semcal_cli.jobs.resume import locked
-from semcal_cli.jobs.watcher import Watcher
 from semcal_cli.synthetic.synthesis import synthesize
 
 
@@ -51,20 +51,21 @@ def run_until_five(case: Case) -> list[Result]:
     return run(case)
 
 
-class Recorder(Watcher):
+class Recorder(Pace):
     """Writes down what it is told."""
 
     def __init__(self) -> None:
+        super().__init__(0, 1)
         self.events: list[str] = []
 
     def resume(self, num_done: int, num_items: int) -> None:
         self.events.append(f"{num_done} of {num_items}")
 
-    def begin(self, item: str) -> None:
-        self.events.append(f"begin {item}")
+    def begin(self, name: str) -> None:
+        self.events.append(f"begin {name}")
 
-    def end(self, item: str) -> None:
-        self.events.append(f"end {item}")
+    def end(self, name: str) -> None:
+        self.events.append(f"end {name}")
 
 
 def test_a_run_is_told_by_its_words(capsys: pytest.CaptureFixture[str]) -> None:

@@ -41,30 +41,25 @@ COMMANDS = (
     BARE
     + """
 from semcal_cli.cli import main
-from semcal_cli.jobs import processes
 
-sys.modules["semcal_cli.cli.demo"].NUM_FRAMES = 2
-command = processes.command
-
-def command_without_torch(module):
-    python, option, code, *path = command(module)
-    return (python, option, BARE + code, *path)
-
-processes.command = command_without_torch
-endings = []
-for arguments in json.loads(sys.argv[1]):
+def run(arguments):
     sys.argv = ["semcal", *arguments]
     with contextlib.redirect_stdout(io.StringIO()) as out, contextlib.redirect_stderr(io.StringIO()) as err:
         try:
             main()
         except SystemExit as stop:
-            endings.append([stop.code, out.getvalue(), err.getvalue()])
-assert "torch" not in sys.modules
-import semcal_cli.view.server, semcal_cli.view.session, semcal_cli.experiments.trust  # noqa
-assert "torch" not in sys.modules
-print(json.dumps(endings))
+            return [stop.code, out.getvalue(), err.getvalue()]
+
+if __name__ == "__main__":
+    sys.modules["semcal_cli.cli.demo"].NUM_FRAMES = 2
+    endings = [run(arguments) for arguments in json.loads(sys.argv[1])]
+    assert "torch" not in sys.modules
+    import semcal_cli.view.server, semcal_cli.view.session, semcal_cli.experiments.trust  # noqa
+    assert "torch" not in sys.modules
+    print(json.dumps(endings))
 """
 )
+"""Script that runs commands; the processes that a batch starts import it, and find no torch either."""
 
 
 class Ending(NamedTuple):
@@ -77,8 +72,10 @@ class Ending(NamedTuple):
 
 def python_without_torch(folder: Path, code: str, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a script of Python in a process of its own, which finds no torch."""
+    script = folder.with_suffix(".py")
+    script.write_text(f"BARE = {BARE!r}\n{code}")
     return subprocess.run(
-        [sys.executable, "-I", "-c", f"BARE = {BARE!r}\n{code}", *arguments],
+        [sys.executable, "-I", str(script), *arguments],
         capture_output=True,
         text=True,
         cwd=folder,

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import fields
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -11,12 +10,10 @@ import pytest
 from click.testing import CliRunner, Result
 from fleets import line, series_of, write_summary
 
-from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli import semcal
 from semcal_cli.documentation import entry_address
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
-from semcal_cli.fleet.members import _Line
 from semcal_cli.formats import read_transform
 
 
@@ -210,7 +207,3 @@ def test_names_may_hold_anything(tmp_path: Path) -> None:
     assert "line 10: drive: found" in str(run(write_summary(tmp_path / "batch", lines)).exception)
     (tmp_path / "batch/summary.jsonl").write_text("\n")
     assert "found no drives" in str(run(tmp_path / "batch").exception)
-
-
-def test_a_line_is_what_a_batch_writes() -> None:
-    assert set(_Line.model_fields) == {field.name for field in fields(Outcome)}

@@ -4,7 +4,6 @@ import errno
 import os
 import resource
 import signal
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +14,7 @@ from batches import TINY, run, summary
 from semcal_cli import _core
 from semcal_cli.batch.failures import is_of_machine
 from semcal_cli.errors import InputError
-from semcal_cli.jobs import processes
+from semcal_cli.jobs.processes import ProcessError, Worker
 from semcal_cli.synthetic.synthesis import synthesize
 
 UNREADABLE = Path("/proc/self/mem")
@@ -83,6 +82,20 @@ def test_a_drive_on_a_broken_disk_has_no_outcome(tmp_path: Path) -> None:
     assert list(out.rglob("record.json"))
 
 
+def end_by(name: str) -> None:
+    """End this process by a signal, without a core file."""
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.kill(os.getpid(), getattr(signal, name))
+
+
+@pytest.fixture(scope="module")
+def one_worker() -> Iterator[Worker]:
+    worker = Worker()
+    yield worker
+    worker.stop()
+    worker.close()
+
+
 @pytest.mark.parametrize(
     ("name", "is_from_outside"),
     [
@@ -90,15 +103,9 @@ def test_a_drive_on_a_broken_disk_has_no_outcome(tmp_path: Path) -> None:
         *((name, False) for name in ("SIGSEGV", "SIGFPE", "SIGILL", "SIGSYS")),
     ],
 )
-def test_signals_of_the_machine(name: str, is_from_outside: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_signals_of_the_machine(name: str, is_from_outside: bool, one_worker: Worker) -> None:
     """Memory that runs out ends a process by SIGKILL, or by the SIGABRT of a failed allocation."""
-    number = getattr(signal, name).value
-    start = "import os, resource; resource.setrlimit(resource.RLIMIT_CORE, (0, 0))"
-    end = f"{start}; input(); print(1, flush=True); os.kill(os.getpid(), {number})"
-    monkeypatch.setattr(processes, "command", lambda module: (sys.executable, "-c", end))
-    process = processes.Process("any")
-    found = process.ask("question", 2, None)
-    process.close()
-    assert found.failure is not None
-    assert name in found.failure
-    assert found.is_from_outside == is_from_outside
+    with pytest.raises(ProcessError, match=f"^the process was ended by {name}\\b") as error:
+        one_worker.ask(end_by, name)
+    assert error.value.is_from_outside == is_from_outside
+    assert not error.value.is_timed_out

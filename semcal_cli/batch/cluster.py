@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import threading
 from collections.abc import Generator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from semcal_cli.batch.execution import MODULE, Execute, execute_task
+from semcal_cli.batch.execution import Execute, Run, execute_task
 from semcal_cli.batch.tasks import Outcome, Task, failed
 from semcal_cli.errors import InputError
 from semcal_cli.extras import check_installed
-from semcal_cli.jobs.processes import Processes
+from semcal_cli.jobs.processes import Worker
 
 if TYPE_CHECKING:
     from distributed import Client
 
 CONNECT_S = 30
-_processes = Processes(MODULE)
-"""Processes of a worker of the cluster, one for each of its threads; they stay for the next batch."""
+_of_thread = threading.local()
+"""Process of each thread of a worker of the cluster; it stays for the next batch."""
 
 
 def connect(address: str) -> Client:
@@ -36,13 +38,13 @@ def connect(address: str) -> Client:
         raise InputError(f"--dask {address}: found no scheduler there: {reason}") from None
 
 
-def execute_on(client: Client, folder: Path) -> Execute:
+def execute_on(client: Client, folder: Path, run: Run) -> Execute:
     """Run tasks on a cluster, one drive on each thread of its workers; other workers repeat those of a lost worker."""
 
     def execute(tasks: Sequence[Task]) -> Generator[Outcome, None, None]:
         from distributed import KilledWorker, as_completed
 
-        of_task = {client.submit(_execute, str(folder), task, pure=False): task for task in tasks}
+        of_task = {client.submit(_execute, str(folder), run, task, pure=False): task for task in tasks}
         try:
             for done in as_completed(of_task):
                 try:
@@ -56,6 +58,10 @@ def execute_on(client: Client, folder: Path) -> Execute:
     return execute
 
 
-def _execute(folder: str, task: Task) -> Outcome:
+def _execute(folder: str, run: Run, task: Task) -> Outcome:
     """Run the task of a drive on a worker of the cluster."""
-    return execute_task(Path(folder), _processes, task)
+    # Dask's nannies make their workers daemons, which may have no processes; ours end with them.
+    multiprocessing.current_process().daemon = False
+    if not hasattr(_of_thread, "process"):
+        _of_thread.process = Worker()
+    return execute_task(Path(folder), _of_thread.process, run, task)

@@ -2,84 +2,87 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
+from time import monotonic
 from typing import TypeAlias
 
 from semcal_cli.batch.folders import make_folder_of_drive
-from semcal_cli.batch.records import FileState, write_record
-from semcal_cli.batch.tasks import LOG, RESULTS, Outcome, Task, describe_result, failed
+from semcal_cli.batch.records import Inputs, read_inputs, write_record
+from semcal_cli.batch.tasks import LOG, Outcome, Task, failed
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import os_reason
-from semcal_cli.jobs.processes import Processes, Reply, in_processes
+from semcal_cli.jobs.processes import ProcessError, Worker, in_processes
 from semcal_cli.jobs.resume import open_own
 
 Execute: TypeAlias = Callable[[Sequence[Task]], Generator[Outcome, None, None]]
 """Function that runs tasks, and yields the outcome of each when it is done."""
-MODULE = "semcal_cli.cli.worker"
-"""Module that the processes run. It answers a task with the state of its files, then with the command's outcome."""
+
+
+Run: TypeAlias = Callable[[Task, Inputs], Outcome]
+"""Function that runs the command of a task in its process, and records the outcome unless the machine failed."""
 
 
 def execute_here(
-    folder: Path, num_jobs: int, on_begin: Callable[[str], None] = lambda drive: None
+    folder: Path, num_jobs: int, run: Run, on_begin: Callable[[str], None] = lambda drive: None
 ) -> Execute:
     """Run tasks on this machine.
 
     Args:
         folder: Folder of all results.
         num_jobs: Number of tasks at a time.
+        run: Function that runs the command of a task.
         on_begin: Called with each drive when it begins, by several threads.
     """
 
-    def do(processes: Processes, task: Task) -> Outcome:
+    def do(worker: Worker, task: Task) -> Outcome:
         on_begin(task.drive)
-        return execute_task(folder, processes, task)
+        return execute_task(folder, worker, run, task)
 
-    return lambda tasks: in_processes(tasks, do, MODULE, num_jobs)
+    return lambda tasks: in_processes(tasks, do, num_jobs)
 
 
-def execute_task(folder: Path, processes: Processes, task: Task) -> Outcome:
+def execute_task(folder: Path, worker: Worker, run: Run, task: Task) -> Outcome:
     """Run the task of a drive, and record its outcome; a folder that cannot be written fails only this drive.
 
     A failure of the machine is not recorded, so that the next run does the drive again.
 
     Raises:
-        StoppedError: the batch was stopped.
+        CancelledError: the batch was stopped.
     """
+    begun = monotonic()
+    inputs: Inputs = {}
     try:
         make_folder_of_drive(task, folder)
-        reply = processes.ask(asdict(task), num_answers=2, timeout_s=task.timeout_s)
-        outcome = _outcome(folder, task, reply)
-        if not _is_of_machine(reply):
-            states = reply.answers[0]["files"] if reply.answers else {}
-            inputs = {path: state and FileState(**state) for path, state in states.items()}
-            write_record(task, outcome, inputs, timed_out=reply.is_timed_out)
-        return outcome
+        try:
+            inputs = worker.ask(read_inputs, task, timeout_s=task.timeout_s)
+            return worker.ask(run, task, inputs, timeout_s=_left_s(task, begun))
+        except ProcessError as error:
+            outcome = _failure(task, error)
+            # A process that ends before the files of the drive are read does not do so by their content.
+            if error.is_timed_out or (inputs and not error.is_from_outside):
+                write_record(task, outcome, inputs, timed_out=error.is_timed_out)
+            return outcome
     except InputError as error:
         return failed(task.drive, str(error))
     except OSError as error:
         return failed(task.drive, f"{error.filename or task.folder}: {os_reason(error)}")
+    except MemoryError as error:  # The process can read no files, and goes on with the next drive.
+        return failed(task.drive, f"MemoryError: {error}")
 
 
-def _outcome(folder: Path, task: Task, reply: Reply) -> Outcome:
-    """Make the outcome of a drive from the answers of its process."""
-    if reply.failure is not None:
-        reason = f"timed out after {task.timeout_s:g} s" if reply.is_timed_out else reply.failure
-        with suppress(OSError, InputError), open_own(Path(task.folder) / LOG) as log:
-            log.write(f"{reason}\n".encode())
-        return failed(task.drive, reason)
-    _, end = reply.answers
-    if end["exit_code"] not in (0, 3, 4):
-        return failed(task.drive, end["error"])
-    result = (Path(task.folder) / RESULTS[task.command]).relative_to(folder).as_posix()
-    return describe_result(task, end["exit_code"], result)
+def _left_s(task: Task, begun: float) -> float | None:
+    """Tell the seconds that are left of a drive's time, which are more than none; None without a limit."""
+    if task.timeout_s is None:
+        return None
+    return max(task.timeout_s - (monotonic() - begun), sys.float_info.min)
 
 
-def _is_of_machine(reply: Reply) -> bool:
-    """Tell whether a run failed for the machine's reasons, not for the drive's."""
-    if reply.failure is not None:
-        return reply.is_from_outside
-    is_of_machine: bool = reply.answers[1]["is_of_machine"]
-    return is_of_machine
+def _failure(task: Task, error: ProcessError) -> Outcome:
+    """Make the outcome of a drive whose process ended, and tell the log."""
+    reason = f"timed out after {task.timeout_s:g} s" if error.is_timed_out else str(error)
+    with suppress(OSError, InputError), open_own(Path(task.folder) / LOG) as log:
+        log.write(f"{reason}\n".encode())
+    return failed(task.drive, reason)

@@ -16,10 +16,11 @@ from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import TypeAlias
 
 from pydantic import JsonValue, TypeAdapter
 
-from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, OutcomeLine, Task
+from semcal_cli.batch.tasks import FAILED, RECORD, Outcome, Task
 from semcal_cli.drive.document import drive_file, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
@@ -49,7 +50,11 @@ class FileState(StrictModel):
     """Hash of the content; null if a file of the drive is so large that the drive is refused."""
 
 
-class RecordedOutcome(OutcomeLine):
+Inputs: TypeAlias = dict[str, FileState | None]
+"""State of each file that a task reads, by absolute path; None for one that could not be read."""
+
+
+class RecordedOutcome(Outcome):
     """An outcome in a record, whose covariance is that of a calibration."""
 
     covariance: Covariance | None
@@ -83,7 +88,7 @@ def read_state(path: Path, *, with_hash: bool = True) -> FileState | None:
     return FileState(size=found.st_size, mtime_ns=found.st_mtime_ns, sha256=digest)
 
 
-def read_inputs(task: Task) -> dict[str, FileState | None]:
+def read_inputs(task: Task) -> Inputs:
     """Read the state of each file that a task reads, by absolute path; for a broken drive, of its known files.
 
     Sizes are judged first. A drive with a file that no command reads is refused: nothing of it is hashed, and its state
@@ -100,9 +105,7 @@ def read_inputs(task: Task) -> dict[str, FileState | None]:
     return {str(path): read_state(path, with_hash=is_readable) for path in paths}
 
 
-def write_record(
-    task: Task, outcome: Outcome, inputs: dict[str, FileState | None], *, timed_out: bool
-) -> None:
+def write_record(task: Task, outcome: Outcome, inputs: Inputs, *, timed_out: bool) -> None:
     """Write the record of a drive.
 
     Raises:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.batch.tasks import Outcome, OutcomeLine
+from semcal_cli.batch.tasks import Outcome
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines
 from semcal_cli.files.kinds import check_own_file
@@ -58,7 +58,7 @@ def has_summary(folder: Path) -> bool:
     """Tell whether a batch of any version left a summary of some drives in a folder."""
     path = folder / JSONL
     try:
-        lines = [validate(OutcomeLine, line, path) for line in read_json_lines(path)]
+        lines = [validate(Outcome, line, path) for line in read_json_lines(path)]
     except InputError:
         return False
     return bool(lines)

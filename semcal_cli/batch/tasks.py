@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 from pydantic import AfterValidator, model_validator
 
+from semcal_cli.batch.drives import folder_of
 from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Stamp, first_stamp, read_drive
 from semcal_cli.files.documents import read_document
@@ -57,104 +58,92 @@ class Task:
         return Path(self.folder) / RESULTS[self.command]
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """The outcome of a drive: a line of the summary. It contains neither times nor machines."""
-
-    drive: str
-    """The drive as it was given."""
-    status: str
-    """`trusted`, `not_trusted` or `not_assessed`; `pass`, `fail` or `inconclusive`; or `failed`."""
-    exit_code: int
-    """Exit code of the command."""
-    reasons: tuple[str, ...] = ()
-    """Sentences that say why it is not trusted or has failed."""
-    topics: tuple[str, ...] = ()
-    """Topic of each of the reasons: its entry in docs/troubleshooting.md; none for one that has failed."""
-    stamp: float | None = None
-    """Stamp of the first frame in seconds, if it has one."""
-    T_camera_lidar: tuple[tuple[float, ...], ...] | None = None
-    """(4, 4) rows of the transform."""
-    covariance: tuple[tuple[float, ...], ...] | None = None
-    """(6, 6) covariance of xi = (rho, phi), camera frame, left perturbation."""
-    mutual_information_nats: float | None = None
-    """Mutual information at the transform."""
-    camera: str | None = None
-    """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
-    result: str | None = None
-    """File of the result, relative to the folder of the batch."""
-    covariance_of_intrinsics: tuple[tuple[float, ...], ...] | None = None
-    """(6, 6) part of the covariance by errors of K, which all drives of a camera share."""
-
-
 def _check_hash(text: str) -> str:
     if not text.strip():
         raise mismatch(describe(text), "the hash of a camera")
     return text
 
 
-class OutcomeLine(StrictModel):
-    """An outcome that is read from a file, checked."""
+class Outcome(StrictModel):
+    """The outcome of a drive: a line of the summary. It contains neither times nor machines."""
 
     drive: FileName
+    """The drive as it was given."""
     status: Status
+    """What `calibrate` says of its answer, or the verdict of `verify`; or `failed`."""
     exit_code: Literal[0, 1, 3, 4]
+    """Exit code of the command."""
     reasons: Annotated[tuple[str, ...], length(0)]
+    """Sentences that say why it is not trusted or has failed."""
     topics: Annotated[tuple[Topic, ...], length(0)] = ()
+    """Topic of each of the reasons: its entry in docs/troubleshooting.md; none for one that has failed."""
     stamp: Stamp | None
+    """Stamp of the first frame in seconds, if it has one."""
     T_camera_lidar: Transform | None
+    """(4, 4) rows of the transform."""
     covariance: CovarianceEntries | None
+    """(6, 6) covariance of xi = (rho, phi), camera frame, left perturbation."""
     mutual_information_nats: Figure | None
+    """Mutual information at the transform."""
     camera: Annotated[str, AfterValidator(_check_hash)] | None
+    """Hash of the camera that the transform belongs to, given or estimated: see `provenance.camera_hash`."""
     result: FileName | None
+    """File of the result, relative to the folder of the batch."""
     covariance_of_intrinsics: Covariance | None = None
+    """(6, 6) part of the covariance by errors of K, which all drives of a camera share."""
 
     @model_validator(mode="after")
-    def _check_part(self) -> OutcomeLine:
+    def _check_part(self) -> Outcome:
         check_part(self.covariance_of_intrinsics, self.covariance)
         return self
+
+
+NOT_KNOWN: dict[str, Any] = dict.fromkeys(
+    ("stamp", "T_camera_lidar", "covariance", "mutual_information_nats", "camera", "result")
+)
+"""What an outcome says of a drive without an answer."""
 
 
 def failed(drive: str, reason: str) -> Outcome:
     """Make the outcome of a drive that has no answer; its reason is one line that any file can hold."""
     text = reason.encode(errors="backslashreplace").decode()
-    return Outcome(drive, FAILED, 1, (" ".join(text.splitlines()),))
+    reasons = (" ".join(text.splitlines()),)
+    return Outcome(drive=drive, status="failed", exit_code=1, reasons=reasons, **NOT_KNOWN)
 
 
-def describe_result(task: Task, exit_code: int, result: str) -> Outcome:
+def describe_result(task: Task, exit_code: int) -> Outcome:
     """Read the result of a command.
 
     Args:
         task: Task of the command.
         exit_code: Exit code of the command: 0, 3 or 4.
-        result: Name of the result's file, relative to the folder of the batch.
 
     Raises:
         InputError: the file is not a result of the command.
     """
     stamp = first_stamp(read_drive(Path(task.path)))
-    if task.command == "calibrate":
-        found = read_calibration(task.result)
-        uncertainty = found.uncertainty
-        return Outcome(
-            task.drive,
-            found.status,
-            exit_code,
-            found.reasons,
-            found.topics,
-            stamp,
-            found.T_camera_lidar,
-            None if uncertainty is None else uncertainty.covariance,
-            found.quality.mutual_information_nats,
-            camera_hash(found.used_camera),
-            result,
-            None if uncertainty is None else uncertainty.covariance_of_intrinsics,
-        )
-    document = read_document(task.result)
-    line = {
-        **dict.fromkeys(OutcomeLine.model_fields),
-        **{"drive": task.drive, "exit_code": exit_code, "stamp": stamp, "result": result},
-        **{key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")},
-        "status": document.get("verdict"),
+    known = _of_calibration(task.result) if task.command == "calibrate" else _of_verification(task.result)
+    known |= {"drive": task.drive, "exit_code": exit_code, "stamp": stamp}
+    known["result"] = str(folder_of(task.drive) / task.result.name)
+    return validate(Outcome, {**NOT_KNOWN, **known}, task.result)
+
+
+def _of_calibration(result: Path) -> dict[str, object]:
+    found = read_calibration(result)
+    uncertainty = found.uncertainty
+    return {
+        "status": found.status,
+        "reasons": found.reasons,
+        "topics": found.topics,
+        "T_camera_lidar": found.T_camera_lidar,
+        "covariance": None if uncertainty is None else uncertainty.covariance,
+        "mutual_information_nats": found.quality.mutual_information_nats,
+        "camera": camera_hash(found.used_camera),
+        "covariance_of_intrinsics": None if uncertainty is None else uncertainty.covariance_of_intrinsics,
     }
-    return Outcome(**vars(validate(OutcomeLine, line, task.result)))
+
+
+def _of_verification(result: Path) -> dict[str, object]:
+    document = read_document(result)
+    known = {key: document.get(key) for key in ("reasons", "topics", "T_camera_lidar")}
+    return {**known, "status": document.get("verdict")}

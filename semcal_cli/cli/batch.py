@@ -133,6 +133,7 @@ def batch(
     from semcal_cli.batch.summary import worst
     from semcal_cli.cli.batch_end import print_end
     from semcal_cli.cli.batch_progress import BatchProgress
+    from semcal_cli.cli.worker import run_task
     from semcal_cli.threads import num_cores
 
     if (calibration is not None) != (command == "verify"):
@@ -148,7 +149,10 @@ def batch(
     with ExitStack() as stack:
         client = None if address is None else stack.enter_context(connect(address))
         show = stack.enter_context(BatchProgress(len(tasks), num_jobs, quiet))
-        execute = execute_here(folder, num_jobs, show.begin) if client is None else execute_on(client, folder)
+        if client is None:
+            execute = execute_here(folder, num_jobs, run_task, show.begin)
+        else:
+            execute = execute_on(client, folder, run_task)
         try:
             outcomes = run_batch(tasks, folder, execute, force=force, on_done=show.tell)
         except KeyboardInterrupt:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -14,7 +15,6 @@ from semcal_cli.batch.tasks import Outcome
 from semcal_cli.cli.batch_progress import (
     STATUS_WIDTH,
     STYLES,
-    count_statuses,
     counts_text,
     first_reason,
     words,
@@ -36,7 +36,9 @@ def print_end(console: Console, outcomes: Sequence[Outcome], folder: Path) -> No
         return
     from semcal_cli.fleet.verdict import MIN_DRIVES
 
-    done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts_text(count_statuses(outcomes))
+    done = Text(f"{len(outcomes):,} of {len(outcomes):,} drives: ") + counts_text(
+        Counter(outcome.status for outcome in outcomes)
+    )
     lines = [done, *_bad_drives(outcomes, folder)]
     trusted = [outcome.drive for outcome in outcomes if outcome.status == "trusted"]
     if len(trusted) >= MIN_AGREEING:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterable
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -29,13 +28,12 @@ STYLES = {
 STATUS_WIDTH = 14
 
 
-class BatchProgress:
+class BatchProgress(Pace):
     """Shows the progress of a batch: running and finished drives on a terminal, or a line for each drive on a pipe."""
 
     def __init__(self, num_drives: int, num_jobs: int, quiet: bool) -> None:
-        self.num_drives, self.num_done = num_drives, 0
+        super().__init__(num_drives, num_jobs)
         self.console = make_console(quiet)
-        self._pace = Pace(num_drives, num_jobs)
         self._counts: Counter[str] = Counter()
         self._recent: deque[Outcome] = deque(maxlen=RECENT)
         self._live = ExitStack()
@@ -47,34 +45,24 @@ class BatchProgress:
     def __exit__(self, *error: object) -> None:
         self._live.close()
 
-    def begin(self, drive: str) -> None:
-        """Note that a drive begins; any thread may tell so."""
-        self._pace.begin(drive)
-
     def tell(self, outcome: Outcome, is_new: bool) -> None:
         """Show the outcome of a drive."""
-        self.num_done += 1
         self._counts[outcome.status] += 1
         if is_new:
-            self._pace.end(outcome.drive)
+            self.end(outcome.drive)
             self._recent.append(outcome)
         else:
-            self._pace.skip()
+            self.skip()
         if not self.console.is_terminal and (is_new or outcome.status == FAILED):
-            number = f"{self.num_done:>{len(str(self.num_drives))}}/{self.num_drives}"
+            number = f"{self.num_done:>{len(str(self.num_items))}}/{self.num_items}"
             reason = f": {outcome.reasons[0]}" if outcome.reasons else ""
             line = printable(f"{number}  {outcome.status:<13}{outcome.drive}{reason}")
             self.console.print(line, markup=False)
 
     def _lines(self) -> list[Text]:
-        title = Text("   ").join(
-            [
-                Text(f"{self.num_done:,} of {self.num_drives:,} drives"),
-                *([counts_text(self._counts)] if self._counts else []),
-                *([Text(left)] if (left := time_left(self._pace)) else []),
-            ]
-        )
-        return [title, *running_lines(self._pace), *map(outcome_text, self._recent)]
+        title = [Text(f"{self.num_done:,} of {self.num_items:,} drives"), counts_text(self._counts)]
+        shown = [part for part in (*title, Text(time_left(self))) if part]
+        return [Text("   ").join(shown), *running_lines(self), *map(outcome_text, self._recent)]
 
 
 def counts_text(counts: Counter[str]) -> Text:
@@ -85,11 +73,6 @@ def counts_text(counts: Counter[str]) -> Text:
         if counts[status]
     ]
     return Text(", ").join(parts)
-
-
-def count_statuses(outcomes: Iterable[Outcome]) -> Counter[str]:
-    """Count the drives of each status."""
-    return Counter(outcome.status for outcome in outcomes)
 
 
 def outcome_text(outcome: Outcome) -> Text:

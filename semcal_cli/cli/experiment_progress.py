@@ -12,47 +12,35 @@ from rich.text import Text
 from semcal_cli.cli.live import clock_time, live_lines, running_lines, time_left
 from semcal_cli.cli.terminal import make_console
 from semcal_cli.jobs.pace import Pace
-from semcal_cli.jobs.watcher import Watcher
 
 
-class ExperimentProgress(Watcher):
+class ExperimentProgress(Pace):
     """Shows the runs of an experiment: the running ones on a terminal, or a line for each finished one on a pipe."""
 
     def __init__(self, console: Console, num_jobs: int) -> None:
-        self._console, self._num_jobs = console, num_jobs
-        self._num_runs = 0
-        self._pace = Pace(0, num_jobs)
-        self._started = monotonic()
+        super().__init__(0, num_jobs)
+        self._console, self._began = console, monotonic()
 
     def resume(self, num_done: int, num_items: int) -> None:
-        """Begin to count; runs of before are no measure of how long the others take."""
-        self._num_runs = num_items
-        self._pace = Pace(num_items - num_done, self._num_jobs)
+        """Tell how many runs are done already."""
+        super().resume(num_done, num_items)
         if num_done and not self._console.is_terminal:
             self._console.print(f"{num_done:,} of {num_items:,} runs are done already")
 
-    def begin(self, item: str) -> None:
-        """Show a run that begins."""
-        self._pace.begin(item)
-
-    def end(self, item: str) -> None:
+    def end(self, name: str) -> None:
         """Count a run, and name it on a pipe."""
-        self._pace.end(item)
+        super().end(name)
         if not self._console.is_terminal:
-            left = time_left(self._pace)
-            told = ", ".join([f"after {clock_time(monotonic() - self._started)}", *([left] if left else [])])
-            number = f"{self._num_done:>{len(str(self._num_runs))}}/{self._num_runs}"
-            self._console.print(f"{number}  {item}  ({told})", markup=False)
+            left = time_left(self)
+            told = ", ".join([f"after {clock_time(monotonic() - self._began)}", *([left] if left else [])])
+            number = f"{self.num_done:>{len(str(self.num_items))}}/{self.num_items}"
+            self._console.print(f"{number}  {name}  ({told})", markup=False)
 
     def lines(self) -> list[Text]:
         """Say how many runs are done and about how long the others take, and name those that are running."""
-        count = f"{self._num_done:,} of {self._num_runs:,} runs are done"
-        left = time_left(self._pace)
-        return [Text("   ".join([count, *([left] if left else [])])), *running_lines(self._pace)]
-
-    @property
-    def _num_done(self) -> int:
-        return self._num_runs - self._pace.num_left
+        count = f"{self.num_done:,} of {self.num_items:,} runs are done"
+        left = time_left(self)
+        return [Text("   ".join([count, *([left] if left else [])])), *running_lines(self)]
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The process that calibrates the drives of a batch: see `semcal_cli.batch.execution`."""
+"""The run of a command on a drive of a batch, in a process of the batch: see `semcal_cli.batch.execution`."""
 
 from __future__ import annotations
 
@@ -8,33 +8,33 @@ import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from semcal_cli.batch.failures import is_of_machine
-from semcal_cli.batch.records import read_inputs
-from semcal_cli.batch.tasks import LOG, PART, TIMES, Task
+from semcal_cli.batch.records import Inputs, write_record
+from semcal_cli.batch.tasks import LOG, PART, TIMES, Outcome, Task, describe_result, failed
 from semcal_cli.cli import Ending, run
 from semcal_cli.cli.ci import GITHUB_ACTIONS, GITHUB_STEP_SUMMARY
 from semcal_cli.files.messages import os_reason
-from semcal_cli.jobs.serving import serve
 
 
-def main() -> None:
-    """Run tasks until there are no more; the batch tells the CI system of all of them together."""
+def run_task(task: Task, inputs: Inputs) -> Outcome:
+    """Run the command of a task, and record its outcome, unless the machine failed, not the drive."""
+    ending = _run_to_files(task)
+    if ending.exit_code in (0, 3, 4):
+        outcome = describe_result(task, ending.exit_code)
+    else:
+        line = ending.line or f"the command ended with exit code {ending.exit_code}"
+        outcome = failed(task.drive, line)
+    if not is_of_machine(ending.failure, Path(task.folder)):
+        write_record(task, outcome, inputs, timed_out=False)
+    return outcome
+
+
+def _run_to_files(task: Task) -> Ending:
+    """Run the command of a task, with its output redirected to files."""
+    # The batch tells the CI system of all of its drives together.
     for name in (GITHUB_ACTIONS, GITHUB_STEP_SUMMARY):
         os.environ.pop(name, None)
-    serve(_do)
-
-
-def _do(question: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Yield the state of a task's files, then the outcome of its command."""
-    task = Task(**question | {"arguments": tuple(question["arguments"]), "also": tuple(question["also"])})
-    yield {"files": {path: state and vars(state) for path, state in read_inputs(task).items()}}
-    yield _execute(task)
-
-
-def _execute(task: Task) -> dict[str, Any]:
-    """Run the command of a task, with its output redirected to files."""
     folder, result = Path(task.folder), str(task.result)
     arguments = [task.command, task.path, *task.arguments, "--threads", str(task.num_threads)]
     output = None
@@ -50,13 +50,9 @@ def _execute(task: Task) -> dict[str, Any]:
             sys.stderr.flush()
         if output is not None and ending.exit_code != 1:
             output.replace(result)
+        return ending
     except OSError as failure:
-        ending = Ending(1, f"{failure.filename or folder}: {os_reason(failure)}", failure)
-    return {
-        "exit_code": ending.exit_code,
-        "error": ending.line or f"the command ended with exit code {ending.exit_code}",
-        "is_of_machine": is_of_machine(ending.failure, folder),
-    }
+        return Ending(1, f"{failure.filename or folder}: {os_reason(failure)}", failure)
 
 
 def _run(arguments: list[str]) -> Ending:

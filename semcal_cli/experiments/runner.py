@@ -11,16 +11,14 @@ from semcal_cli.errors import CalibrationError, InputError
 from semcal_cli.experiments.journal import Found, Journal
 from semcal_cli.experiments.page_tables import measured_here
 from semcal_cli.experiments.result_files import FILES
-from semcal_cli.experiments.worker import pack, unpack
 from semcal_cli.files.kinds import check_own_file
 from semcal_cli.files.reading import read_text
 from semcal_cli.files.writing import write_text
-from semcal_cli.jobs.processes import Processes, in_processes
+from semcal_cli.jobs.pace import Pace
+from semcal_cli.jobs.processes import ProcessError, Worker, in_processes
 from semcal_cli.jobs.resume import locked, resume
-from semcal_cli.jobs.watcher import Watcher
+from semcal_cli.threads import set_num_threads
 
-MODULE = "semcal_cli.experiments.worker"
-"""Module that the processes run."""
 JOURNAL, MEASURED = "results.jsonl", "measured.txt"
 """File of the results of each case, and one with a line for each machine, date and commit that they are of."""
 
@@ -58,7 +56,7 @@ def run_cases(
     kind: type[Found],
     folder: Path,
     num_jobs: int,
-    watcher: Watcher | None = None,
+    watcher: Pace | None = None,
 ) -> list[Found]:
     """Run each case that has no results in `folder` yet; a stopped run resumes where it was.
 
@@ -80,7 +78,7 @@ def run_cases(
         CalibrationError: the process of a case crashed.
     """
     num_threads = 1 if num_jobs > 1 else None
-    watcher = watcher or Watcher()
+    watcher = watcher or Pace(len(cases), num_jobs)
 
     def read_outcome(case: Case) -> Measured[Case, Found] | None:
         results = journal.find(case)
@@ -88,11 +86,14 @@ def run_cases(
 
     def execute(missing: Sequence[Case]) -> Generator[Measured[Case, Found], None, None]:
         watcher.resume(len(cases) - len(missing), len(cases))
-        yield from in_processes(missing, measure, MODULE, num_jobs)
+        yield from in_processes(missing, measure, num_jobs)
 
-    def measure(processes: Processes, case: Case) -> Measured[Case, Found]:
+    def measure(worker: Worker, case: Case) -> Measured[Case, Found]:
         watcher.begin(in_words(case))
-        return _measure(run, num_threads, processes, case)
+        try:
+            return Measured(case, worker.ask(_run, run, num_threads, case))
+        except ProcessError as error:
+            raise CalibrationError(f"{case}: {error}") from None
 
     def keep(measured: Measured[Case, Found], is_new: bool) -> None:
         if is_new:
@@ -126,14 +127,7 @@ def in_words(case: Any) -> str:
     return ", ".join(parts)
 
 
-def _measure(
-    run: Callable[[Case], list[Found]], num_threads: int | None, processes: Processes, case: Case
-) -> Measured[Case, Found]:
-    """Run a case in another process; its exceptions are raised here."""
-    reply = processes.ask({"work": pack((run, case)), "num_threads": num_threads})
-    if reply.failure is not None:
-        raise CalibrationError(f"{case}: {reply.failure}")
-    answer = unpack(reply.answers[0])
-    if isinstance(answer, BaseException):
-        raise answer
-    return Measured(case, answer)
+def _run(run: Callable[[Case], list[Found]], num_threads: int | None, case: Case) -> list[Found]:
+    """Run a case in another process."""
+    set_num_threads(num_threads)
+    return run(case)

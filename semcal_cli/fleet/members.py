@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.batch.summary import JSONL
-from semcal_cli.batch.tasks import OutcomeLine
+from semcal_cli.batch.tasks import Outcome
 from semcal_cli.drive.document import first_stamp, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_json_lines
@@ -35,7 +35,7 @@ SAME = 1e-6
 """Largest relative difference between two statements of one figure."""
 
 
-class _Line(OutcomeLine):
+class _Line(Outcome):
     """A line of the summary of a batch of calibrations."""
 
     status: Literal["trusted", "not_trusted", "not_assessed", "failed"]

@@ -8,7 +8,7 @@ from time import monotonic
 
 
 class Pace:
-    """Watches items begin and end; threads may tell it at the same time."""
+    """Is told which items are done before a run, which begin and which end; threads may tell it at the same time."""
 
     def __init__(self, num_items: int, num_jobs: int, clock: Callable[[], float] = monotonic) -> None:
         """Begin to watch.
@@ -18,11 +18,20 @@ class Pace:
             num_jobs: Number of items at a time.
             clock: Seconds since any moment.
         """
-        self.num_left = num_items
+        self.num_items = self.num_left = num_items
         self._num_jobs, self._clock, self._started = num_jobs, clock, clock()
         self._begun: dict[str, float] = {}
         self._num_ended, self._durations_s = 0, list[float]()
         self._lock = Lock()
+
+    @property
+    def num_done(self) -> int:
+        """Number of items that are done, now or before the run."""
+        return self.num_items - self.num_left
+
+    def resume(self, num_done: int, num_items: int) -> None:
+        """Begin a run of which some items are done already; they are no measure of how long the others take."""
+        self.num_items, self.num_left = num_items, num_items - num_done
 
     def skip(self) -> None:
         """Count an item that was done before the run."""

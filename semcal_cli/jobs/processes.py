@@ -1,207 +1,192 @@
-"""Processes that work on one item after another, so that loaded code and data stay; each may crash or hang.
+"""Processes that work on one item after another, so that loaded code stays; each may crash or hang.
 
-A process receives its tasks as lines of JSON on standard input, and answers with lines of JSON on standard output.
-It exits when its input ends: see `semcal_cli.jobs.serving` for its side.
+pebble watches them. With loky, one killed process fails all items that wait, and an item that hangs has no limit.
 """
 
 from __future__ import annotations
 
-import json
+import multiprocessing
 import os
-import selectors
 import signal
-import subprocess
-import sys
 import threading
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor, TimeoutError, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass
-from time import monotonic
+from multiprocessing import resource_tracker
+from queue import SimpleQueue
 from typing import Any, TypeVar
 
-CHUNK = 65_536
+from pebble import ProcessExpired, ProcessPool
+
 FAULTS = frozenset({signal.SIGFPE, signal.SIGILL, signal.SIGSEGV, signal.SIGSYS, signal.SIGTRAP})
 """Signals that a process brings upon itself; all others come from outside. So does SIGBUS: the file behind mapped
 memory has shrunk, or its disk is full or broken. So does SIGABRT, with which the core ends where memory is refused, as
-the kernel's SIGKILL does elsewhere. Some bugs abort as well: the question is then asked again in vain."""
+the kernel's SIGKILL does elsewhere. Some bugs abort as well: the work is then done again in vain."""
+
+NUM_ATTEMPTS = 2
+"""Times that a process may end before pebble knows that it began its work; it also looks so, rarely, just after."""
 
 Item = TypeVar("Item")
 Outcome = TypeVar("Outcome")
+Answer = TypeVar("Answer")
 
 
-class StoppedError(Exception):
-    """The run has ended before this item was done."""
+class ProcessError(Exception):
+    """A process ended before its work was done."""
+
+    def __init__(self, reason: str, *, is_timed_out: bool = False, is_from_outside: bool = False) -> None:
+        """Keep the cause.
+
+        Args:
+            reason: Cause in words.
+            is_timed_out: Whether the process was ended since it took too long.
+            is_from_outside: Whether something else ended the process: the work is not to blame.
+        """
+        super().__init__(reason)
+        self.is_timed_out, self.is_from_outside = is_timed_out, is_from_outside
 
 
-@dataclass(frozen=True)
-class Reply:
-    """The answers of a process to one question."""
+class Worker:
+    """A process that one thread at a time asks; it begins with the first question, and is replaced when it ends."""
 
-    answers: list[Any]
-    failure: str | None = None
-    """Cause of a failure; the process has ended then, and answers may be missing. None without a failure."""
-    is_timed_out: bool = False
-    is_from_outside: bool = False
-    """Whether the process was ended from outside, or ended before its first answer: the question is not to blame."""
+    def __init__(self) -> None:
+        # On Python 3.10, new processes still look for the standard library in the working folder first.
+        os.environ.setdefault("PYTHONSAFEPATH", "1")
+        self._pool, self._is_stopped = _make_pool(), False
+        self._answer: Future[Any] | None = None
 
+    def ask(self, work: Callable[..., Answer], *arguments: object, timeout_s: float | None = None) -> Answer:
+        """Let the process do a piece of work, and return what it returns.
 
-def command(module: str) -> tuple[str, ...]:
-    """Make the command that runs `main` of a module.
-
-    The process finds packages where this one does. `-m` would look in the working folder first, and any file may be
-    there.
-    """
-    code = f"import sys; sys.path = sys.argv[1:]; from {module} import main; main()"
-    return (sys.executable, "-c", code, *sys.path)
-
-
-class Process:
-    """The asking side of one process."""
-
-    def __init__(self, module: str) -> None:
-        # The process has its own group: its children end with it, and this process handles Ctrl-C.
-        self._process = subprocess.Popen(
-            command(module), stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True
-        )
-        self._rest = b""
-
-    def ask(self, question: Any, num_answers: int, deadline: float | None) -> Reply:
-        """Ask a question, and wait for its answers until a deadline of the monotonic clock."""
-        assert self._process.stdin is not None
-        answers: list[Any] = []
-        try:
-            self._process.stdin.write(json.dumps(question).encode() + b"\n")
-            self._process.stdin.flush()
-        except OSError:
-            return self._ended(answers)
-        while len(answers) < num_answers:
-            line = self._read_line(deadline)
-            if line is None:
-                self.kill()
-                return Reply(answers, "timed out", is_timed_out=True)
-            if not line:
-                return self._ended(answers)
-            try:
-                answers.append(json.loads(line))
-            except ValueError:
-                self.kill()
-                return Reply(answers, f"the process answered {line[:40]!r}")
-        return Reply(answers)
-
-    def kill(self) -> None:
-        """Kill the process and its children."""
-        with suppress(ProcessLookupError):
-            os.killpg(self._process.pid, signal.SIGKILL)
-
-    def close(self) -> None:
-        """Kill the process, and close its pipes."""
-        self.kill()
-        self._process.wait()
-        for pipe in (self._process.stdin, self._process.stdout):
-            if pipe is not None:
-                with suppress(OSError):
-                    pipe.close()
-
-    def _ended(self, answers: list[Any]) -> Reply:
-        """Describe how the process ended."""
-        code = self._process.wait()
-        if code >= 0:
-            failure = f"the process ended with exit code {code}"
-            return Reply(answers, failure, is_from_outside=not answers)
-        try:
-            name = signal.Signals(-code).name
-        except ValueError:  # Real-time signals have numbers only.
-            name = f"signal {-code}"
-        more = ", as when memory runs out" if name == "SIGKILL" else ""
-        return Reply(answers, f"the process was ended by {name}{more}", is_from_outside=-code not in FAULTS)
-
-    def _read_line(self, deadline: float | None) -> bytes | None:
-        """Read a line; empty at the end of the output, None at the deadline."""
-        assert self._process.stdout is not None
-        with selectors.DefaultSelector() as selector:
-            selector.register(self._process.stdout, selectors.EVENT_READ)
-            while b"\n" not in self._rest:
-                if not selector.select(None if deadline is None else max(deadline - monotonic(), 0.0)):
-                    return None
-                chunk = os.read(self._process.stdout.fileno(), CHUNK)
-                if not chunk:
-                    return b""
-                self._rest += chunk
-        line, self._rest = self._rest.split(b"\n", 1)
-        return line
-
-
-class Processes:
-    """One process for each thread that asks; each runs `main` of a module."""
-
-    def __init__(self, module: str) -> None:
-        self._module = module
-        self._of_thread = threading.local()
-        self._lock = threading.Lock()
-        self._all: list[Process] = []
-        self._is_stopped = False
-
-    def ask(self, question: Any, *, num_answers: int = 1, timeout_s: float | None = None) -> Reply:
-        """Ask this thread's process a question; one that fails is replaced before the next question.
+        Args:
+            work: Function of a module; it is pickled, as are its arguments and its result.
+            arguments: Arguments of the function.
+            timeout_s: Longest time of the work in seconds.
 
         Raises:
-            StoppedError: the run was stopped.
+            ProcessError: the process ended, or the time did.
+            CancelledError: the worker was stopped.
+            Exception: whatever the work raises.
         """
-        deadline = None if timeout_s is None else monotonic() + timeout_s
-        process = self._process()
-        reply = process.ask(question, num_answers, deadline)
-        if self._is_stopped:
-            raise StoppedError
-        if reply.failure is not None:
-            # It is closed now: a batch of many failures would run out of descriptors.
-            del self._of_thread.process
-            with self._lock:
-                self._all.remove(process)
-            process.close()
-        return reply
+        for _ in range(NUM_ATTEMPTS):
+            self._answer = answer = self._schedule(work, arguments, timeout_s)
+            if self._is_stopped:
+                raise CancelledError
+            try:
+                return answer.result()
+            except ProcessExpired as end:
+                raise _error_of(end.exitcode) from None
+            except BrokenProcessPool:
+                continue
+            except TimeoutError:
+                if timeout_s is None:
+                    raise
+                raise ProcessError("timed out", is_timed_out=True) from None
+        raise ProcessError("the process ended as it began its work", is_from_outside=True)
 
     def stop(self) -> None:
-        """End all processes."""
-        with self._lock:
-            self._is_stopped = True
-            for process in self._all:
-                process.kill()
+        """Refuse more work, and wake the thread that waits for an answer."""
+        self._is_stopped = True
+        if self._answer is not None:
+            self._answer.cancel()
+        self._pool.stop()
 
     def close(self) -> None:
-        """End all processes; called when no thread asks any more."""
-        for process in self._all:
-            process.close()
+        """End the process of a stopped worker that no thread asks any more."""
+        self._pool.stop()
+        self._pool.join()
 
-    def _process(self) -> Process:
-        process: Process | None = getattr(self._of_thread, "process", None)
-        if process is None:
-            with self._lock:
-                if self._is_stopped:
-                    raise StoppedError
-                process = self._of_thread.process = Process(self._module)
-                self._all.append(process)
-        return process
+    def _schedule(
+        self, work: Callable[..., Answer], arguments: Sequence[object], timeout_s: float | None
+    ) -> Future[Answer]:
+        try:
+            return self._pool.schedule(work, arguments, timeout=timeout_s)
+        except RuntimeError:  # The process was ended while it had nothing to do, and took its pool along.
+            self._pool.join()
+            self._pool = _make_pool()
+            return self._pool.schedule(work, arguments, timeout=timeout_s)
 
 
 def in_processes(
-    items: Sequence[Item], do: Callable[[Processes, Item], Outcome], module: str, num_jobs: int
+    items: Sequence[Item], do: Callable[[Worker, Item], Outcome], num_jobs: int
 ) -> Generator[Outcome, None, None]:
     """Work on items on this machine, several at a time, and yield the outcome of each when it is done.
 
     Args:
         items: Items to work on.
-        do: Asks a process to do an item; its exceptions end the run.
-        module: Module whose `main` the processes run.
+        do: Does an item by what it asks a worker; its exceptions end the run.
         num_jobs: Number of processes at a time.
     """
-    processes = Processes(module)
+    workers = [Worker() for _ in range(min(num_jobs, len(items)))]
+    free: SimpleQueue[Worker] = SimpleQueue()
+    for worker in workers:
+        free.put(worker)
+
+    def do_by_any(item: Item) -> Outcome:
+        worker = free.get()
+        try:
+            return do(worker, item)
+        finally:
+            free.put(worker)
+
+    threads = ThreadPoolExecutor(num_jobs, initializer=_defer_interrupts)
     # The pool is not used in a `with`, which would wait for all items when this process is told to stop.
-    threads = ThreadPoolExecutor(num_jobs)
     try:
-        for done in as_completed([threads.submit(do, processes, item) for item in items]):
+        for done in as_completed([threads.submit(do_by_any, item) for item in items]):
             yield done.result()
     finally:
-        processes.stop()
+        for worker in workers:
+            worker.stop()
         threads.shutdown(cancel_futures=True)
-        processes.close()
+        for worker in workers:
+            worker.close()
+
+
+def _defer_interrupts() -> None:
+    """Let the processes that this thread starts wait with Ctrl-C until they are ready for it: they inherit the mask."""
+    # Python starts this one with the first process, and then unblocks the signal.
+    resource_tracker.ensure_running()
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+
+
+def _make_pool() -> ProcessPool:
+    """Make a pool of one process.
+
+    Several in one pool share a pipe: what one takes from it as it is killed would be lost. A fork of this process would
+    copy locks that its other threads hold.
+    """
+    return ProcessPool(1, initializer=_begin, context=multiprocessing.get_context("spawn"))
+
+
+def _begin() -> None:
+    """Prepare a new process."""
+    # Its work reads empty input, and what it prints goes nowhere.
+    null = os.open(os.devnull, os.O_RDWR)
+    os.dup2(null, 0)
+    os.dup2(null, 1)
+    # A handler is not inherited by programs that the work starts, as pebble's ignoring is: Ctrl-C ends them.
+    signal.signal(signal.SIGINT, lambda *_: None)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    # pebble's handler waits until the core returns, and makes an exit code of the signal.
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """End this process when the one that asks it has gone, whatever it is doing."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
+def _error_of(exit_code: int) -> ProcessError:
+    """Describe how a process ended; `exit_code` is negative for a signal."""
+    if exit_code >= 0:
+        return ProcessError(f"the process ended with exit code {exit_code}")
+    name = f"signal {-exit_code}"  # Real-time signals have numbers only.
+    with suppress(ValueError):
+        name = signal.Signals(-exit_code).name
+    more = ", as when memory runs out" if name == "SIGKILL" else ""
+    return ProcessError(f"the process was ended by {name}{more}", is_from_outside=-exit_code not in FAULTS)

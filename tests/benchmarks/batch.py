@@ -63,17 +63,16 @@ def bookkeeping(folder: Path, count: int) -> tuple[float, float, float]:
         for task in missing:
             make_folder_of_drive(task, folder / "out")
             outcome = Outcome(
-                task.drive,
-                "trusted",
-                0,
-                (),
-                (),
-                1.5,
-                rows,
-                covariance,
-                2.0,
-                "a",
-                f"{Path(task.folder).name}/calibration.yaml",
+                drive=task.drive,
+                status="trusted",
+                exit_code=0,
+                reasons=(),
+                stamp=1.5,
+                T_camera_lidar=rows,
+                covariance=covariance,
+                mutual_information_nats=2.0,
+                camera="a",
+                result=f"{Path(task.folder).name}/calibration.yaml",
             )
             task.result.write_text("recorded\n")
             write_record(task, outcome, inputs, timed_out=False)

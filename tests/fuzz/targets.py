@@ -211,7 +211,7 @@ def check_record(path: Path) -> None:
 def check_verification(path: Path) -> None:
     """Check the result of `verify`, whose outcome goes into the summary of a batch."""
     task = Task("drive", str(path.parent), str(path.parent), "verify")
-    outcome = describe_result(task, 0, path.name)
+    outcome = describe_result(task, 0)
     write_summary([outcome], path.parent)
 
 
