@@ -87,5 +87,5 @@ def check_pose(
     findings += OVERLAP.measured(agreement.overlap, found).findings
     by_chance = agreement.mutual_information / max(agreement.bias, LEAST_BIAS)
     how = f"{by_chance:.0%} as well as unrelated ones do by chance"
-    found = f"points and pictures agree {how}, needed more than 100%"
+    found = f"points and pictures agree {how}, needed at least 100%"
     return (*findings, *CHANCE.measured(by_chance, found).findings)

@@ -19,7 +19,8 @@ PARTS = ("good", "bad", "spoiled", "subtle", "verify")
 @click.command()
 @seeds_options(
     60,
-    "Drives: six calibrations of each as it is, five made impossible, 15 verifications.",
+    "Drives: six calibrations of each as it is, two with classes off alike in all frames, five made impossible, and "
+    "15 verifications.",
     first_seed=20_000,
 )
 @click.option(
