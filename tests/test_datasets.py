@@ -225,7 +225,7 @@ def test_what_is_not_there_is_named_with_what_is(
             "kitti-odometry",
             "sequences/00/times.txt",
             "0 x",
-            "line 2: found 'x', needed 1 numbers, all finite",
+            "line 2: found 'x', needed a finite number",
         ),
         (
             "kitti-raw",

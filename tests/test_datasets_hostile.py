@@ -11,8 +11,8 @@ from camera_infos import KALIBR, OPENCV, ROS
 from dataset_imports import complaint
 from dataset_trees import KITTI_360_DRIVE, KITTI_360_FISHEYE, KITTI_RAW_DRIVE, TREES, numbers, write
 
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.errors import InputError
+from semcal_cli.formats.intrinsics import read_intrinsics
 
 HUGE = "9" * 400
 CUT = "9" * 57 + "..."
@@ -331,7 +331,7 @@ def check_complaint(tmp_path: Path, name: str, file: str, edit: Callable[[str], 
             "%YAML:1.0\n---\n" + "".join(f"key{i}: 1\n" for i in range(3000)),
             None,
             "found keys key0, key1, key2, key3, key4, key5, key6, key7, and 2,992 more, needed one of: "
-            "camera_matrix, cameraMatrix, CameraMatrix, K",
+            "camera_matrix, cameraMatrix, CameraMatrix, K, k",
         ),
         (
             KITTI_360_FISHEYE.replace("2.2134047507854890e+00", HUGE),

@@ -216,7 +216,8 @@ def test_a_chain_without_intrinsics_gets_none(refined_file: Path, tmp_path: Path
             "ost.yaml",
             "distortion_coefficients: ",
             "coefficients: ",
-            "distortion_coefficients: found nothing, needed a value",
+            "found keys image_width, image_height, camera_name, camera_matrix, distortion_model, coefficients, "
+            "projection_matrix, needed one of: distortion_coefficients, distCoeffs, dist_coeffs, D, d",
         ),
         (
             "ost.yaml",

@@ -15,12 +15,12 @@ from format_files import T_ANY
 
 import semcal_cli
 from semcal_cli.cli import semcal
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.validation import validate
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.format import Direction, FormatOptions
+from semcal_cli.formats.intrinsics import read_intrinsics
 from semcal_cli.result.calibration import Calibration
 
 L2C = ["--to-direction", "lidar-to-camera"]

@@ -11,8 +11,8 @@ from dataset_trees import KITTI_360_FISHEYE, write
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.errors import InputError
+from semcal_cli.formats.intrinsics import read_intrinsics
 
 MODELS = "plumb_bob, rational_polynomial, thin_prism, fisheye, omnidirectional, equirectangular, fov, double_sphere"
 
@@ -65,13 +65,17 @@ def test_intrinsics(tmp_path: Path, text: str, camera: str | None, expected: dic
             ROS.replace("15.5, 0, 0, 1]", "15.5]"),
             "camera_matrix: found a list of 6, needed 9 numbers by rows",
         ),
-        (ROS.replace("image_width: 64", ""), "image_width: found nothing, needed a value"),
+        (
+            ROS.replace("image_width: 64", ""),
+            "found keys image_height, camera_name, camera_matrix, distortion_model, distortion_coefficients, "
+            "rectification_matrix, projection_matrix, needed one of: image_width, width",
+        ),
         (KALIBR, "camera: none given, needed one of: cam0, cam1, cam2"),
         (KALIBR.split("cam1")[0].replace("51, ", ""), "intrinsics: found a list of 3, needed 4 numbers"),
         (
             OPENCV.replace("camera_matrix", "M"),
             "found keys calibration_time, image_width, image_height, M, "
-            "distortion_coefficients, needed one of: camera_matrix, cameraMatrix, CameraMatrix, K",
+            "distortion_coefficients, needed one of: camera_matrix, cameraMatrix, CameraMatrix, K, k",
         ),
         (ROS_ECHO.replace("roi:", "roi: 5\nr:"), "roi: found 5, needed a mapping"),
         (

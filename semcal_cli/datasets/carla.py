@@ -14,16 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.files import inside, need_file, numbered_files, pick
+from semcal_cli.datasets.files import inside, need_file, numbered_files
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
+from semcal_cli.datasets.recording import (
+    Cloud,
+    Conversion,
+    Recording,
+    Request,
+    SourceFrame,
+    by_number,
+    joined,
+)
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import describe
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.formats.values import MAX_MOUNT_M, image_side, number
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
+from semcal_cli.formats.frames import T_BODY_OPTICAL
+from semcal_cli.formats.values import MAX_MOUNT_M, image_side, number, pick
+from semcal_cli.geometry.poses import Pose, inverse
 
 PLACES, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 FOV_DEG = 0.1, 179.9
@@ -66,7 +75,7 @@ def read(request: Request) -> Recording:
     return Recording(
         camera=_pinhole(sensors, camera),
         frames=frames,
-        T_camera_lidar=_camera_from_vehicle(camera) @ lidar.T_vehicle_sensor,
+        T_camera_lidar=inverse(camera.T_vehicle_sensor @ T_BODY_OPTICAL) @ lidar.T_vehicle_sensor,
         point_classes=ontology if lidar.type == SEMANTIC_LIDAR else None,
         image_classes=ontology,
         ids_in_red=_are_raw([frame.image_labels for frame in frames if frame.image_labels]),
@@ -148,13 +157,6 @@ def _named(rig: list[Sensor], name: str) -> Sensor:
     return next(sensor for sensor in rig if sensor.name == name)
 
 
-def _camera_from_vehicle(camera: Sensor) -> Pose:
-    """T_camera_vehicle (4, 4) of the camera's optical frame."""
-    T_body_optical = np.eye(4)
-    T_body_optical[:3, :3] = OPTICAL_AXES
-    return inverse(camera.T_vehicle_sensor @ T_body_optical)
-
-
 def _pinhole(path: Path, camera: Sensor) -> dict[str, Any]:
     """Camera block of the renderer's pinhole camera.
 
@@ -169,23 +171,20 @@ def _pinhole(path: Path, camera: Sensor) -> dict[str, Any]:
 
 
 def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> list[SourceFrame]:
-    clouds = _by_number(root / lidar.name, ".ply")
-    image_labels = _by_number(root / camera.name, ".png")
-    images = next(
+    clouds = numbered_files(root / lidar.name, ".ply")
+    has_labels = lidar.type == SEMANTIC_LIDAR
+    pictures = next(
         (_by_number(root / other.name, ".png", ".jpg") for other in rig if _looks_alike(other, camera)), {}
     )
-    return [
-        SourceFrame(
-            name=cloud.stem,
-            points=Conversion(
-                partial(_convert, cloud), has_labels=lidar.type == SEMANTIC_LIDAR, file=cloud, in_order=True
-            ),
-            image_labels=image_labels[number],
-            image=images.get(number),
-        )
-        for number, cloud in clouds.items()
-        if number in image_labels
-    ]
+    return joined(
+        {
+            name: Conversion(partial(_convert, cloud), has_labels=has_labels, file=cloud, in_order=True)
+            for name, cloud in clouds.items()
+        },
+        needs=("image_labels",),
+        image_labels=by_number(clouds, _by_number(root / camera.name, ".png")),
+        image=by_number(clouds, pictures),
+    )
 
 
 def _looks_alike(other: Sensor, camera: Sensor) -> bool:
@@ -196,8 +195,7 @@ def _looks_alike(other: Sensor, camera: Sensor) -> bool:
 
 
 def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
-    files = numbered_files(folder, *suffixes)
-    return dict(sorted((int(stem), path) for stem, path in files.items()))
+    return {int(stem): path for stem, path in numbered_files(folder, *suffixes).items()}
 
 
 def _convert(path: Path) -> Cloud:

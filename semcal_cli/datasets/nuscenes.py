@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.files import folders, inside, need_file, pick
+from semcal_cli.datasets.files import folders, inside, need_file
 from semcal_cli.datasets.nuscenes_tables import (
     CalibratedSensor,
     EgoPose,
@@ -30,7 +30,7 @@ from semcal_cli.datasets.trajectory import speeds_mps
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats.values import camera_block, image_side, rigid
+from semcal_cli.formats.values import camera_block, image_side, pick, rigid
 from semcal_cli.geometry.poses import Pose, inverse
 
 LIDAR_CHANNEL = "LIDAR_TOP"

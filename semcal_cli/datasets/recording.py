@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -102,6 +102,35 @@ class SourceFrame:
         """Whether the points have labels, in a file of their own, in the cloud's or from the conversion."""
         converted = isinstance(self.points, Conversion) and self.points.has_labels
         return converted or self.cloud_has_labels or self.point_labels is not None
+
+
+Value = TypeVar("Value")
+
+
+def by_number(names: Iterable[str], values: Sequence[Value] | Mapping[int, Value]) -> dict[str, Value]:
+    """Give names that are numbers the values with these indices, where there are any."""
+    known = values if isinstance(values, Mapping) else dict(enumerate(values))
+    return {name: known[int(name)] for name in names if int(name) in known}
+
+
+def joined(
+    clouds: Mapping[str, Path | Conversion],
+    *,
+    needs: tuple[str, ...] = ("image",),
+    **values: Mapping[str, Any],
+) -> list[SourceFrame]:
+    """Make a frame of each cloud and of what has its name.
+
+    Args:
+        clouds: Clouds by the names of their frames.
+        needs: Fields of a frame of which one at least has to be there.
+        values: Values of fields of `SourceFrame` by the names of the frames.
+    """
+    return [
+        SourceFrame(name, points, **{key: found[name] for key, found in values.items() if name in found})
+        for name, points in clouds.items()
+        if any(name in values[key] for key in needs)
+    ]
 
 
 @dataclass(frozen=True)

@@ -1,94 +1,87 @@
 """KITTI's `Tr` (odometry, calib.txt) and `Tr_velo_to_cam` with `R0_rect` (object): p_camera0 = [R0_rect] T p_velo.
 
-Camera 0 is the rectified one; the others are moved along its x axis, as `P1` to `P3` say (Geiger et al., *Vision meets
-robotics: The KITTI dataset*, 2013, eqs. 3 to 6).
+Camera 0 is the rectified one; the others are moved along its x axis, as `P1` to `P3` say:
+`P_k = K [I | inv(K) P_k[:, 3]]`
+(Geiger et al., *Vision meets robotics: The KITTI dataset*, 2013, eqs. 3 to 8).
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
+from collections.abc import Callable
 
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Format, FormatOptions, Source, checked, from_rows
-from semcal_cli.formats.values import keyed_lines, numbers, rigid
+from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.keyed import Keyed, keyed_in, keyed_line
+from semcal_cli.formats.pose import transform
+from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose
 
 CAMERAS = ("P0", "P1", "P2", "P3")
-OBJECT_KEY, ODOMETRY_KEY = "Tr_velo_to_cam", "Tr"
+OBJECT_KEY, ODOMETRY_KEY, RECTIFICATION = "Tr_velo_to_cam", "Tr", "R0_rect"
 
 
-def _shift(source: Source, keyed: dict[str, str], options: FormatOptions) -> Pose:
-    """T_camera_camera0 of the requested camera, `P0` to `P3`; the identity if none is requested."""
-    T = np.eye(4)
-    if options.camera is not None:
+def odometry_pose(keyed: Keyed, options: FormatOptions | None = None) -> Pose:
+    """Read T_camera0_lidar (4, 4) of the rectified camera 0 from a file of KITTI odometry.
+
+    Raises:
+        InputError: the key is missing or wrong.
+    """
+    return keyed.transform(ODOMETRY_KEY, options)
+
+
+def object_pose(keyed: Keyed, options: FormatOptions | None = None) -> Pose:
+    """Read T_camera0_lidar (4, 4) of the rectified camera 0 from a file of KITTI object.
+
+    Raises:
+        InputError: a key is missing or wrong.
+    """
+    T_unrectified = keyed.transform(OBJECT_KEY, options)
+    return keyed.rotation(RECTIFICATION, options) @ T_unrectified
+
+
+def beside_camera0(keyed: Keyed, key: str) -> Pose:
+    """Derive T_camera_camera0 (4, 4) of a rectified camera from its projection matrix.
+
+    Raises:
+        InputError: the key is missing, K is singular, or the camera is too far away.
+    """
+    P = keyed.matrix(key, 3, 4)
+    try:
+        with np.errstate(all="ignore"):
+            return rigid(keyed.where(key), transform(np.eye(3), np.linalg.solve(P[:, :3], P[:, 3])))
+    except np.linalg.LinAlgError:
+        raise InputError(f"{keyed.where(key)}: found no K to invert, needed one") from None
+
+
+def _format(
+    name: str, equation: str, key: str, pose: Callable[[Keyed, FormatOptions], Pose], first_lines: str = ""
+) -> Format:
+    def read(source: Source, options: FormatOptions) -> Pose:
+        keyed = Keyed(source.path, source.text)
+        T_camera0_lidar = pose(keyed, options)
+        if options.camera is None:
+            return T_camera0_lidar
         if options.camera not in CAMERAS:
             raise InputError(f"--camera: found {options.camera!r}, needed one of: {', '.join(CAMERAS)}")
-        P = numbers(source.path, keyed, options.camera, 12).reshape(3, 4)
-        try:
-            T[:3, 3] = np.linalg.solve(P[:, :3], P[:, 3])
-        except np.linalg.LinAlgError:
-            raise InputError(f"{source.path}: {options.camera}: found no K to invert, needed one") from None
-    return rigid(f"{source.path}: {options.camera}", T)
+        return beside_camera0(keyed, options.camera) @ T_camera0_lidar
+
+    def make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+        if options.camera is not None:
+            needed = "needed nothing: a new file has camera 0 alone"
+            raise InputError(f"--to-camera: found {options.camera!r}, {needed}")
+        return first_lines.encode() + keyed_line(key, T_camera_lidar)
+
+    equation = f"{equation}; --camera P2 for another camera"
+    return Format(name, equation, lambda source: key in keyed_in(source).values, read, make, asks=("camera",))
 
 
-def _read_odometry(source: Source, options: FormatOptions) -> Pose:
-    keyed = keyed_lines(source.text)
-    T = from_rows(f"{source.path}: {ODOMETRY_KEY}", numbers(source.path, keyed, ODOMETRY_KEY, 12), options)
-    return _shift(source, keyed, options) @ T
-
-
-def _read_object(source: Source, options: FormatOptions) -> Pose:
-    keyed = keyed_lines(source.text)
-    T = from_rows(f"{source.path}: {OBJECT_KEY}", numbers(source.path, keyed, OBJECT_KEY, 12), options)
-    R0 = np.eye(4)
-    R0[:3, :3] = numbers(source.path, keyed, "R0_rect", 9).reshape(3, 3)
-    return _shift(source, keyed, options) @ checked(f"{source.path}: R0_rect", R0, options) @ T
-
-
-def row(T: Pose) -> str:
-    """Format the first 12 numbers of a transform, by rows."""
-    return " ".join(map(repr, T[:3].ravel().tolist()))
-
-
-def _check_camera(options: FormatOptions) -> None:
-    if options.camera is not None:
-        raise InputError(
-            f"--to-camera: found {options.camera!r}, needed nothing: a new file has camera 0 alone"
-        )
-
-
-def _write_odometry(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    _check_camera(options)
-    return f"{ODOMETRY_KEY}: {row(T_camera_lidar)}\n".encode()
-
-
-def _write_object(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    _check_camera(options)
-    identity = " ".join(map(repr, np.eye(3).ravel().tolist()))
-    return f"R0_rect: {identity}\n{OBJECT_KEY}: {row(T_camera_lidar)}\n".encode()
-
-
-def _has(source: Source, key: str) -> bool:
-    with suppress(InputError):
-        return key in keyed_lines(source.text)
-    return False
-
-
-ODOMETRY = Format(
-    "kitti-odometry",
-    "p_camera0 = Tr p_velo; --camera P2 for another camera",
-    lambda source: _has(source, ODOMETRY_KEY),
-    _read_odometry,
-    _write_odometry,
-    asks=("camera",),
-)
-OBJECT = Format(
+ODOMETRY = _format("kitti-odometry", "p_camera0 = Tr p_velo", ODOMETRY_KEY, odometry_pose)
+OBJECT = _format(
     "kitti-object",
-    "p_camera0 = R0_rect Tr_velo_to_cam p_velo; --camera P2 for another camera",
-    lambda source: _has(source, OBJECT_KEY),
-    _read_object,
-    _write_object,
-    asks=("camera",),
+    "p_camera0 = R0_rect Tr_velo_to_cam p_velo",
+    OBJECT_KEY,
+    object_pose,
+    f"{RECTIFICATION}: {' '.join(map(repr, np.eye(3).ravel().tolist()))}\n",
 )

@@ -13,7 +13,6 @@ from pydantic import model_validator
 
 from semcal_cli.drive.document import MAX_OFFSET_S, Camera, Drive, drive_file
 from semcal_cli.errors import InputError, MisplacedError
-from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import (
     StatedTransform,
     StrictModel,
@@ -26,8 +25,7 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
-from semcal_cli.formats.lenses import with_count
-from semcal_cli.formats.setting import check_size, tell, tell_clock
+from semcal_cli.formats.lenses import check_same_camera, tell, tell_clock, with_count
 from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -169,12 +167,8 @@ def _put_into_drive(document: dict[str, Any], rows: list[list[float]], options: 
 
 def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
     """Replace the intrinsics in the camera of a drive."""
-    check_size(options, camera, [block["width"], block["height"]])
-    if block["model"] != camera.model:
-        raise InputError(
-            f"{options.file}: camera.model: found {describe(block['model'])}, needed {camera.model!r}, as the camera "
-            "that was estimated with the transform has it"
-        )
+    model = ("camera.model", block["model"], camera.model)
+    check_same_camera(options, camera, [block["width"], block["height"]], model)
     camera = with_count(camera, len(block.get("distortion", ())))
     block["K"] = [list(row) for row in camera.K]
     if "distortion" in block or any(camera.distortion):

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from semcal_cli.datasets import kitti
+from semcal_cli.datasets import kitti, kitti_raw
 from semcal_cli.files.images import read_image
-from semcal_cli.formats.values import numbers, read_keyed
+from semcal_cli.formats.keyed import Keyed
 
 CITYSCAPES = [
     *(
@@ -84,20 +84,11 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
             labels = (of_drive if of_drive.is_dir() else of_drive.parent) / path.name
             frames.append(_frame(sync / f"velodyne_points/data/{path.stem}.bin", path, labels))
     camera = images.name.removeprefix("image_")
-    cam_to_cam, velo_to_cam = day / "calib_cam_to_cam.txt", day / "calib_velo_to_cam.txt"
-    keyed, velo = read_keyed(cam_to_cam), read_keyed(velo_to_cam)
-    P = kitti.projection(cam_to_cam, keyed, f"P_rect_{camera}")
+    keyed, key = Keyed.read(day / "calib_cam_to_cam.txt"), f"P_rect_{camera}"
     height, width = read_image(Path(frames[0]["image"])).shape[:2]
-    T = (
-        kitti.beside_camera0(cam_to_cam, "P", P)
-        @ kitti.rotation(cam_to_cam, keyed, "R_rect_00")
-        @ kitti.translated(velo_to_cam, "T", numbers(velo_to_cam, velo, "T", 3))
-        @ kitti.rotation(velo_to_cam, velo, "R")
-    )
+    lens, T = kitti.pinhole(keyed, key, width, height), kitti_raw.reference(keyed, key)
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
-    yield _write(
-        folder, f"{name}, {len(frames)} pairs", kitti.pinhole(cam_to_cam, "P", P, width, height), frames, T
-    )
+    yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T)
 
 
 def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -105,12 +96,12 @@ def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
     lenses, frames, poses = [], [], []
     for place, number in enumerate(sorted(path.name for path in source.glob("[0-9]*"))):
         path = source / number / "calib.txt"
-        keyed = read_keyed(path)
+        keyed = Keyed.read(path)
         (image,) = (each for each in path.parent.glob("calib.*") if each.suffix in (".jpg", ".png"))
-        distortion = [float(word) for word in keyed["D"].replace(",", " ").split()]
-        lenses.append(_lens(numbers(path, keyed, "K", 9).reshape(3, 3), (1920, 1200), distortion))
+        distortion = [float(word) for word in keyed.values["D"][0].replace(",", " ").split()]
+        lenses.append(_lens(keyed.matrix("K", 3, 3), (1920, 1200), distortion))
         frames.append(_frame(path.parent / "calib.pcd", image, source / f"image_labels/{number}.png"))
-        poses.append(np.vstack([numbers(path, keyed, "T", 12).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))
+        poses.append(np.vstack([keyed.matrix("T", 3, 4), [0.0, 0.0, 0.0, 1.0]]))
         yield _write(folder, f"OpenCalib {number}", lenses[place], frames[place:], poses[place])
     yield _write(folder, "OpenCalib 1 and 2", lenses[0], frames[:2], poses[0])
 

@@ -25,7 +25,6 @@ from semcal_cli.batch.summary import write_summary
 from semcal_cli.batch.tasks import Task, describe_result
 from semcal_cli.config import Limits
 from semcal_cli.datasets import load_dataset
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.ply import read_vertices
 from semcal_cli.datasets.recording import Request
@@ -40,6 +39,7 @@ from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.members import read_members
 from semcal_cli.formats import FORMATS, put_transform, read_transform, write_transform
 from semcal_cli.formats.format import Format, FormatOptions
+from semcal_cli.formats.intrinsics import read_intrinsics
 from semcal_cli.formats.semcal import read_half_widths
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.labelling.card import read_card, read_classes
