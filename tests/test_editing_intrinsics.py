@@ -168,64 +168,65 @@ def test_a_chain_without_intrinsics_gets_none(refined_file: Path, tmp_path: Path
     assert yaml.safe_load(path.read_text())["cam0"].keys() == {"T_cam_lidar"}
 
 
-@pytest.mark.parametrize(
-    ("name", "old", "new", "said"),
-    [
+OTHERS = {
+    "chain.yaml": [
         (
-            "chain.yaml",
             "resolution: [640, 360]",
             "resolution: [320, 180]",
             "found pictures of 320 x 180 pixels, needed 640 x 360: the camera that was estimated with the transform is "
             "of those; --to semcal writes the transform alone",
         ),
         (
-            "ost.yaml",
-            "image_width: 640",
-            "image_width: wide",
-            "found pictures of 'wide' x 360 pixels, needed 640 x 360: the camera that was estimated with the transform "
-            "is of those; --to semcal writes the transform alone",
-        ),
-        (
-            "chain.yaml",
             "resolution: [640, 360]\n",
             "other: 1\n",
             "found no size of pictures, needed 640 x 360: the camera that was estimated with the transform is "
             "of those; --to semcal writes the transform alone",
         ),
         (
-            "chain.yaml",
             "distortion_model: radtan",
             "distortion_model: equidistant",
             "distortion_model: found 'equidistant', needed 'radtan', as the camera that was estimated with the "
             "transform has it",
         ),
+    ],
+    "ost.yaml": [
         (
-            "ost.yaml",
+            "image_width: 640",
+            "image_width: wide",
+            "found pictures of 'wide' x 360 pixels, needed 640 x 360: the camera that was estimated with the transform "
+            "is of those; --to semcal writes the transform alone",
+        ),
+        (
             "distortion_model: plumb_bob",
             "distortion_model: equidistant",
             "distortion_model: found 'equidistant', needed 'plumb_bob'",
         ),
         (
-            "drive.yaml",
-            "model: plumb_bob",
-            "model: fisheye",
-            "camera.model: found 'fisheye', needed 'plumb_bob', as the camera that was estimated with the transform "
-            "has it",
-        ),
-        (
-            "ost.yaml",
             "distortion_coefficients: ",
             "coefficients: ",
             "found keys image_width, image_height, camera_name, camera_matrix, distortion_model, coefficients, "
             "projection_matrix, needed one of: distortion_coefficients, distCoeffs, dist_coeffs, D, d",
         ),
         (
-            "ost.yaml",
             "camera_matrix:\n  rows: 3\n  cols: 3\n  data: ",
             "camera_matrix: 5\nother: ",
             "camera_matrix: found 5, needed numbers",
         ),
     ],
+    "drive.yaml": [
+        (
+            "model: plumb_bob",
+            "model: fisheye",
+            "camera.model: found 'fisheye', needed 'plumb_bob', as the camera that was estimated with the transform "
+            "has it",
+        ),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "said"),
+    [(key, *row) for key, rows in OTHERS.items() for row in rows],
 )
 def test_a_file_of_another_camera_is_left_alone(
     name: str, old: str, new: str, said: str, refined: Calibration, refined_file: Path, tmp_path: Path

@@ -11,9 +11,10 @@ from typing import Any
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.keyed import Keyed
-from semcal_cli.formats.kitti import OBJECT_KEY, ODOMETRY_KEY, beside_camera0, object_pose, odometry_pose
-from semcal_cli.formats.values import camera_block
+from semcal_cli.formats.keyed import read_keyed
+from semcal_cli.formats.kitti import OBJECT_KEY, ODOMETRY_KEY, beside_camera0, camera0_pose
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.values import camera_block, image_side
 from semcal_cli.geometry.poses import Pose
 
 LIDAR = {"channels": 64, "columns": 2048, "fov_up_deg": 3.0, "fov_down_deg": -25.0}
@@ -35,28 +36,27 @@ def calibration(path: Path, camera: int, width: int, height: int) -> tuple[dict[
     Raises:
         InputError: a key is missing or wrong.
     """
-    keyed = Keyed.read(path)
-    read = {ODOMETRY_KEY: odometry_pose, OBJECT_KEY: object_pose}
-    found = next((key for key in read if key in keyed.values), None)
-    if found is None:
-        keys = listed(keyed.values)
-        raise InputError(f"{path}: found keys {keys}, needed Tr, or R0_rect and Tr_velo_to_cam")
-    T_camera0_lidar, key = read[found](keyed), f"P{camera}"
-    return pinhole(keyed, key, width, height), beside_camera0(keyed, key) @ T_camera0_lidar
+    lines = read_keyed(path)
+    key = next((key for key in (ODOMETRY_KEY, OBJECT_KEY) if key in lines.mapping), None)
+    if key is None:
+        found = f"found keys {listed(lines.mapping)}"
+        raise InputError(f"{path}: {found}, needed Tr, or R0_rect and Tr_velo_to_cam")
+    T_camera0_lidar, projection = camera0_pose(lines, key), lines.at(f"P{camera}")
+    return pinhole(projection, width, height), beside_camera0(projection) @ T_camera0_lidar
 
 
-def pinhole(keyed: Keyed, key: str, width: int, height: int) -> dict[str, Any]:
+def pinhole(projection: Node, width: int, height: int) -> dict[str, Any]:
     """Make the camera block of a rectified camera from its projection matrix.
 
     Raises:
-        InputError: the key is missing, or the left 3 x 3 of the matrix is no intrinsic matrix.
+        InputError: the left 3 x 3 of the matrix is no intrinsic matrix.
     """
-    K = keyed.matrix(key, 3, 4)[:, :3]
+    K = projection.matrix(3, 4)[:, :3]
     block = {"model": "plumb_bob", "width": width, "height": height, "K": K.tolist()}
-    return camera_block(keyed.path, block, {"K": key})
+    return camera_block(projection.file, block, {"K": projection.key})
 
 
-def raw_camera(keyed: Keyed, camera: str) -> dict[str, Any]:
+def raw_camera(keyed: Node, camera: str) -> dict[str, Any]:
     """Read the camera block of a camera's raw images: K, D (k1 k2 p1 p2 k3) and S before rectification.
 
     Args:
@@ -67,16 +67,26 @@ def raw_camera(keyed: Keyed, camera: str) -> dict[str, Any]:
         InputError: a key is missing or wrong.
     """
     key, distortion = f"K_{camera}", f"D_{camera}"
-    K = keyed.matrix(key, 3, 3)
+    K = keyed.at(key).matrix(3, 3)
     if not K[2].any():
         # KITTI-360's own perspective.txt prints the last row as 0 0 0.
         K[2, 2] = 1.0
-    width, height = keyed.image_size(f"S_{camera}")
+    width, height = image_size(keyed.at(f"S_{camera}"))
     block = {
         "model": "plumb_bob",
         "width": width,
         "height": height,
         "K": K.tolist(),
-        "distortion": keyed.numbers(distortion, 5).tolist(),
+        "distortion": keyed.at(distortion).numbers(5),
     }
-    return camera_block(keyed.path, block, {"K": key, "distortion": distortion})
+    return camera_block(keyed.file, block, {"K": key, "distortion": distortion})
+
+
+def image_size(sides: Node) -> tuple[int, int]:
+    """Read the width and height of images, in pixels.
+
+    Raises:
+        InputError: the values are no whole numbers of pixels.
+    """
+    width, height = (image_side(sides.where, side) for side in sides.numbers(2))
+    return width, height

@@ -23,9 +23,9 @@ from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_rows, speeds_mps
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.intrinsics import read_intrinsics
-from semcal_cli.formats.keyed import Keyed
+from semcal_cli.formats.keyed import read_keyed
 from semcal_cli.formats.kitti_360 import camera0_pose
-from semcal_cli.formats.pose import from_rows
+from semcal_cli.formats.pose import from_line, from_rows, rotation
 from semcal_cli.formats.values import MAX_WORLD_M, pick
 from semcal_cli.geometry.poses import Pose, inverse
 
@@ -110,12 +110,13 @@ def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any],
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
     if camera in FISHEYES:
         return read_intrinsics(_fisheye(folder, camera)), T
-    keyed, number = Keyed.read(folder / "perspective.txt"), camera.removeprefix("image_")
+    keyed, number = read_keyed(folder / "perspective.txt"), camera.removeprefix("image_")
     if not rectified:
         return kitti.raw_camera(keyed, number), T
     # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
-    block = kitti.pinhole(keyed, f"P_rect_{number}", *keyed.image_size(f"S_rect_{number}"))
-    return block, keyed.rotation(f"R_rect_{number}") @ T
+    width, height = kitti.image_size(keyed.at(f"S_rect_{number}"))
+    block = kitti.pinhole(keyed.at(f"P_rect_{number}"), width, height)
+    return block, rotation(keyed.at(f"R_rect_{number}")) @ T
 
 
 def _fisheye(folder: Path, camera: str) -> Path:
@@ -123,7 +124,7 @@ def _fisheye(folder: Path, camera: str) -> Path:
 
 
 def _camera_to_pose(folder: Path, camera: str) -> Pose:
-    return Keyed.read(folder / "calib_cam_to_pose.txt").transform(camera)
+    return from_line(read_keyed(folder / "calib_cam_to_pose.txt").at(camera))
 
 
 def _raw_frames(root: Path, sequence: str, camera: str, rectified: bool) -> list[SourceFrame]:

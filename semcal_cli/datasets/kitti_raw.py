@@ -13,9 +13,9 @@ from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, by_number, joined
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
-from semcal_cli.formats.keyed import Keyed
+from semcal_cli.formats.keyed import read_keyed
 from semcal_cli.formats.kitti import beside_camera0
-from semcal_cli.formats.pose import transform
+from semcal_cli.formats.pose import rotation, transform
 from semcal_cli.formats.values import parse_numbers, pick, rigid, stamp_s
 from semcal_cli.geometry.poses import Pose
 
@@ -42,24 +42,26 @@ def read(request: Request) -> Recording:
 
 
 def _calibrated(day: Path, camera: str, frames: list[SourceFrame]) -> Recording:
-    keyed, key = Keyed.read(day / "calib_cam_to_cam.txt"), f"P_rect_{camera}"
+    keyed = read_keyed(day / "calib_cam_to_cam.txt")
+    width, height = kitti.image_size(keyed.at(f"S_rect_{camera}"))
     return Recording(
-        camera=kitti.pinhole(keyed, key, *keyed.image_size(f"S_rect_{camera}")),
+        camera=kitti.pinhole(keyed.at(f"P_rect_{camera}"), width, height),
         lidar=kitti.LIDAR,
         frames=frames,
-        T_camera_lidar=reference(keyed, key),
+        T_camera_lidar=reference(day, camera),
     )
 
 
-def reference(keyed: Keyed, key: str) -> Pose:
-    """Read T_camera_lidar (4, 4) of the rectified camera with a projection matrix, from a day's calib_cam_to_cam.txt.
+def reference(day: Path, camera: str) -> Pose:
+    """Read T_camera_lidar (4, 4) of a rectified camera from a day's calibration files.
 
     Raises:
-        InputError: a key of this file, or of calib_velo_to_cam.txt beside it, is missing or wrong.
+        InputError: a key is missing or wrong.
     """
-    velo = Keyed.read(keyed.path.with_name("calib_velo_to_cam.txt"))
-    T_camera0_lidar = rigid(velo.where("T"), transform(velo.rotation("R")[:3, :3], velo.numbers("T", 3)))
-    return beside_camera0(keyed, key) @ keyed.rotation("R_rect_00") @ T_camera0_lidar
+    cameras, velo = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("cam", "velo"))
+    T_camera0_lidar = transform(rotation(velo.at("R"))[:3, :3], velo.at("T").numbers(3))
+    T_rectified_lidar = rotation(cameras.at("R_rect_00")) @ rigid(velo.at("T").where, T_camera0_lidar)
+    return beside_camera0(cameras.at(f"P_rect_{camera}")) @ T_rectified_lidar
 
 
 def _frames(folder: Path, camera: str) -> list[SourceFrame]:

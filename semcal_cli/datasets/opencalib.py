@@ -12,7 +12,8 @@ from semcal_cli.datasets.files import folders, need_file
 from semcal_cli.datasets.image_headers import image_size
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
-from semcal_cli.formats.keyed import Keyed
+from semcal_cli.formats.keyed import read_keyed
+from semcal_cli.formats.pose import from_line
 from semcal_cli.formats.values import camera_block, pick
 
 
@@ -23,14 +24,14 @@ def read(request: Request) -> Recording:
         InputError: a file is missing or wrong.
     """
     folder = _folder(request)
-    keyed, image = Keyed.read(folder / "calib.txt"), _image(folder)
+    keyed, image = read_keyed(folder / "calib.txt"), _image(folder)
     width, height = image_size(image)
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
-    camera |= {"K": keyed.matrix("K", 3, 3).tolist(), "distortion": keyed.numbers("D", 4, 5).tolist()}
+    camera |= {"K": keyed.at("K").matrix(3, 3).tolist(), "distortion": keyed.at("D").numbers(4, 5)}
     return Recording(
-        camera=camera_block(keyed.path, camera, {"distortion": "D"}),
+        camera=camera_block(keyed.file, camera, {"distortion": "D"}),
         frames=[SourceFrame(name=folder.name, points=need_file(folder / "calib.pcd"), image=image)],
-        T_camera_lidar=keyed.transform("T"),
+        T_camera_lidar=from_line(keyed.at("T")),
     )
 
 

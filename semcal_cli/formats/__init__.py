@@ -97,14 +97,7 @@ def read_transform(
     *,
     direction_option: str | None = None,
 ) -> Pose:
-    """Read the transform of a file of any known format, or of a drive's folder.
-
-    Args:
-        path: The file.
-        name: Name of its format; None recognises it by its content.
-        options: What the file leaves open.
-        direction_option: Name of the option for the direction of a command that has no other option for what a file
-            leaves open; messages name it.
+    """Read the transform of a file of any known format, or of a drive's folder, as `read_extrinsic` does.
 
     Returns:
         T_camera_lidar (4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres.

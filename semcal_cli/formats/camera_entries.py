@@ -26,17 +26,7 @@ def camera_format(
     lens: LensReader | None = None,
     set_lens: SetLens | None = None,
 ) -> Format:
-    """Make the format of files with an entry for each camera.
-
-    Args:
-        name: The format's name.
-        equation: The place of the numbers.
-        key: Key of the matrix in an entry.
-        first_camera: Name of the camera of a new file.
-        as_json: Whether new files are JSON.
-        lens: Reader of the intrinsics of files.
-        set_lens: Sets the intrinsics in an entry.
-    """
+    """Make the format of files with an entry for each camera, which has the matrix under a key."""
 
     def cameras(document: dict[Any, Any]) -> list[Any]:
         return [camera for camera, entry in document.items() if isinstance(entry, dict) and key in entry]

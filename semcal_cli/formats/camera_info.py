@@ -18,11 +18,10 @@ from semcal_cli.formats.lenses import (
     NAMES,
     Intrinsics,
     LensReader,
-    by_rows,
     check_lens,
     check_same_camera,
     coefficients_of,
-    names_in,
+    matrix_camera,
     numbers_of,
     refuse_camera,
     tell,
@@ -77,19 +76,14 @@ def ros_intrinsics(document: Node) -> Intrinsics:
     if str(lens.value) not in MODELS:
         raise lens.mismatch(f"one of: {', '.join(MODELS)}")
     model = MODELS[str(lens.value)]
-    K, distortion = (document.first(*NAMES[key]).data for key in ("K", "distortion"))
-    if not isinstance(K.value, list) or len(K.value) != 9:
-        raise K.mismatch("9 numbers by rows")
-    width, height = (document.first(*NAMES[key]).value for key in ("width", "height"))
-    _refuse_parts(document, width, height)
-    is_long = (
-        isinstance(distortion.value, list) and len(distortion.value) in DISTORTION_COUNTS["thin_prism"][1:]
-    )
-    if model == "rational_polynomial" and is_long:
-        model = "thin_prism"
-    block = {"model": model, "width": width, "height": height}
-    block |= {"K": by_rows(K.value), "distortion": distortion.value}
-    return Intrinsics(block, names_in(document.mapping))
+
+    def model_of(distortion: Node, count: int) -> str:
+        is_long = count in DISTORTION_COUNTS["thin_prism"][1:]
+        return "thin_prism" if is_long and model == "rational_polynomial" else model
+
+    found = matrix_camera(document, model_of)
+    _refuse_parts(document, found.block["width"], found.block["height"])
+    return found
 
 
 def _refuse_parts(document: Node, width: Any, height: Any) -> None:
@@ -158,26 +152,20 @@ def _matrix(rows: int, data: list[float]) -> dict[str, Any]:
 
 def _set(document: Node, camera: Camera, options: FormatOptions) -> None:
     """Replace K and the coefficients of a file, in its own layout."""
-    names = names_in(document.mapping)
-    sides = [document.mapping.get(names[side]) for side in ("width", "height")]
+    sides = [
+        next((document.value[name] for name in NAMES[side] if name in document.value), None)
+        for side in ("width", "height")
+    ]
     check_same_camera(options, camera, sides)
     lens = document.first(LENS)
     if MODELS.get(str(lens.value)) != MODELS[LENS_NAMES[camera.model]]:
         raise lens.mismatch(repr(LENS_NAMES[camera.model]))
     K, distortion = (document.first(*NAMES[key]) for key in ("K", "distortion"))
-    before = [_numbers(node) for node in (K, distortion)]
-    after = [numbers_of(camera), _coefficients(with_count(camera, len(before[1])))]
-    for node, old, new in zip((K, distortion), before, after, strict=True):
-        if isinstance(node.value, dict) and len(new) != len(old):
-            node.value.update(rows=1, cols=len(new))
-        old[:] = new
-
-
-def _numbers(node: Node) -> list[Any]:
-    """The list of a matrix in its file."""
-    if not isinstance(node.data.value, list):
-        raise node.data.mismatch("numbers")
-    return node.data.value
+    after = [numbers_of(camera), _coefficients(with_count(camera, len(distortion.data())))]
+    for node, before, numbers in zip((K, distortion), (K.data(), distortion.data()), after, strict=True):
+        if isinstance(node.value, dict) and len(numbers) != len(before):
+            node.value.update(rows=1, cols=len(numbers))
+        before[:] = numbers
 
 
 FORMAT = Format(

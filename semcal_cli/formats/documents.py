@@ -44,20 +44,7 @@ def entry_format(
     lens: LensReader | None = None,
     set_lens: SetLens | None = None,
 ) -> Format:
-    """Make the format of documents with one entry that holds T_camera_lidar, or its inverse.
-
-    Args:
-        name: The format's name.
-        equation: Its equation, and the place of the numbers.
-        recognises: Whether a file is of the format.
-        find: The entry.
-        notation: How the entry holds the pose.
-        maps_camera: Whether the entry holds the inverse, which maps the camera to the LiDAR.
-        as_json: Whether new files are JSON.
-        asks: Options that files leave open.
-        lens: Reader of the intrinsics of files.
-        set_lens: Sets the intrinsics in the entry.
-    """
+    """Make the format of documents with one entry that holds T_camera_lidar or, if it maps the camera, its inverse."""
 
     def read(source: Source, options: FormatOptions) -> Pose:
         T = notation.read(find(Node(str(source.path), source.document), options), options)
@@ -96,17 +83,8 @@ def base_format(
 ) -> Format:
     """Make the format of documents with the poses of sensors on a base, p_base = T p_sensor.
 
-    A new file cannot be made, since poses of camera and LiDAR mean something only beside each other.
-
-    Args:
-        name: The format's name.
-        equation: Its equation, and the place of the numbers.
-        recognises: Whether a file is of the format.
-        find: The two entries.
-        notation: How an entry holds its pose.
-        base: Name of the base, for messages.
-        file: Name of the files that a transform can be put into.
-        asks: Options that files leave open.
+    A new file cannot be made, since poses of camera and LiDAR mean something only beside each other: the complaint
+    names the base, and the files that a transform can be put into.
     """
 
     def read(source: Source, options: FormatOptions) -> Pose:

@@ -15,6 +15,8 @@ from semcal_cli.files.dialect import document_text
 from semcal_cli.files.documents import parse_any
 from semcal_cli.files.reading import read_bytes
 from semcal_cli.files.streams import STANDARD_INPUT, read_standard_input
+from semcal_cli.formats.keyed import keyed
+from semcal_cli.formats.node import Node
 from semcal_cli.geometry.poses import Pose
 
 if TYPE_CHECKING:
@@ -128,6 +130,11 @@ class Source:
         with suppress(InputError):
             return self.text.lstrip()
         return ""
+
+    @cached_property
+    def lines(self) -> Node:
+        """The `key: values` lines of the text, for recognising formats; none if the content is no text."""
+        return keyed(self.path, self.start)
 
     def _quietly(self) -> Any:
         try:

@@ -11,16 +11,9 @@ from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe
 from semcal_cli.formats.format import FormatOptions, Source
+from semcal_cli.formats.node import Node
 from semcal_cli.result.camera_words import offset_words
 
-OPENCV_MODELS: dict[int, CameraModel] = {
-    4: "plumb_bob",
-    5: "plumb_bob",
-    8: "rational_polynomial",
-    12: "thin_prism",
-    14: "thin_prism",
-}
-"""Camera model of each number of coefficients, if the lens is no fisheye."""
 NAMES = {
     "K": ("camera_matrix", "cameraMatrix", "CameraMatrix", "K", "k"),
     "distortion": ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d"),
@@ -59,19 +52,34 @@ SetLens: TypeAlias = Callable[[dict[str, Any], Camera, FormatOptions, bool], Non
 """Sets the intrinsics in the entry of a camera, which may be of a new file."""
 
 
-def names_in(document: Mapping[Any, Any]) -> dict[str, str]:
-    """Find the file's own names of the keys of a camera block."""
-    return {key: next((name for name in names if name in document), key) for key, names in NAMES.items()}
+def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intrinsics:
+    """Read K, coefficients and the size of pictures by the names that ROS and OpenCV give them.
+
+    Args:
+        document: The file.
+        model_of: Tells the camera model of the coefficients, by their node and count.
+
+    Raises:
+        InputError: a key is missing or wrong, or the lens is not known.
+    """
+    K, distortion = (document.first(*NAMES[key]) for key in ("K", "distortion"))
+    numbers, coefficients = K.data(), distortion.data()
+    if len(numbers) != 9:
+        raise InputError(f"{K.where}: found {len(numbers)} numbers, needed 9 by rows")
+    block = {
+        "model": model_of(distortion, len(coefficients)),
+        "width": document.first(*NAMES["width"]).side(),
+        "height": document.first(*NAMES["height"]).side(),
+        "K": [numbers[0:3], numbers[3:6], numbers[6:9]],
+        "distortion": coefficients,
+    }
+    keys = {key: next(name for name in names if name in document.mapping) for key, names in NAMES.items()}
+    return Intrinsics(block, keys)
 
 
 def intrinsic_matrix(fx: float, fy: float, cx: float, cy: float) -> list[list[float]]:
     """K by rows, in pixels."""
     return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
-
-
-def by_rows(K: list[Any]) -> list[list[Any]]:
-    """K by rows, of its nine numbers."""
-    return [K[0:3], K[3:6], K[6:9]]
 
 
 def refuse_camera(where: object, camera: str | None) -> None:

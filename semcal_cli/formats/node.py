@@ -1,9 +1,15 @@
-"""A value of a document that knows where it stands, so that a complaint names its file and key."""
+"""A value of a document that knows where it stands.
+
+Methods raise an `InputError` that names file and key, what was found and what was needed, where the value is another.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import Any, TypeGuard
+
+import numpy as np
+import numpy.typing as npt
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, listed
@@ -29,11 +35,7 @@ class Node:
 
     @property
     def mapping(self) -> dict[Any, Any]:
-        """The value, which must be a mapping.
-
-        Raises:
-            InputError: the value is something else.
-        """
+        """The value, which must be a mapping."""
         if not isinstance(self.value, dict):
             raise self.mismatch("a mapping")
         return self.value
@@ -48,22 +50,14 @@ class Node:
         return Node(self.file, value, name)
 
     def at(self, key: Any) -> Node:
-        """Look up a key.
-
-        Raises:
-            InputError: the key is missing or empty, or the value is not a mapping.
-        """
+        """Look up a key."""
         found = self.child(key, self.mapping.get(key))
         if found.value is None:
             raise found.mismatch("a value")
         return found
 
     def first(self, *names: str) -> Node:
-        """Look up the first of several names of a value, which may be empty.
-
-        Raises:
-            InputError: the mapping has none of the names.
-        """
+        """Look up the first of several names of a value, which may be empty."""
         name = next((name for name in names if name in self.mapping), None)
         if name is None and len(names) == 1:
             raise self.child(names[0], None).mismatch("a value")
@@ -73,53 +67,39 @@ class Node:
             )
         return self.child(name, self.mapping[name])
 
-    @property
-    def data(self) -> Node:
-        """The numbers of a matrix, which stand under its key `data` or directly under its name."""
-        return Node(self.file, self.value.get("data"), self.key) if isinstance(self.value, dict) else self
-
     def text(self) -> str:
-        """Read a text.
-
-        Raises:
-            InputError: the value is something else.
-        """
+        """Read a text."""
         if not isinstance(self.value, str) or not self.value:
             raise self.mismatch("a name")
         return self.value
 
     def number(self) -> float:
-        """Read a finite number.
-
-        Raises:
-            InputError: the value is something else.
-        """
+        """Read a finite number."""
         return number(self.where, self.value)
 
     def side(self) -> int:
-        """Read the number of pixels along a side of an image.
-
-        Raises:
-            InputError: the value is no such number.
-        """
+        """Read the number of pixels along a side of an image."""
         return image_side(self.where, self.value)
 
     def numbers(self, *counts: int) -> list[float]:
-        """Read a list of finite numbers, of one of some lengths.
-
-        Raises:
-            InputError: the value is something else.
-        """
+        """Read a list of finite numbers, of one of some lengths."""
         if not isinstance(self.value, list) or (counts and len(self.value) not in counts):
             raise self.mismatch(f"{' or '.join(map(str, counts))} numbers" if counts else "numbers")
         return [number(self.where, value) for value in self.value]
 
-    def rows(self) -> list[float]:
-        """Read the numbers, by rows, of a 4 x 4 or 3 x 4 matrix: a list of rows, or one of numbers.
+    def data(self) -> list[Any]:
+        """Look up the finite numbers of a matrix, as they are stated: under its key `data`, or under its name."""
+        found = Node(self.file, self.value.get("data"), self.key) if isinstance(self.value, dict) else self
+        found.numbers()
+        values: list[Any] = found.value
+        return values
 
-        Raises:
-            InputError: the value is no such matrix.
-        """
+    def matrix(self, rows: int, columns: int) -> npt.NDArray[np.float64]:
+        """Read a matrix (rows, columns) of a list of its numbers by rows."""
+        return np.reshape(self.numbers(rows * columns), (rows, columns))
+
+    def rows(self) -> list[float]:
+        """Read the numbers, by rows, of a 4 x 4 or 3 x 4 matrix: a list of rows, or one of numbers."""
         rows = self.value
         if _is_flat(rows):
             return self.numbers()

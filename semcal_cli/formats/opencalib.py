@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
-from semcal_cli.formats.format import Format
-from semcal_cli.formats.keyed import Keyed, keyed_in, keyed_line
+from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.keyed import keyed, row
+from semcal_cli.formats.pose import from_line
+from semcal_cli.geometry.poses import Pose
+
+
+def _read(source: Source, options: FormatOptions) -> Pose:
+    return from_line(keyed(source.path, source.text).at("T"), options)
+
 
 FORMAT = Format(
     "opencalib",
     "p_camera = T p_lidar: T of calib.txt",
-    lambda source: {"T"} <= keyed_in(source).values.keys() <= {"K", "D", "T"},
-    lambda source, options: Keyed(source.path, source.text).transform("T", options),
-    lambda T_camera_lidar, options: keyed_line("T", T_camera_lidar),
+    lambda source: {"T"} <= source.lines.mapping.keys() <= {"K", "D", "T"},
+    _read,
+    lambda T_camera_lidar, options: f"T: {row(T_camera_lidar)}\n".encode(),
 )

@@ -13,26 +13,25 @@ from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.lenses import (
     LEAST_COUNTS,
     NAMES,
-    OPENCV_MODELS,
     Intrinsics,
     LensReader,
-    by_rows,
     check_lens,
     coefficients_of,
     intrinsic_matrix,
-    names_in,
+    matrix_camera,
     numbers_of,
     refuse_camera,
 )
 from semcal_cli.formats.matrix import directed
 from semcal_cli.formats.node import Node
 from semcal_cli.formats.pose import from_rows
-from semcal_cli.formats.storage import is_storage, numbers_in, parse_storage
-from semcal_cli.formats.values import image_side
+from semcal_cli.formats.storage import is_storage, parse_storage
 from semcal_cli.geometry.poses import Pose
 
 KEY = "CameraExtrinsicMat"
 MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
+MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
+"""Camera model of each number of coefficients, if the lens is no fisheye."""
 MEI_KEYS = {"K": PROJECTION, "distortion": DISTORTION, "parameters": MIRROR}
 
 
@@ -42,7 +41,7 @@ def _storage(source: Source) -> Node:
 
 def _read(source: Source, options: FormatOptions) -> Pose:
     node = _storage(source).first(KEY)
-    values = numbers_in(node)
+    values = node.data()
     if len(values) not in (12, 16):
         raise InputError(f"{node.where}: found {len(values)} numbers, needed 16 by rows, or 12")
     return from_rows(node.where, values, options)
@@ -70,62 +69,38 @@ def _matrix(key: str, rows: int, values: list[float]) -> str:
     return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {numbers} ]"
 
 
-def _number(node: Node) -> float:
-    values = numbers_in(node)
-    if len(values) != 1:
-        raise InputError(f"{node.where}: found {len(values)} numbers, needed one")
-    return values[0]
-
-
-def _side(storage: Node, side: str) -> int:
-    node = storage.first(*NAMES[side])
-    return image_side(node.where, _number(node))
-
-
 def _mei(storage: Node) -> Intrinsics:
-    fx, fy, cx, cy = (_number(storage.at(PROJECTION).first(key)) for key in ("gamma1", "gamma2", "u0", "v0"))
+    fx, fy, cx, cy = (storage.at(PROJECTION).at(key).number() for key in ("gamma1", "gamma2", "u0", "v0"))
     block = {
         "model": "omnidirectional",
-        "width": _side(storage, "width"),
-        "height": _side(storage, "height"),
+        "width": storage.first(*NAMES["width"]).side(),
+        "height": storage.first(*NAMES["height"]).side(),
         "K": intrinsic_matrix(fx, fy, cx, cy),
-        "distortion": [_number(storage.at(DISTORTION).first(key)) for key in ("k1", "k2", "p1", "p2")],
-        "parameters": {"xi": _number(storage.at(MIRROR).first("xi"))},
+        "distortion": [storage.at(DISTORTION).at(key).number() for key in ("k1", "k2", "p1", "p2")],
+        "parameters": {"xi": storage.at(MIRROR).at("xi").number()},
     }
     return Intrinsics(block, MEI_KEYS)
 
 
 def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+    def model_of(distortion: Node, count: int) -> str:
+        """Derive the camera model from the number of coefficients; cv2.fisheye, too, has four."""
+        if model is not None:
+            return model
+        if "fisheye_model" in storage.mapping:
+            if storage.at("fisheye_model").number():
+                return "fisheye"
+        elif count == 4:
+            found = "found 4 coefficients and no fisheye_model"
+            raise InputError(f"{storage.where}: {found}, needed --model, as plumb_bob or fisheye")
+        if count not in MODELS:
+            counts = ", ".join(map(str, MODELS))
+            raise InputError(f"{distortion.where}: found {count} numbers, needed one of: {counts}")
+        return MODELS[count]
+
     refuse_camera(source.path, camera)
     storage = _storage(source)
-    if MIRROR in storage.mapping:
-        return _mei(storage)
-    K, distortion = (storage.first(*NAMES[key]) for key in ("K", "distortion"))
-    rows, coefficients = numbers_in(K), numbers_in(distortion)
-    if len(rows) != 9:
-        raise InputError(f"{K.where}: found {len(rows)} numbers, needed 9 by rows")
-    block = {
-        "model": model or _model(storage, distortion.where, len(coefficients)),
-        "width": _side(storage, "width"),
-        "height": _side(storage, "height"),
-        "K": by_rows(rows),
-        "distortion": coefficients,
-    }
-    return Intrinsics(block, names_in(storage.mapping))
-
-
-def _model(storage: Node, where: str, num_coefficients: int) -> str:
-    """Derive the camera model from the number of coefficients; cv2.fisheye, too, has four."""
-    if "fisheye_model" in storage.mapping:
-        if _number(storage.at("fisheye_model")):
-            return "fisheye"
-    elif num_coefficients == 4:
-        found = "found 4 coefficients and no fisheye_model"
-        raise InputError(f"{storage.where}: {found}, needed --model, as plumb_bob or fisheye")
-    if num_coefficients not in OPENCV_MODELS:
-        counts = ", ".join(map(str, OPENCV_MODELS))
-        raise InputError(f"{where}: found {num_coefficients} numbers, needed one of: {counts}")
-    return OPENCV_MODELS[num_coefficients]
+    return _mei(storage) if MIRROR in storage.mapping else matrix_camera(storage, model_of)
 
 
 FORMAT = replace(

@@ -131,6 +131,24 @@ def transform(R: npt.ArrayLike, translation: npt.ArrayLike = (0.0, 0.0, 0.0)) ->
     return T
 
 
+def from_line(node: Node, options: FormatOptions | None = None) -> Pose:
+    """Make a transform from 12 numbers by rows.
+
+    Raises:
+        InputError: the numbers are others, or not a rigid transform.
+    """
+    return from_rows(node.where, node.numbers(12), options)
+
+
+def rotation(node: Node, options: FormatOptions | None = None) -> Pose:
+    """Read a pure rotation of nine numbers as a transform (4, 4); options may allow its repair.
+
+    Raises:
+        InputError: the numbers are no rotation.
+    """
+    return checked(node.where, transform(node.matrix(3, 3)), options)
+
+
 def from_rows(
     where: str,
     values: npt.ArrayLike,

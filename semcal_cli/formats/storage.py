@@ -15,8 +15,6 @@ from typing import Any
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
 from semcal_cli.files.messages import describe
-from semcal_cli.formats.node import Node
-from semcal_cli.formats.values import number
 from semcal_cli.formats.xml import parse_xml
 
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
@@ -37,21 +35,6 @@ def parse_storage(text: str, path: Path) -> dict[Any, Any]:
         InputError: the text is not well-formed, or is not a mapping.
     """
     return _parse_xml(text, path) if text.lstrip().startswith("<") else _parse_yaml(text, path)
-
-
-def numbers_in(node: Node) -> list[float]:
-    """Read the numbers of a matrix or a list, in order; a single number gives a list of one.
-
-    Raises:
-        InputError: the value is something else.
-    """
-    found = node.data
-    values = found.value if isinstance(found.value, list) else [found.value]
-    if not values or not all(
-        isinstance(value, int | float) and not isinstance(value, bool) for value in values
-    ):
-        raise found.mismatch("numbers")
-    return [number(found.where, value) for value in values]
 
 
 def _parse_yaml(text: str, path: Path) -> dict[Any, Any]:
@@ -89,7 +72,8 @@ def _node(element: ET.Element) -> Any:
     if not words or not all(NUMBER.fullmatch(word) for word in words):
         return text.strip('"')
     values = [float(word) for word in words]
-    return values if len(values) > 1 else values[0]
+    # A matrix of one number has a list of one.
+    return values if len(values) > 1 or element.tag == "data" else values[0]
 
 
 def _xml_reason(error: Exception) -> str:

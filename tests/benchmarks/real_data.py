@@ -16,7 +16,7 @@ import yaml
 
 from semcal_cli.datasets import kitti, kitti_raw
 from semcal_cli.files.images import read_image
-from semcal_cli.formats.keyed import Keyed
+from semcal_cli.formats.keyed import read_keyed
 
 CITYSCAPES = [
     *(
@@ -84,9 +84,9 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
             labels = (of_drive if of_drive.is_dir() else of_drive.parent) / path.name
             frames.append(_frame(sync / f"velodyne_points/data/{path.stem}.bin", path, labels))
     camera = images.name.removeprefix("image_")
-    keyed, key = Keyed.read(day / "calib_cam_to_cam.txt"), f"P_rect_{camera}"
+    projection = read_keyed(day / "calib_cam_to_cam.txt").at(f"P_rect_{camera}")
     height, width = read_image(Path(frames[0]["image"])).shape[:2]
-    lens, T = kitti.pinhole(keyed, key, width, height), kitti_raw.reference(keyed, key)
+    lens, T = kitti.pinhole(projection, width, height), kitti_raw.reference(day, camera)
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
     yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T)
 
@@ -96,12 +96,11 @@ def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
     lenses, frames, poses = [], [], []
     for place, number in enumerate(sorted(path.name for path in source.glob("[0-9]*"))):
         path = source / number / "calib.txt"
-        keyed = Keyed.read(path)
+        keyed = read_keyed(path)
         (image,) = (each for each in path.parent.glob("calib.*") if each.suffix in (".jpg", ".png"))
-        distortion = [float(word) for word in keyed.values["D"][0].replace(",", " ").split()]
-        lenses.append(_lens(keyed.matrix("K", 3, 3), (1920, 1200), distortion))
+        lenses.append(_lens(keyed.at("K").matrix(3, 3), (1920, 1200), keyed.at("D").numbers()))
         frames.append(_frame(path.parent / "calib.pcd", image, source / f"image_labels/{number}.png"))
-        poses.append(np.vstack([keyed.matrix("T", 3, 4), [0.0, 0.0, 0.0, 1.0]]))
+        poses.append(np.vstack([keyed.at("T").matrix(3, 4), [0.0, 0.0, 0.0, 1.0]]))
         yield _write(folder, f"OpenCalib {number}", lenses[place], frames[place:], poses[place])
     yield _write(folder, "OpenCalib 1 and 2", lenses[0], frames[:2], poses[0])
 
