@@ -81,15 +81,15 @@ def test_a_hostile_value_is_named(tmp_path: Path, name: str, file: str, case: di
 @pytest.mark.parametrize(
     ("table", "index", "where", "filename"),
     [
-        ("sample_data", 0, "row 'd0'", "../../../../etc/passwd"),
-        ("sample_data", 1, "row 'd1'", "/etc/passwd"),
-        ("lidarseg", 0, "row 'l'", "a/../b"),
+        ("sample_data", 0, "[0]", "../../../../etc/passwd"),
+        ("sample_data", 1, "[1]", "/etc/passwd"),
+        ("lidarseg", 0, "[0]", "a/../b"),
     ],
 )
 def test_a_file_outside_of_the_data_set_is_named(
     tmp_path: Path, table: str, index: int, where: str, filename: str
 ) -> None:
-    expected = f"{where}: filename: found {filename!r}, needed a name inside {{root}}"
+    expected = f"{where}.filename: found {filename!r}, needed a name inside {{root}}"
     case = {"row": [index, {"filename": filename}], "says": expected}
     check_complaint(tmp_path, "nuscenes", f"v1.0-mini/{table}.json", case)
 
