@@ -7,7 +7,9 @@ from pathlib import Path
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, os_reason
+from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.files.reading import is_folder, read_start
+from semcal_cli.formats.values import image_side
 
 
 def need_file(path: Path) -> Path:
@@ -58,6 +60,16 @@ def writable_name(path: Path, name: str) -> str:
     if not _is_writable(name):
         raise InputError(f"{str(path)!a}: found name {name!a}, needed UTF-8")
     return name
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """Read the width and height of an image from its header, in pixels.
+
+    Raises:
+        InputError: the file does not exist, or is no image, or has no pixels.
+    """
+    width, height = read_size(path)
+    return image_side(f"{path}: width", width), image_side(f"{path}: height", height)
 
 
 def folders(root: Path) -> list[str]:

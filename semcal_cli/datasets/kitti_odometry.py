@@ -6,8 +6,7 @@ import re
 from pathlib import Path
 
 from semcal_cli.datasets import kitti
-from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
-from semcal_cli.datasets.image_headers import image_size
+from semcal_cli.datasets.files import files_by_stem, folders, image_size, numbered_files
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, by_number, joined
 from semcal_cli.datasets.trajectory import read_speeds
 from semcal_cli.errors import InputError

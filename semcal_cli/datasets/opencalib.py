@@ -8,8 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.datasets.files import folders, need_file
-from semcal_cli.datasets.image_headers import image_size
+from semcal_cli.datasets.files import folders, image_size, need_file
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
 from semcal_cli.formats.keyed import read_keyed

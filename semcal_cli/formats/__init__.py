@@ -40,6 +40,11 @@ class Extrinsic:
         return semcal.record_in(self.source)
 
     @cached_property
+    def half_widths(self) -> tuple[float, ...] | None:
+        """Half widths (6,) of the 95 % intervals, metres and degrees; None if none is known or believed."""
+        return semcal.half_widths_in(self.source)
+
+    @cached_property
     def camera(self) -> Camera | None:
         """The camera that the transform belongs to: of the calibration, or of the drive; None if the file has none."""
         return semcal.camera_in(self.source)

@@ -5,13 +5,12 @@ A calibration, a drive with its reference, what `fleet` writes, or a bare transf
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import model_validator
 
-from semcal_cli.drive.document import MAX_OFFSET_S, Camera, Drive, drive_file
+from semcal_cli.drive.document import MAX_OFFSET_S, Camera, Drive
 from semcal_cli.errors import InputError, MisplacedError
 from semcal_cli.files.validation import (
     StatedTransform,
@@ -93,26 +92,16 @@ def camera_in(source: Source) -> Camera | None:
     return validate(Drive, source.document, source.path).camera if DRIVE in source.mapping else None
 
 
-def read_record(path: Path) -> Calibration | None:
-    """Read the calibration in a file; None if the file is not a calibration of semcal's.
-
-    Raises:
-        InputError: the file is a calibration, and wrong.
-    """
-    return record_in(Source.read(drive_file(path)))
-
-
-def read_half_widths(path: Path) -> tuple[float, ...] | None:
-    """Read the half widths (6,) of a transform's 95 % intervals, metres and degrees; None if none is known or believed.
+def half_widths_in(source: Source) -> tuple[float, ...] | None:
+    """The half widths (6,) of a transform's 95 % intervals, metres and degrees; None if none is known or believed.
 
     Raises:
         InputError: the file is a result of semcal's, and wrong.
     """
-    source = Source.read(drive_file(path))
     known: Uncertainty | _Widths | None = None
     if FLEET in source.mapping:
         known = _Fleet.read(source).uncertainty
-    elif (record := read_record(path)) is not None:
+    elif (record := record_in(source)) is not None:
         known = record.believed_uncertainty
     if known is None:
         return None
