@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.datasets.labels import CLOUD_SUFFIXES, PICTURE_SUFFIXES
+from semcal_cli.datasets.labels import CLOUD_SUFFIXES, PICTURE_SUFFIXES, stem
 from semcal_cli.datasets.labels import SUFFIXES as LABEL_SUFFIXES
-from semcal_cli.datasets.pairing import by_time, pairs, stamps_s, stem
+from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError

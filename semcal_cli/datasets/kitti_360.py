@@ -18,7 +18,7 @@ from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
 from semcal_cli.datasets.kitti_360_windows import Windows
 from semcal_cli.datasets.kitti_raw import read_stamps
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import Recording, Request, SourceFrame, by_number, joined
+from semcal_cli.datasets.recording import Recording, Request, joined
 from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_rows, speeds_mps
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
@@ -36,6 +36,7 @@ FISHEYES = ("image_02", "image_03")
 """Cameras that look to the sides. Their images are always raw, in data_rgb."""
 RAW_REMARK = "data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels"
 PARTS = ("train", "test")
+PICTURES = ("image", "image_labels")
 MAX_FRAME = 10**9
 
 
@@ -53,15 +54,19 @@ def read(request: Request) -> Recording:
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
     to_velo = root / "calibration/calib_cam_to_velo.txt"
     T_camera0_lidar = camera0_pose(to_velo, read_text(to_velo))
+    images = _images(root, sequence, camera, rectified)
     folder = _windows_folder(root, sequence)
     if folder is None:
-        frames, remarks = _raw_frames(root, sequence, camera, rectified), ("raw sweeps carry no labels",)
-    else:
-        T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ T_camera0_lidar
-        frames, remarks = (
-            _window_frames(root, sequence, camera, rectified, folder, T_pose_lidar),
-            (f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}",),
+        frames = joined(
+            **_sweeps(root / "data_3d_raw" / sequence / "velodyne_points"), **images, needs=PICTURES
         )
+        remarks = ("raw sweeps carry no labels",)
+    else:
+        windows = Windows(folder, visible_only=camera in PERSPECTIVE)
+        T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ T_camera0_lidar
+        poses = root / "data_poses" / sequence / "poses.txt"
+        frames = joined(**_cuts(windows, poses, T_pose_lidar), **images, needs=PICTURES)
+        remarks = (f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}",)
     raw_pair = camera in PERSPECTIVE and not rectified
     if not frames:
         place = f"{camera}/data_rgb" if raw_pair else camera
@@ -127,55 +132,34 @@ def _camera_to_pose(folder: Path, camera: str) -> Pose:
     return from_line(read_keyed(folder / "calib_cam_to_pose.txt").at(camera))
 
 
-def _raw_frames(root: Path, sequence: str, camera: str, rectified: bool) -> list[SourceFrame]:
-    points = root / "data_3d_raw" / sequence / "velodyne_points"
-    clouds = numbered_files(points / "data", ".bin")
-    images, labels, image_stamps = _image_files(root, sequence, camera, rectified)
-    return joined(
-        clouds,
-        needs=("image", "image_labels"),
-        image=images,
-        image_labels=labels,
-        points_stamp=by_number(clouds, read_stamps(points / "timestamps.txt")),
-        image_stamp=by_number(clouds, image_stamps),
-    )
+def _sweeps(folder: Path) -> dict[str, Any]:
+    """Find the raw sweeps and their stamps."""
+    clouds = numbered_files(folder / "data", ".bin")
+    return {"clouds": clouds, "points_stamp": read_stamps(folder / "timestamps.txt")}
 
 
-def _window_frames(
-    root: Path, sequence: str, camera: str, rectified: bool, folder: Path, T_pose_lidar: Pose
-) -> list[SourceFrame]:
-    poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
-    images, labels, image_stamps = _image_files(root, sequence, camera, rectified)
-    windows = Windows(folder, visible_only=camera in PERSPECTIVE)
+def _cuts(windows: Windows, file: Path, T_pose_lidar: Pose) -> dict[str, Any]:
+    """Cut clouds around each pose of the vehicle, with its speeds."""
+    poses = _read_poses(file)
     clouds = {
         f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
         for number, T_world_pose in poses.items()
         if number in windows
     }
-    return joined(
-        clouds,
-        needs=("image", "image_labels"),
-        image=images,
-        image_labels=labels,
-        image_stamp=by_number(clouds, image_stamps),
-        speed_mps=by_number(clouds, _speeds(poses)),
-    )
+    return {"clouds": clouds, "speed_mps": _speeds(poses)}
 
 
-def _image_files(
-    root: Path, sequence: str, camera: str, rectified: bool
-) -> tuple[dict[str, Path], dict[str, Path], dict[int, float]]:
+def _images(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str, Any]:
     """Find the images, their label images and their stamps. Raw images of the perspective pair have no labels."""
     folder = root / "data_2d_raw" / sequence / camera
     images = folder / ("data_rect" if rectified else "data_rgb")
     parts = PARTS if rectified or camera in FISHEYES else ()
     semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in parts]
-    labels = next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {})
-    return (
-        files_by_stem(images, ".png") if images.is_dir() else {},
-        labels,
-        read_stamps(folder / "timestamps.txt"),
-    )
+    return {
+        "image": files_by_stem(images, ".png") if images.is_dir() else {},
+        "image_labels": next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {}),
+        "image_stamp": read_stamps(folder / "timestamps.txt"),
+    }
 
 
 def _read_poses(path: Path) -> dict[int, Pose]:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, image_size, numbered_files
-from semcal_cli.datasets.recording import Recording, Request, SourceFrame, by_number, joined
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
 from semcal_cli.datasets.trajectory import read_speeds
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
@@ -39,18 +39,19 @@ def read(request: Request) -> Recording:
 
 def _frames(folder: Path, camera: str, poses: Path) -> list[SourceFrame]:
     clouds = numbered_files(folder / "velodyne", ".bin")
-    stamps = by_number(clouds, _stamps(folder / "times.txt"))
+    stamps = _stamps(folder / "times.txt")
     return joined(
         clouds,
         image=files_by_stem(folder / camera, ".png", ".jpg"),
         points_stamp=stamps,
         image_stamp=stamps,
-        speed_mps=by_number(clouds, read_speeds(poses)),
+        speed_mps=dict(enumerate(read_speeds(poses))),
     )
 
 
-def _stamps(path: Path) -> list[float]:
+def _stamps(path: Path) -> dict[int, float]:
     """Read the seconds since the first frame, one line a frame; the sweep triggers the image when it looks ahead."""
     lines = read_text(path).split() if path.exists() else []
     where = [f"{path}: line {index}" for index in range(1, len(lines) + 1)]
-    return [stamp_s(key, parse_number(key, line)) for key, line in zip(where, lines, strict=True)]
+    stamps = (stamp_s(key, parse_number(key, line)) for key, line in zip(where, lines, strict=True))
+    return dict(enumerate(stamps))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
-from semcal_cli.datasets.recording import Recording, Request, SourceFrame, by_number, joined
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats.keyed import read_keyed
@@ -70,8 +70,8 @@ def _frames(folder: Path, camera: str) -> list[SourceFrame]:
     return joined(
         clouds,
         image=files_by_stem(folder / camera / "data", ".png", ".jpg"),
-        points_stamp=by_number(clouds, read_stamps(folder / "velodyne_points/timestamps.txt")),
-        image_stamp=by_number(clouds, read_stamps(folder / camera / "timestamps.txt")),
+        points_stamp=read_stamps(folder / "velodyne_points/timestamps.txt"),
+        image_stamp=read_stamps(folder / camera / "timestamps.txt"),
         speed_mps={name: _speed(path) for name, path in packets.items() if name in clouds},
     )
 

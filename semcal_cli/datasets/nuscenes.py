@@ -160,8 +160,7 @@ def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str
 
 def _stamp_s(row: Node) -> float:
     """Unix time of a row of sample_data, in seconds."""
-    stamp = row.at("timestamp")
-    return number(stamp.where, stamp.value, 0.0, MAX_STAMP_S / MICROSECONDS) * MICROSECONDS
+    return row.at("timestamp").number(0.0, MAX_STAMP_S / MICROSECONDS) * MICROSECONDS
 
 
 def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -104,33 +104,26 @@ class SourceFrame:
         return converted or self.cloud_has_labels or self.point_labels is not None
 
 
-Value = TypeVar("Value")
-
-
-def by_number(names: Iterable[str], values: Sequence[Value] | Mapping[int, Value]) -> dict[str, Value]:
-    """Give names that are numbers the values with these indices, where there are any."""
-    known = values if isinstance(values, Mapping) else dict(enumerate(values))
-    return {name: known[int(name)] for name in names if int(name) in known}
-
-
 def joined(
     clouds: Mapping[str, Path | Conversion],
     *,
     needs: tuple[str, ...] = ("image",),
-    **values: Mapping[str, Any],
+    **values: Mapping[Any, Any],
 ) -> list[SourceFrame]:
-    """Make a frame of each cloud and of what has its name.
+    """Make a frame of each cloud and of what has its name or its number.
 
     Args:
         clouds: Clouds by the names of their frames.
         needs: Fields of a frame of which one at least has to be there.
-        values: Values of fields of `SourceFrame` by the names of the frames.
+        values: Values of fields of `SourceFrame`, by the names of the frames or, where these are numbers, by these.
     """
-    return [
-        SourceFrame(name, points, **{key: found[name] for key, found in values.items() if name in found})
-        for name, points in clouds.items()
-        if any(name in values[key] for key in needs)
-    ]
+    frames = []
+    for name, points in clouds.items():
+        keys: tuple[str | int, ...] = (name, int(name)) if name.isdecimal() else (name,)
+        fields = {field: found[key] for field, found in values.items() for key in keys if key in found}
+        if fields.keys() & set(needs):
+            frames.append(SourceFrame(name, points, **fields))
+    return frames
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ Methods raise an `InputError` that names file and key, what was found and what w
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, TypeGuard
 
@@ -73,9 +74,9 @@ class Node:
             raise self.mismatch("a name")
         return self.value
 
-    def number(self) -> float:
-        """Read a finite number."""
-        return number(self.where, self.value)
+    def number(self, low: float = -math.inf, high: float = math.inf) -> float:
+        """Read a finite number from `low` to `high`."""
+        return number(self.where, self.value, low, high)
 
     def side(self) -> int:
         """Read the number of pixels along a side of an image."""

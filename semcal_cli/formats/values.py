@@ -1,4 +1,7 @@
-"""Checked values of a data set's files: the message on a wrong value names its file and key."""
+"""Checked values of files.
+
+Functions raise an `InputError` that names file and key, what was found and what was needed, where the value is another.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +30,7 @@ MAX_WORLD_M = 1e8
 
 
 def number(where: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """Check that a value is a finite number from `low` to `high`; `where` names its file and key.
-
-    Raises:
-        InputError: the value is not such a number.
-    """
+    """Check that a value is a finite number from `low` to `high`; `where` names its file and key."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{where}: found {describe(value)}, needed a number")
     try:
@@ -46,11 +45,7 @@ def number(where: str, value: object, low: float = -math.inf, high: float = math
 
 
 def image_side(where: str, value: object) -> int:
-    """Check the number of pixels along a side of an image; it is never rounded.
-
-    Raises:
-        InputError: the value is not a whole number in the range of image sides.
-    """
+    """Check the number of pixels along a side of an image; it is never rounded."""
     pixels = number(where, value)
     if not pixels.is_integer() or not 1 <= pixels <= MAX_SIDE:
         raise InputError(f"{where}: found {describe(value)}, needed a whole number from 1 to {MAX_SIDE}")
@@ -58,20 +53,12 @@ def image_side(where: str, value: object) -> int:
 
 
 def stamp_s(where: str, seconds: float) -> float:
-    """Check a time in seconds.
-
-    Raises:
-        InputError: the time is outside the range of a drive's stamps.
-    """
+    """Check a time in seconds, which must be in the range of a drive's stamps."""
     return number(where, seconds, -MAX_STAMP_S, MAX_STAMP_S)
 
 
 def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
-    """Check a rigid transform that a file states, and remove its rounding.
-
-    Raises:
-        InputError: the matrix is not rigid, or reaches farther than `farthest_m` along an axis.
-    """
+    """Check a rigid transform that reaches at most `farthest_m` along an axis, and remove its rounding."""
     try:
         check_rigid(T)
     except ValueError as error:
@@ -93,9 +80,6 @@ def pick(
         known: All names.
         where: The file or folder that messages name.
         usual: The name that is taken if none is wanted.
-
-    Raises:
-        InputError: the wanted name does not exist, or there are several and none is wanted.
     """
     choice = usual if wanted is None else wanted
     if choice in known:
@@ -112,10 +96,7 @@ def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str
     Args:
         path: The file.
         block: The block.
-        keys: Names of the block's keys in the file, where they differ.
-
-    Raises:
-        InputError: the block is wrong; the message names the file's own key.
+        keys: Names of the block's keys in the file, where they differ; messages name these.
     """
     try:
         validate(Camera, block, Path("camera"))
@@ -127,11 +108,7 @@ def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str
 
 
 def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
-    """Parse the finite numbers (count,) of a text.
-
-    Raises:
-        InputError: the text is something else.
-    """
+    """Parse the finite numbers (count,) of a text."""
     words = text.split()
     needed = " or ".join(map(str, counts))
     if (wrong := next((word for word in words if not _is_finite(word)), None)) is not None:
@@ -149,11 +126,7 @@ def _is_finite(word: str) -> bool:
 
 
 def parse_number(where: str, text: str) -> float:
-    """Parse a finite number.
-
-    Raises:
-        InputError: the text is not a finite number.
-    """
+    """Parse a finite number."""
     if not _is_finite(text):
         raise InputError(f"{where}: found {text[:40]!r}, needed a finite number")
     return float(text)
