@@ -45,11 +45,6 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / "a.yaml"
 
 
-def test_rellis3d_is_inverted(path: Path) -> None:
-    path.write_text(yaml.dump(RELLIS3D))
-    np.testing.assert_allclose(read_transform(path), T_CAMERA_LIDAR, atol=1e-15)
-
-
 def test_rellis3d_agrees_with_its_drive(rellis3d: Path) -> None:
     T_camera_lidar = read_transform(rellis3d / "transforms.yaml")
     np.testing.assert_allclose(T_camera_lidar, read_transform(rellis3d), atol=PRINTED)

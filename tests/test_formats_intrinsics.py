@@ -160,18 +160,11 @@ def test_the_camera_is_that_which_the_transform_belongs_to(
         assert read_intrinsics(tmp_path / "out.yaml")["K"] == [list(row) for row in lens.K]
 
 
-def test_python_writes_the_same(refined_file: Path) -> None:
-    for name in ("kalibr", "camera-info"):
-        assert (
-            semcal_cli.convert(refined_file, name).decode()
-            == run("convert", refined_file, "--to", name).stdout
-        )
-
-
-def test_a_calibration_is_read_from_standard_input(refined_file: Path) -> None:
-    for name in ("kalibr", "camera-info"):
-        piped = run("convert", "-", "--to", name, input=refined_file.read_bytes())
-        assert piped.stdout == run("convert", refined_file, "--to", name).stdout
+@pytest.mark.parametrize("name", ["kalibr", "camera-info"])
+def test_python_and_standard_input_give_the_same(name: str, refined_file: Path) -> None:
+    written = run("convert", refined_file, "--to", name).stdout
+    assert semcal_cli.convert(refined_file, name).decode() == written
+    assert run("convert", "-", "--to", name, input=refined_file.read_bytes()).stdout == written
 
 
 def test_a_drive_needs_no_reference_for_its_camera(tmp_path: Path) -> None:

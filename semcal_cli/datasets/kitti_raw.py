@@ -8,6 +8,8 @@ from __future__ import annotations
 from datetime import datetime, timezone
 from pathlib import Path
 
+import numpy as np
+
 from semcal_cli.datasets import kitti
 from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
@@ -59,9 +61,10 @@ def reference(day: Path, camera: str) -> Pose:
         InputError: a key is missing or wrong.
     """
     cameras, velo = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("cam", "velo"))
-    T_camera0_lidar = transform(rotation(velo.at("R"))[:3, :3], velo.at("T").numbers(3))
-    T_rectified_lidar = rotation(cameras.at("R_rect_00")) @ rigid(velo.at("T").where, T_camera0_lidar)
-    return beside_camera0(cameras.at(f"P_rect_{camera}")) @ T_rectified_lidar
+    shift = velo.at("T")
+    T_camera0_lidar = rigid(shift.where, transform(np.eye(3), shift.numbers(3))) @ rotation(velo.at("R"))
+    T_camera_camera0 = beside_camera0(cameras.at(f"P_rect_{camera}")) @ rotation(cameras.at("R_rect_00"))
+    return T_camera_camera0 @ T_camera0_lidar
 
 
 def _frames(folder: Path, camera: str) -> list[SourceFrame]:

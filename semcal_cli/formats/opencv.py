@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from semcal_cli.errors import InputError
 from semcal_cli.formats.format import FormatOptions, Source
 from semcal_cli.formats.lenses import (
@@ -100,7 +102,12 @@ def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrins
 
     refuse_camera(source.path, camera)
     storage = _storage(source)
-    return _mei(storage) if MIRROR in storage.mapping else matrix_camera(storage, model_of)
+    if MIRROR in storage.mapping:
+        return _mei(storage)
+    block, keys = matrix_camera(storage, model_of)
+    # A FileStorage has no whole numbers in a matrix of doubles.
+    block |= {key: np.asarray(block[key], np.float64).tolist() for key in ("K", "distortion")}
+    return Intrinsics(block, keys)
 
 
 FORMAT = replace(
