@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from camera_infos import ROS
+from camera_infos import KITTI_360_FISHEYE, ROS
 
 from semcal_cli.files.images import write_image
 from semcal_cli.geometry.poses import Pose
@@ -276,27 +276,6 @@ def kitti_360_perspective() -> str:
     return lines
 
 
-KITTI_360_FISHEYE = """%YAML:1.0
----
-model_type: MEI
-camera_name: "image_02"
-image_width: 64
-image_height: 32
-mirror_parameters:
-   xi: 2.2134047507854890e+00
-distortion_parameters:
-   k1: 1.6798235660113681e-02
-   k2: 1.6548773243373522e+00
-   p1: 4.2223943394772046e-04
-   p2: 4.2462134260997584e-04
-projection_parameters:
-   gamma1: 1.3363220825849971e+03
-   gamma2: 1.3357883350012958e+03
-   u0: 7.1694323510126321e+02
-   v0: 7.0576498308221585e+02
-"""
-
-
 def kitti_360_window(path: Path, T_world_lidar: Pose) -> None:
     """Three points near the LiDAR, the last of them seen by no picture; one far away, and one behind the first."""
     properties = ["float x", "float y", "float z", "uchar red", "uchar green", "uchar blue", "int semantic"]
@@ -312,13 +291,10 @@ def kitti_360_window(path: Path, T_world_lidar: Pose) -> None:
     path.write_bytes(content.encode() + vertices.tobytes())
 
 
-CARLA_PLY = """ply
-format ascii 1.0
-element vertex 3
-property float32 x
-property float32 y
-property float32 z
-property float32 CosAngle
+CARLA_PLY_HEAD = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(
+    f"property float32 {axis}\n" for axis in "xyz"
+)
+CARLA_PLY = f"""{CARLA_PLY_HEAD}property float32 CosAngle
 property uint32 ObjIdx
 property uint32 ObjTag
 end_header
@@ -326,15 +302,7 @@ end_header
 10.0 1.0 1.0 0.5 77 14
 5.0 0.0 -1.0 0.5 0 24
 """
-
-
-CARLA_PLAIN_PLY = """ply
-format ascii 1.0
-element vertex 3
-property float32 x
-property float32 y
-property float32 z
-property float32 I
+CARLA_PLAIN_PLY = f"""{CARLA_PLY_HEAD}property float32 I
 end_header
 10.0 -1.0 0.0 0.5
 10.0 1.0 1.0 0.25

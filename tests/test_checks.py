@@ -155,7 +155,7 @@ def test_limits_are_measured_of_all_parts() -> None:
 
 
 def test_the_check_of_the_guide_for_contributors() -> None:
-    (block,) = blocks(ROOT / "CONTRIBUTING.md", "python")
+    block = next(each for each in blocks(ROOT / "CONTRIBUTING.md", "python") if "OVEREXPOSED" in each)
     names = {"Check": Check, "Limit": Limit}
     exec(block, names)
     (finding,) = names["measured"].findings

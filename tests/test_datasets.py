@@ -208,59 +208,6 @@ def test_what_is_not_there_is_named_with_what_is(
     assert not (tmp_path / "drive").exists()
 
 
-@pytest.mark.parametrize(
-    ("name", "file", "content", "expected"),
-    [
-        ("rellis-3d", "00000/camera_info.txt", "1 2 3", "intrinsics: found 3 numbers, needed 4, all finite"),
-        ("rellis-3d", "00000/transforms.yaml", None, "no such file or folder"),
-        ("opencalib", "1/calib.txt", "K: 1 2\nD: 1 2 3 4", "K: found 2 numbers, needed 9, all finite"),
-        ("opencalib", "1/calib.txt", "D: 1 2 3 4\nT: 1", "found no key 'K', needed one of: D, T"),
-        (
-            "kitti-odometry",
-            "sequences/00/calib.txt",
-            "P2: 1",
-            "found keys P2, needed Tr, or R0_rect and Tr_velo_to_cam",
-        ),
-        (
-            "kitti-odometry",
-            "sequences/00/times.txt",
-            "0 x",
-            "line 2: found 'x', needed 1 numbers, all finite",
-        ),
-        (
-            "kitti-raw",
-            "2011_09_26/2011_09_26_drive_0001_sync/image_02/timestamps.txt",
-            "13:02",
-            "line 1: found '13:02', needed a time as 2011-09-26 13:02:25.95",
-        ),
-        (
-            "kitti-360",
-            "calibration/calib_cam_to_velo.txt",
-            "1 2",
-            "camera 0 to LiDAR: found 2 numbers, needed 12, all finite",
-        ),
-        ("nuscenes", "v1.0-mini/ego_pose.json", "[]", "found no row with token 'e0', needed one"),
-        ("nuscenes", "v1.0-mini/scene.json", "{}", "found a mapping, needed a list of mappings"),
-        ("nuscenes", "samples/LIDAR_TOP/a__LIDAR_TOP__1.pcd.bin", None, "no such file or folder"),
-        (
-            "carla",
-            "sensors.json",
-            '[{"type": "sensor.lidar.ray_cast", "id": "a"}]',
-            "sensor 'a': x: found nothing, needed a number",
-        ),
-    ],
-)
-def test_a_wrong_file_is_named(
-    tmp_path: Path, name: str, file: str, content: str | None, expected: str
-) -> None:
-    tree = TREES[name](tmp_path / "tree")
-    path = tree.root / file
-    path.unlink()
-    if content is not None:
-        path.write_text(content)
-    assert complaint(name, tree.root, *tree.arguments, "-o", tmp_path / "drive") == f"{path}: {expected}"
-
-
 VERTEX = "ply\nformat {} 1.0\nelement vertex {}\nproperty float x\nproperty uchar label\nend_header\n"
 
 

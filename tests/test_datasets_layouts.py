@@ -180,9 +180,9 @@ def test_kitti_360_fisheyes_are_never_rectified(tmp_path: Path) -> None:
     ("key", "values", "expected"),
     [
         ("K_00", "70 0 33 0 69 17 0 0 2", "K_00: found last row [0.0, 0.0, 2.0], needed [0, 0, 1]"),
-        ("K_00", "70 0 33 0 69 17 0 0", "K_00: found 8 numbers, needed 9, all finite"),
+        ("K_00", "70 0 33 0 69 17 0 0", "K_00: found a list of 8, needed 9 numbers"),
         ("K_00", "0 0 0 0 0 0 0 0 0", "K_00: found focal lengths 0.0 and 0.0, needed both above 0"),
-        ("D_00", "-0.3 0.1 0 0", "D_00: found 4 numbers, needed 5, all finite"),
+        ("D_00", "-0.3 0.1 0 0", "D_00: found a list of 4, needed 5 numbers"),
         ("S_00", "64.5 32", "S_00: found 64.5, needed a whole number from 1 to 65535"),
     ],
 )

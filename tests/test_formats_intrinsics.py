@@ -15,12 +15,12 @@ from format_files import T_ANY
 
 import semcal_cli
 from semcal_cli.cli import semcal
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.drive.document import Camera, read_drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.validation import validate
 from semcal_cli.formats import read_transform, write_transform
 from semcal_cli.formats.format import Direction, FormatOptions
+from semcal_cli.formats.intrinsics import read_intrinsics
 from semcal_cli.result.calibration import Calibration
 
 L2C = ["--to-direction", "lidar-to-camera"]
@@ -160,18 +160,11 @@ def test_the_camera_is_that_which_the_transform_belongs_to(
         assert read_intrinsics(tmp_path / "out.yaml")["K"] == [list(row) for row in lens.K]
 
 
-def test_python_writes_the_same(refined_file: Path) -> None:
-    for name in ("kalibr", "camera-info"):
-        assert (
-            semcal_cli.convert(refined_file, name).decode()
-            == run("convert", refined_file, "--to", name).stdout
-        )
-
-
-def test_a_calibration_is_read_from_standard_input(refined_file: Path) -> None:
-    for name in ("kalibr", "camera-info"):
-        piped = run("convert", "-", "--to", name, input=refined_file.read_bytes())
-        assert piped.stdout == run("convert", refined_file, "--to", name).stdout
+@pytest.mark.parametrize("name", ["kalibr", "camera-info"])
+def test_python_and_standard_input_give_the_same(name: str, refined_file: Path) -> None:
+    written = run("convert", refined_file, "--to", name).stdout
+    assert semcal_cli.convert(refined_file, name).decode() == written
+    assert run("convert", "-", "--to", name, input=refined_file.read_bytes()).stdout == written
 
 
 def test_a_drive_needs_no_reference_for_its_camera(tmp_path: Path) -> None:

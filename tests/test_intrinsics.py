@@ -11,8 +11,8 @@ from dataset_trees import KITTI_360_FISHEYE, write
 from hypothesis import given
 from hypothesis import strategies as st
 
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.errors import InputError
+from semcal_cli.formats.intrinsics import read_intrinsics
 
 MODELS = "plumb_bob, rational_polynomial, thin_prism, fisheye, omnidirectional, equirectangular, fov, double_sphere"
 
@@ -46,64 +46,6 @@ MODELS = "plumb_bob, rational_polynomial, thin_prism, fisheye, omnidirectional, 
 def test_intrinsics(tmp_path: Path, text: str, camera: str | None, expected: dict[str, Any]) -> None:
     write(tmp_path / "camera.yaml", text)
     assert read_intrinsics(tmp_path / "camera.yaml", camera) == LENS | expected
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        (
-            "a: 1\n",
-            "found top-level keys 'a', needed a ROS camera_info (distortion_model), a Kalibr camchain "
-            "(cam0) or an OpenCV FileStorage (camera_matrix)",
-        ),
-        (
-            ROS.replace("plumb_bob", "brown"),
-            "distortion_model: found 'brown', needed one of: plumb_bob, radtan, "
-            "rational_polynomial, equidistant, fisheye, kannala_brandt",
-        ),
-        (
-            ROS.replace("15.5, 0, 0, 1]", "15.5]"),
-            "camera_matrix: found a list of 6, needed 9 numbers by rows",
-        ),
-        (ROS.replace("image_width: 64", ""), "image_width: found nothing, needed a value"),
-        (KALIBR, "camera: none given, needed one of: cam0, cam1, cam2"),
-        (KALIBR.split("cam1")[0].replace("51, ", ""), "intrinsics: found a list of 3, needed 4 numbers"),
-        (
-            OPENCV.replace("camera_matrix", "M"),
-            "found keys calibration_time, image_width, image_height, M, "
-            "distortion_coefficients, needed one of: camera_matrix, cameraMatrix, CameraMatrix, K",
-        ),
-        (ROS_ECHO.replace("roi:", "roi: 5\nr:"), "roi: found 5, needed a mapping"),
-        (
-            '<!DOCTYPE a [<!ENTITY b "c">]>' + OPENCV_XML,
-            "found <!DOCTYPE, needed XML without declarations",
-        ),
-        (OPENCV_XML.replace("</flags>", ""), "line 23: found no well-formed XML, needed it"),
-        (
-            OPENCV_XML.replace("opencv_storage", "storage"),
-            "found XML of 'storage', needed 'opencv_storage' with keys in it",
-        ),
-        (OPENCV_XML.replace("flags>", "image_width>"), "key 'image_width' is given twice"),
-        (
-            OPENCV_XML.replace("3.15000000e+01", "nan"),
-            "camera_matrix: found '50. 0. nan 0. 51.\\n    1.55e+01 0. 0. 1.', needed numbers",
-        ),
-        (
-            OPENCV.replace("0.002, 0.3 ]", "0.002, 0.3, 0.4 ]"),
-            "distortion_coefficients: found 6 numbers, needed one of: 4, 5, 8, 12, 14",
-        ),
-        (
-            OPENCV.replace("image_width: 64", "image_width: wide"),
-            "image_width: found 'wide', needed numbers",
-        ),
-    ],
-)
-def test_wrong_intrinsics(tmp_path: Path, text: str, expected: str) -> None:
-    path = tmp_path / "camera.yaml"
-    write(path, text)
-    with pytest.raises(InputError) as error:
-        read_intrinsics(path, None)
-    assert str(error.value) == f"{path}: {expected}"
 
 
 @pytest.mark.parametrize(
@@ -169,39 +111,6 @@ def test_a_model_that_is_asked_for_goes_before_the_file(
     write(tmp_path / "camera.yaml", text)
     block = read_intrinsics(tmp_path / "camera.yaml", camera, "fisheye")
     assert block == LENS | {"model": "fisheye", "distortion": [-0.1, 0.2, 0.001, 0.002]}
-
-
-@pytest.mark.parametrize(
-    ("text", "camera", "model", "expected"),
-    [
-        (ROS, None, "fisheye", ": found 5 coefficients, needed 0 or 4 for --model fisheye"),
-        (
-            KALIBR,
-            "cam2",
-            "fisheye",
-            ": found model 'omnidirectional', which cannot be taken as --model fisheye",
-        ),
-        (KALIBR, "cam1", "fov", ": found 4 coefficients, needed 1 for --model fov"),
-        (
-            KITTI_360_FISHEYE,
-            None,
-            "plumb_bob",
-            ": found model 'omnidirectional', which cannot be taken as --model plumb_bob",
-        ),
-        (OPENCV, None, "pinhole", f"--model: found 'pinhole', needed one of: {MODELS}"),
-        (ROS, "left", None, ": found one camera without a name, needed no --camera ('left')"),
-        (OPENCV, "left", None, ": found one camera without a name, needed no --camera ('left')"),
-        (KITTI_360_FISHEYE, "left", None, ": found one camera without a name, needed no --camera ('left')"),
-    ],
-)
-def test_options_that_do_not_fit_the_intrinsics(
-    tmp_path: Path, text: str, camera: str | None, model: str | None, expected: str
-) -> None:
-    path = tmp_path / "camera.yaml"
-    write(path, text)
-    with pytest.raises(InputError) as error:
-        read_intrinsics(path, camera, model)
-    assert str(error.value) == (f"{path}{expected}" if expected.startswith(":") else expected)
 
 
 def test_xml_that_opencv_wrote(tmp_path: Path) -> None:

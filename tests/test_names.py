@@ -4,79 +4,36 @@ import pytest
 from format_files import T_ANY
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import FormatOptions, between, named
-from semcal_cli.formats.names import has_camera_word, has_lidar_word, is_ambiguous
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.frames import CAMERA_WORDS, LIDAR_WORDS, between, has_word, named
+
+NAMES = {
+    (True, False): (
+        "camera0/camera_link camera1/camera_optical_link CAM_FRONT CAM_BACK_LEFT frontCamera cam0 front_optical "
+        "camera_color_optical_frame RGBCamera CamFront pylon_camera_node usb-cam.2 /cam/left tier4_camera"
+    ),
+    (False, True): (
+        "LIDAR_TOP velodyne_top_base_link velodyne os1_lidar os_sensor os0 OS1-128 pandar40p livox_front hesai_top "
+        "PandarQT vlp16 VLP-16 hdl64e robosense_helios rslidar laser LiDAR_top topLiDAR base_scan ouster/points lidar "
+        "front-lidar.1 OSLidar"
+    ),
+    # Parts of words say nothing.
+    (False, False): "base_link imu gnss oscar position scandium camber solidarity",
+    (True, True): "hesai_cam velodyne_camera os_cam_optical lidarCamera livox/cam0",
+}
+"""Names, by whether they have a word of a camera and of a LiDAR."""
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *(
-            "camera0/camera_link",
-            "camera1/camera_optical_link",
-            "CAM_FRONT",
-            "CAM_BACK_LEFT",
-            "frontCamera",
-            "cam0",
-        ),
-        *(
-            "front_optical",
-            "camera_color_optical_frame",
-            "RGBCamera",
-            "CamFront",
-            "pylon_camera_node",
-            "usb-cam.2",
-        ),
-        *("left camera", "/cam/left", "tier4_camera"),
-    ],
-)
-def test_cameras_are_told(name: str) -> None:
-    assert (has_camera_word(name), has_lidar_word(name)) == (True, False)
+@pytest.mark.parametrize("told", NAMES)
+def test_sensors_are_told_by_words(told: tuple[bool, bool]) -> None:
+    names = [*NAMES[told].split(), *(["left camera"] if told == (True, False) else [])]
+    assert {
+        name: (has_word(name, CAMERA_WORDS), has_word(name, LIDAR_WORDS)) for name in names
+    } == dict.fromkeys(names, told)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        *(
-            "LIDAR_TOP",
-            "velodyne_top_base_link",
-            "velodyne",
-            "os1_lidar",
-            "os_sensor",
-            "os0",
-            "OS1-128",
-            "pandar40p",
-        ),
-        *(
-            "livox_front",
-            "hesai_top",
-            "PandarQT",
-            "vlp16",
-            "VLP-16",
-            "hdl64e",
-            "robosense_helios",
-            "rslidar",
-            "laser",
-        ),
-        *("LiDAR_top", "topLiDAR", "base_scan", "ouster/points", "lidar", "front-lidar.1", "OSLidar"),
-    ],
-)
-def test_lidars_are_told(name: str) -> None:
-    assert (has_camera_word(name), has_lidar_word(name)) == (False, True)
-
-
-@pytest.mark.parametrize(
-    "name", ["base_link", "imu", "gnss", "oscar", "position", "scandium", "camber", "solidarity"]
-)
-def test_parts_of_words_say_nothing(name: str) -> None:
-    assert (has_camera_word(name), has_lidar_word(name)) == (False, False)
-
-
-@pytest.mark.parametrize(
-    "name", ["hesai_cam", "velodyne_camera", "os_cam_optical", "lidarCamera", "livox/cam0"]
-)
+@pytest.mark.parametrize("name", NAMES[True, True].split())
 def test_a_camera_beside_a_lidar_is_ambiguous(name: str) -> None:
-    assert is_ambiguous(name)
     with pytest.raises(InputError, match=f"found frames 'velodyne' and '{name}', needed --camera to name"):
         between("a", T_ANY, "velodyne", name, FormatOptions(frame="optical"))
     between("a", T_ANY, "velodyne", name, FormatOptions(frame="optical", camera=name))

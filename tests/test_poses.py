@@ -11,8 +11,7 @@ from hypothesis import given
 from test_calibration import make_calibration
 
 from semcal_cli.fleet.members import _Line
-from semcal_cli.formats import read_transform, write_transform
-from semcal_cli.formats.semcal import read_record
+from semcal_cli.formats import read_extrinsic, read_transform, write_transform
 from semcal_cli.geometry.poses import Pose, as_transform, check_rigid, inverse, orthonormal, quaternion_xyzw
 from semcal_cli.result.calibration import Calibration, calibration_text, read_calibration, write_calibration
 
@@ -68,7 +67,7 @@ def test_a_calibration_that_is_read_is_rigid_in_every_form(T: Pose, tmp_path: Pa
     found, expected = read_calibration(tmp_path / "c.json"), orthonormal(T)
     for pose in (found.pose, found.T_camera_lidar, read_transform(tmp_path / "c.json")):
         np.testing.assert_array_equal(pose, expected)
-    assert read_record(tmp_path / "c.json") == found
+    assert read_extrinsic(tmp_path / "c.json").record == found
     np.testing.assert_array_equal(found.T_lidar_camera, inverse(expected))
     assert np.linalg.norm(found.quaternion_xyzw) == pytest.approx(1.0, abs=RIGID)
     for part in (found.stages["initial"], found.hypotheses[0]):

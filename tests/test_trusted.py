@@ -21,8 +21,7 @@ from semcal_cli.drive.classes import NO_CLASS
 from semcal_cli.drive.document import read_drive
 from semcal_cli.drive.loading import load
 from semcal_cli.drive.observations import Observations
-from semcal_cli.formats import read_transform
-from semcal_cli.formats.semcal import read_record
+from semcal_cli.formats import read_extrinsic, read_transform
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
@@ -80,7 +79,7 @@ def test_k_is_part_of_the_interval_unless_it_is_exact(drive: Path, tmp_path: Pat
         out = tmp_path / "found.yaml"
         answer = CliRunner().invoke(semcal, ["calibrate", str(drive), "-o", str(out), *options])
         assert answer.exit_code in (0, 3), answer.output
-        record = read_record(out)
+        record = read_extrinsic(out).record
         assert record is not None
         assert record.uncertainty is not None
         return record.uncertainty, answer.output
@@ -177,7 +176,7 @@ def test_errors_of_k_beside_priors_are_part_of_the_covariance(
     arguments = ["calibrate", str(drive), "--init", str(drive), *known, "-o", str(out), "-q"]
     answer = CliRunner().invoke(semcal, arguments)
     assert answer.exit_code in (0, 3), answer.exception
-    record = read_record(out)
+    record = read_extrinsic(out).record
     assert record is not None
     assert record.uncertainty is not None
     whole = np.array(record.uncertainty.covariance)

@@ -10,7 +10,6 @@ import numpy as np
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.formats import read_extrinsic
-from semcal_cli.formats.semcal import read_half_widths
 from semcal_cli.geometry.pose_error import PoseError, compare_poses
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.result.camera_words import camera_differences
@@ -72,7 +71,7 @@ def read_known(path: Path) -> Known:
     """
     found = read_extrinsic(path)
     record = found.record
-    half_widths = read_half_widths(path)
+    half_widths = found.half_widths
     if half_widths is not None:
         half_widths = (*(100.0 * half for half in half_widths[:3]), *half_widths[3:])
     is_camera_found = record is not None and record.camera is not None and record.camera.is_kept

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from semcal_cli.bags.messages import Message
-from semcal_cli.datasets.intrinsics import ros_camera
 from semcal_cli.errors import InputError
+from semcal_cli.formats.intrinsics import ros_camera
 
 RECTIFIED = "image_rect"
 """Start of the name of a topic with rectified pictures (image_proc)."""
@@ -90,7 +89,7 @@ def camera_block(info: CameraInfo, topic: str, *, rectified: bool) -> dict[str, 
     if rectified:
         projection = np.reshape(info.P, (3, 4))[:, :3]
         document |= {"distortion_model": "plumb_bob", "K": projection.ravel().tolist(), "D": []}
-    return ros_camera(Path(topic), document)
+    return ros_camera(topic, document)
 
 
 def _short(value: object) -> str:

@@ -29,7 +29,6 @@ from semcal_cli.bags.motion import TF_STATIC, Trajectory, find_motion, read_fram
 from semcal_cli.bags.pairs import Pairing
 from semcal_cli.bags.topics import MAX_FRAMES, Request, Topics, choose_topics
 from semcal_cli.bags.transforms import FrameTree
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.recording import Recording
 from semcal_cli.datasets.writing import Options, Written, write_drive
 from semcal_cli.drive.output import output_drive_file
@@ -38,6 +37,7 @@ from semcal_cli.events import Listener, Progress, ignore
 from semcal_cli.files.messages import listed, os_reason
 from semcal_cli.files.reading import is_folder, is_same_file
 from semcal_cli.files.writing import make_folder
+from semcal_cli.formats.intrinsics import read_intrinsics
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose
 

@@ -14,18 +14,27 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.files import inside, need_file, numbered_files, pick
+from semcal_cli.datasets.files import inside, need_file, numbered_files
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import Cloud, Conversion, Recording, Request, SourceFrame
+from semcal_cli.datasets.recording import (
+    Cloud,
+    Conversion,
+    Recording,
+    Request,
+    SourceFrame,
+    joined,
+)
 from semcal_cli.drive.frame_selection import evenly_spaced
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import describe
 from semcal_cli.files.point_clouds import read_point_clouds
-from semcal_cli.formats.values import MAX_MOUNT_M, image_side, number
-from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
+from semcal_cli.formats.frames import T_BODY_OPTICAL
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.pose import ANGLES, PLACE
+from semcal_cli.formats.values import MAX_MOUNT_M, pick
+from semcal_cli.geometry.poses import Pose, inverse
 
-PLACES, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
 FOV_DEG = 0.1, 179.9
 SEGMENTATION, IMAGE = "sensor.camera.semantic_segmentation", "sensor.camera.rgb"
 LIDAR, SEMANTIC_LIDAR = "sensor.lidar.ray_cast", "sensor.lidar.ray_cast_semantic"
@@ -45,7 +54,7 @@ class Sensor:
     type: str
     T_vehicle_sensor: Pose
     """(4, 4), metres, between right-handed frames: x forward, y left, z up."""
-    settings: dict[str, Any]
+    settings: Node
 
 
 def read(request: Request) -> Recording:
@@ -64,9 +73,9 @@ def read(request: Request) -> Recording:
     if not frames:
         raise InputError(f"{request.root}: found no frame that {camera.name} and {lidar.name} share")
     return Recording(
-        camera=_pinhole(sensors, camera),
+        camera=_pinhole(camera.settings),
         frames=frames,
-        T_camera_lidar=_camera_from_vehicle(camera) @ lidar.T_vehicle_sensor,
+        T_camera_lidar=inverse(camera.T_vehicle_sensor @ T_BODY_OPTICAL) @ lidar.T_vehicle_sensor,
         point_classes=ontology if lidar.type == SEMANTIC_LIDAR else None,
         image_classes=ontology,
         ids_in_red=_are_raw([frame.image_labels for frame in frames if frame.image_labels]),
@@ -117,25 +126,17 @@ def _table(version: str | None) -> str:
 def _read_rig(path: Path) -> list[Sensor]:
     """Read the cameras and LiDARs of a rig; other sensors, such as a speedometer, have no pose."""
     kinds = (SEGMENTATION, IMAGE, LIDAR, SEMANTIC_LIDAR)
-    return [
-        _sensor(path, index, settings)
-        for index, settings in enumerate(read_list(path))
-        if settings.get("type") in kinds
-    ]
+    rows = ((f"[{index}].id", row) for index, row in enumerate(read_list(path)))
+    return [_sensor(path, where, row) for where, row in rows if row.get("type") in kinds]
 
 
-def _sensor(path: Path, index: int, settings: dict[str, Any]) -> Sensor:
-    name = settings.get("id")
-    inside(path.parent, name, f"{path}: [{index}].id")
-    places = [
-        number(_key(path, settings, key), settings.get(key), -MAX_MOUNT_M, MAX_MOUNT_M) for key in PLACES
-    ]
-    angles = [number(_key(path, settings, key), settings.get(key)) for key in ANGLES]
-    return Sensor(str(name), settings["type"], pose_from_unreal(*places, *angles), settings)
-
-
-def _key(path: Path, settings: dict[str, Any], key: str) -> str:
-    return f"{path}: sensor {describe(settings['id'])}: {key}"
+def _sensor(path: Path, where: str, row: dict[str, Any]) -> Sensor:
+    name = row.get("id")
+    inside(path.parent, name, f"{path}: {where}")
+    settings = Node(str(path), row, f"sensor {describe(name)}")
+    places = [settings.at(key).number(-MAX_MOUNT_M, MAX_MOUNT_M) for key in PLACE]
+    angles = [settings.at(key).number() for key in ANGLES]
+    return Sensor(str(name), row["type"], pose_from_unreal(*places, *angles), settings)
 
 
 def _lidars(rig: list[Sensor]) -> list[str]:
@@ -148,56 +149,44 @@ def _named(rig: list[Sensor], name: str) -> Sensor:
     return next(sensor for sensor in rig if sensor.name == name)
 
 
-def _camera_from_vehicle(camera: Sensor) -> Pose:
-    """T_camera_vehicle (4, 4) of the camera's optical frame."""
-    T_body_optical = np.eye(4)
-    T_body_optical[:3, :3] = OPTICAL_AXES
-    return inverse(camera.T_vehicle_sensor @ T_body_optical)
-
-
-def _pinhole(path: Path, camera: Sensor) -> dict[str, Any]:
+def _pinhole(settings: Node) -> dict[str, Any]:
     """Camera block of the renderer's pinhole camera.
 
     The optical axis meets the middle of the image, which lies between pixel centres.
     """
-    where = {key: _key(path, camera.settings, key) for key in ("width", "height", "fov")}
-    width, height = (image_side(where[key], camera.settings.get(key)) for key in ("width", "height"))
-    fov_deg = number(where["fov"], camera.settings.get("fov"), *FOV_DEG)
+    width, height = (settings.at(key).side() for key in ("width", "height"))
+    fov_deg = settings.at("fov").number(*FOV_DEG)
     focal = 0.5 * width / float(np.tan(np.radians(0.5 * fov_deg)))
     K = [[focal, 0.0, 0.5 * (width - 1)], [0.0, focal, 0.5 * (height - 1)], [0.0, 0.0, 1.0]]
     return {"model": "plumb_bob", "width": width, "height": height, "K": K}
 
 
 def _frames(root: Path, rig: list[Sensor], camera: Sensor, lidar: Sensor) -> list[SourceFrame]:
-    clouds = _by_number(root / lidar.name, ".ply")
-    image_labels = _by_number(root / camera.name, ".png")
-    images = next(
+    clouds = numbered_files(root / lidar.name, ".ply")
+    has_labels = lidar.type == SEMANTIC_LIDAR
+    pictures = next(
         (_by_number(root / other.name, ".png", ".jpg") for other in rig if _looks_alike(other, camera)), {}
     )
-    return [
-        SourceFrame(
-            name=cloud.stem,
-            points=Conversion(
-                partial(_convert, cloud), has_labels=lidar.type == SEMANTIC_LIDAR, file=cloud, in_order=True
-            ),
-            image_labels=image_labels[number],
-            image=images.get(number),
-        )
-        for number, cloud in clouds.items()
-        if number in image_labels
-    ]
+    return joined(
+        {
+            name: Conversion(partial(_convert, cloud), has_labels=has_labels, file=cloud, in_order=True)
+            for name, cloud in clouds.items()
+        },
+        needs=("image_labels",),
+        image_labels=_by_number(root / camera.name, ".png"),
+        image=pictures,
+    )
 
 
 def _looks_alike(other: Sensor, camera: Sensor) -> bool:
     """Whether a colour camera has the pose and the lens of the segmentation camera."""
     keys = ("width", "height", "fov")
-    same_lens = all(other.settings.get(key) == camera.settings.get(key) for key in keys)
+    same_lens = all(other.settings.value.get(key) == camera.settings.value.get(key) for key in keys)
     return other.type == IMAGE and same_lens and np.allclose(other.T_vehicle_sensor, camera.T_vehicle_sensor)
 
 
 def _by_number(folder: Path, *suffixes: str) -> dict[int, Path]:
-    files = numbered_files(folder, *suffixes)
-    return dict(sorted((int(stem), path) for stem, path in files.items()))
+    return {int(stem): path for stem, path in numbered_files(folder, *suffixes).items()}
 
 
 def _convert(path: Path) -> Cloud:

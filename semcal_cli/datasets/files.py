@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import describe, one_of, os_reason
+from semcal_cli.files.messages import describe, os_reason
+from semcal_cli.files.picture_sizes import read_size
 from semcal_cli.files.reading import is_folder, read_start
+from semcal_cli.formats.values import image_side
 
 
 def need_file(path: Path) -> Path:
@@ -61,6 +62,16 @@ def writable_name(path: Path, name: str) -> str:
     return name
 
 
+def image_size(path: Path) -> tuple[int, int]:
+    """Read the width and height of an image from its header, in pixels.
+
+    Raises:
+        InputError: the file does not exist, or is no image, or has no pixels.
+    """
+    width, height = read_size(path)
+    return image_side(f"{path}: width", width), image_side(f"{path}: height", height)
+
+
 def folders(root: Path) -> list[str]:
     """List the names of the folders in a folder, sorted."""
     return [path.name for path in _content(root) if is_folder(path)]
@@ -84,33 +95,10 @@ def files_by_stem(folder: Path, *suffixes: str) -> dict[str, Path]:
 
 
 def numbered_files(folder: Path, *suffixes: str) -> dict[str, Path]:
-    """List the files of a folder whose stems are numbers in plain digits, as `files_by_stem` does."""
+    """List the files of a folder whose stems are numbers in plain digits, as `files_by_stem` does, by number."""
     files = files_by_stem(folder, *suffixes)
-    return {stem: path for stem, path in files.items() if stem.isascii() and stem.isdecimal()}
-
-
-def pick(
-    kind: str, wanted: str | None, known: Sequence[str], where: Path, *, usual: str | None = None
-) -> str:
-    """Choose a sequence, a camera or the like: the wanted one, else the usual one, else the only one.
-
-    Args:
-        kind: What is chosen, as messages call it.
-        wanted: The name that the user gives, if any.
-        known: All names.
-        where: The file or folder that messages name.
-        usual: The name that is taken if none is wanted.
-
-    Raises:
-        InputError: the wanted name does not exist, or there are several and none is wanted.
-    """
-    choice = usual if wanted is None else wanted
-    if choice in known:
-        return str(choice)
-    if choice is None and len(known) == 1:
-        return known[0]
-    found = "none given" + (f", and no {usual}" if usual else "") if wanted is None else f"found {wanted!r}"
-    raise InputError(f"{where}: {kind}: {found}, needed {one_of(choice or '', known)}")
+    numbered = [stem for stem in files if stem.isascii() and stem.isdecimal()]
+    return {stem: files[stem] for stem in sorted(numbered, key=int)}
 
 
 def _content(folder: Path) -> list[Path]:

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from semcal_cli.config import MAX_POINTS
-from semcal_cli.datasets.intrinsics import read_intrinsics
-from semcal_cli.datasets.labels import CLOUD_SUFFIXES, PICTURE_SUFFIXES
+from semcal_cli.datasets.labels import CLOUD_SUFFIXES, PICTURE_SUFFIXES, stem
 from semcal_cli.datasets.labels import SUFFIXES as LABEL_SUFFIXES
-from semcal_cli.datasets.pairing import by_time, pairs, stamps_s, stem
+from semcal_cli.datasets.pairing import by_time, pairs, stamps_s
 from semcal_cli.datasets.recording import Recording, SourceFrame
 from semcal_cli.drive.document import drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.point_clouds import read_point_clouds
 from semcal_cli.files.validation import MAX_TRANSLATION_M
 from semcal_cli.formats import read_transform
+from semcal_cli.formats.intrinsics import read_intrinsics
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose
 

@@ -14,16 +14,19 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.datasets import kitti
-from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
-from semcal_cli.datasets.intrinsics import read_mei
+from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
 from semcal_cli.datasets.kitti_360_windows import Windows
 from semcal_cli.datasets.kitti_raw import read_stamps
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, speeds_mps
+from semcal_cli.datasets.recording import Recording, Request, joined
+from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_rows, speeds_mps
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
-from semcal_cli.formats.values import MAX_WORLD_M, parse_numbers, pose_from_rows, read_keyed, transform
+from semcal_cli.formats.intrinsics import read_intrinsics
+from semcal_cli.formats.keyed import read_keyed
+from semcal_cli.formats.kitti_360 import camera0_pose
+from semcal_cli.formats.pose import from_line, from_rows, rotation
+from semcal_cli.formats.values import MAX_WORLD_M, pick
 from semcal_cli.geometry.poses import Pose, inverse
 
 USUAL_CAMERA = "image_00"
@@ -33,6 +36,7 @@ FISHEYES = ("image_02", "image_03")
 """Cameras that look to the sides. Their images are always raw, in data_rgb."""
 RAW_REMARK = "data_2d_semantics labels rectified pictures: raw ones take theirs from --image-labels"
 PARTS = ("train", "test")
+PICTURES = ("image", "image_labels")
 MAX_FRAME = 10**9
 
 
@@ -48,16 +52,21 @@ def read(request: Request) -> Recording:
     camera = pick("camera", request.camera, [*PERSPECTIVE, *FISHEYES], root, usual=USUAL_CAMERA)
     rectified = _is_rectified(camera, request.rectified)
     block, T_camera_camera0 = _camera(root / "calibration", camera, rectified)
-    T_velo_camera0 = _camera_to_velodyne(root / "calibration/calib_cam_to_velo.txt")
+    to_velo = root / "calibration/calib_cam_to_velo.txt"
+    T_camera0_lidar = camera0_pose(to_velo, read_text(to_velo))
+    images = _images(root, sequence, camera, rectified)
     folder = _windows_folder(root, sequence)
     if folder is None:
-        frames, remarks = _raw_frames(root, sequence, camera, rectified), ("raw sweeps carry no labels",)
-    else:
-        T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ inverse(T_velo_camera0)
-        frames, remarks = (
-            _window_frames(root, sequence, camera, rectified, folder, T_pose_lidar),
-            (f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}",),
+        frames = joined(
+            **_sweeps(root / "data_3d_raw" / sequence / "velodyne_points"), **images, needs=PICTURES
         )
+        remarks = ("raw sweeps carry no labels",)
+    else:
+        windows = Windows(folder, visible_only=camera in PERSPECTIVE)
+        T_pose_lidar = _camera_to_pose(root / "calibration", USUAL_CAMERA) @ T_camera0_lidar
+        poses = root / "data_poses" / sequence / "poses.txt"
+        frames = joined(**_cuts(windows, poses, T_pose_lidar), **images, needs=PICTURES)
+        remarks = (f"raw sweeps carry no labels: points are cut from the accumulated ones in {folder}",)
     raw_pair = camera in PERSPECTIVE and not rectified
     if not frames:
         place = f"{camera}/data_rgb" if raw_pair else camera
@@ -67,7 +76,7 @@ def read(request: Request) -> Recording:
         camera=block,
         lidar=kitti.LIDAR if folder is None else None,
         frames=frames,
-        T_camera_lidar=T_camera_camera0 @ inverse(T_velo_camera0),
+        T_camera_lidar=T_camera_camera0 @ T_camera0_lidar,
         point_classes=ontology if folder else None,
         image_classes=ontology if any(frame.image_labels for frame in frames) else None,
         remarks=(*remarks, RAW_REMARK) if raw_pair else remarks,
@@ -105,15 +114,14 @@ def _camera(folder: Path, camera: str, rectified: bool) -> tuple[dict[str, Any],
     """Read the camera block and T_camera_camera0, where camera 0 is as it was before rectification."""
     T = inverse(_camera_to_pose(folder, camera)) @ _camera_to_pose(folder, USUAL_CAMERA)
     if camera in FISHEYES:
-        return read_mei(_fisheye(folder, camera)), T
-    path, number = folder / "perspective.txt", camera.removeprefix("image_")
-    keyed = read_keyed(path)
+        return read_intrinsics(_fisheye(folder, camera)), T
+    keyed, number = read_keyed(folder / "perspective.txt"), camera.removeprefix("image_")
     if not rectified:
-        return kitti.raw_camera(path, keyed, number), T
+        return kitti.raw_camera(keyed, number), T
     # The baseline is in calib_cam_to_pose.txt already; the last column of P_rect would add it twice.
-    P = kitti.projection(path, keyed, f"P_rect_{number}")
-    block = kitti.pinhole(path, f"P_rect_{number}", P, *kitti.image_size(path, keyed, f"S_rect_{number}"))
-    return block, kitti.rotation(path, keyed, f"R_rect_{number}") @ T
+    width, height = kitti.image_size(keyed.at(f"S_rect_{number}"))
+    block = kitti.pinhole(keyed.at(f"P_rect_{number}"), width, height)
+    return block, rotation(keyed.at(f"R_rect_{number}")) @ T
 
 
 def _fisheye(folder: Path, camera: str) -> Path:
@@ -121,86 +129,47 @@ def _fisheye(folder: Path, camera: str) -> Path:
 
 
 def _camera_to_pose(folder: Path, camera: str) -> Pose:
-    path = folder / "calib_cam_to_pose.txt"
-    return transform(path, read_keyed(path), camera)
+    return from_line(read_keyed(folder / "calib_cam_to_pose.txt").at(camera))
 
 
-def _camera_to_velodyne(path: Path) -> Pose:
-    """Read T_velo_camera0, twelve numbers without a key."""
-    key = "camera 0 to LiDAR"
-    return pose_from_rows(f"{path}: {key}", parse_numbers(path, key, read_text(path), 12))
+def _sweeps(folder: Path) -> dict[str, Any]:
+    """Find the raw sweeps and their stamps."""
+    clouds = numbered_files(folder / "data", ".bin")
+    return {"clouds": clouds, "points_stamp": read_stamps(folder / "timestamps.txt")}
 
 
-def _raw_frames(root: Path, sequence: str, camera: str, rectified: bool) -> list[SourceFrame]:
-    points = root / "data_3d_raw" / sequence / "velodyne_points"
-    clouds = numbered_files(points / "data", ".bin")
-    stamps = read_stamps(points / "timestamps.txt")
-    images, labels, image_stamps = _image_files(root, sequence, camera, rectified)
-    return [
-        SourceFrame(
-            name=number,
-            points=cloud,
-            image=images.get(number),
-            image_labels=labels.get(number),
-            points_stamp=stamps.get(int(number)),
-            image_stamp=image_stamps.get(int(number)),
-        )
-        for number, cloud in clouds.items()
-        if number in images or number in labels
-    ]
+def _cuts(windows: Windows, file: Path, T_pose_lidar: Pose) -> dict[str, Any]:
+    """Cut clouds around each pose of the vehicle, with its speeds."""
+    poses = _read_poses(file)
+    clouds = {
+        f"{number:010d}": windows.around(number, T_world_pose @ T_pose_lidar)
+        for number, T_world_pose in poses.items()
+        if number in windows
+    }
+    return {"clouds": clouds, "speed_mps": _speeds(poses)}
 
 
-def _window_frames(
-    root: Path, sequence: str, camera: str, rectified: bool, folder: Path, T_pose_lidar: Pose
-) -> list[SourceFrame]:
-    poses = _read_poses(root / "data_poses" / sequence / "poses.txt")
-    speeds = _speeds(poses)
-    images, labels, image_stamps = _image_files(root, sequence, camera, rectified)
-    windows = Windows(folder, visible_only=camera in PERSPECTIVE)
-    frames = []
-    for number, T_world_pose in poses.items():
-        name = f"{number:010d}"
-        if (name in images or name in labels) and number in windows:
-            frames.append(
-                SourceFrame(
-                    name=name,
-                    points=windows.around(number, T_world_pose @ T_pose_lidar),
-                    image=images.get(name),
-                    image_labels=labels.get(name),
-                    image_stamp=image_stamps.get(number),
-                    speed_mps=speeds[number],
-                )
-            )
-    return frames
-
-
-def _image_files(
-    root: Path, sequence: str, camera: str, rectified: bool
-) -> tuple[dict[str, Path], dict[str, Path], dict[int, float]]:
+def _images(root: Path, sequence: str, camera: str, rectified: bool) -> dict[str, Any]:
     """Find the images, their label images and their stamps. Raw images of the perspective pair have no labels."""
     folder = root / "data_2d_raw" / sequence / camera
     images = folder / ("data_rect" if rectified else "data_rgb")
     parts = PARTS if rectified or camera in FISHEYES else ()
     semantics = [root / "data_2d_semantics" / part / sequence / camera / "semantic" for part in parts]
-    labels = next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {})
-    return (
-        files_by_stem(images, ".png") if images.is_dir() else {},
-        labels,
-        read_stamps(folder / "timestamps.txt"),
-    )
+    return {
+        "image": files_by_stem(images, ".png") if images.is_dir() else {},
+        "image_labels": next((files_by_stem(labels, ".png") for labels in semantics if labels.is_dir()), {}),
+        "image_stamp": read_stamps(folder / "timestamps.txt"),
+    }
 
 
 def _read_poses(path: Path) -> dict[int, Pose]:
     """Read T_world_pose of each frame that has one; a line holds the frame's number and 12 numbers."""
-    lines = [line for line in read_text(path).splitlines() if line.strip()]
-    return dict(_numbered_pose(path, f"line {i}", line) for i, line in enumerate(lines, start=1))
-
-
-def _numbered_pose(path: Path, key: str, line: str) -> tuple[int, Pose]:
-    frame, *rows = parse_numbers(path, key, line, 13).tolist()
-    if not frame.is_integer() or not 0 <= frame <= MAX_FRAME:
-        raise InputError(f"{path}: {key}: found frame {frame:g}, needed a whole number from 0 to {MAX_FRAME}")
-    return int(frame), pose_from_rows(f"{path}: {key}", np.array(rows), MAX_WORLD_M)
+    poses = {}
+    for where, (frame, *rows) in read_rows(path, 13, is_needed=True):
+        if not frame.is_integer() or not 0 <= frame <= MAX_FRAME:
+            raise InputError(f"{where}: found frame {frame:g}, needed a whole number from 0 to {MAX_FRAME}")
+        poses[int(frame)] = from_rows(where, rows, farthest_m=MAX_WORLD_M)
+    return poses
 
 
 def _speeds(poses: dict[int, Pose]) -> dict[int, float]:

@@ -8,12 +8,17 @@ from __future__ import annotations
 from datetime import datetime, timezone
 from pathlib import Path
 
+import numpy as np
+
 from semcal_cli.datasets import kitti
-from semcal_cli.datasets.files import files_by_stem, folders, numbered_files, pick
-from semcal_cli.datasets.recording import Recording, Request, SourceFrame
+from semcal_cli.datasets.files import files_by_stem, folders, numbered_files
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
-from semcal_cli.formats.values import numbers, parse_numbers, read_keyed, stamp_s
+from semcal_cli.formats.keyed import read_keyed
+from semcal_cli.formats.kitti import beside_camera0
+from semcal_cli.formats.pose import rotation, transform
+from semcal_cli.formats.values import parse_numbers, pick, rigid, stamp_s
 from semcal_cli.geometry.poses import Pose
 
 USUAL_CAMERA = "image_02"
@@ -39,43 +44,39 @@ def read(request: Request) -> Recording:
 
 
 def _calibrated(day: Path, camera: str, frames: list[SourceFrame]) -> Recording:
-    path = day / "calib_cam_to_cam.txt"
-    keyed = read_keyed(path)
-    key = f"P_rect_{camera}"
-    P = kitti.projection(path, keyed, key)
-    R_rect = kitti.rotation(path, keyed, "R_rect_00")
+    keyed = read_keyed(day / "calib_cam_to_cam.txt")
+    width, height = kitti.image_size(keyed.at(f"S_rect_{camera}"))
     return Recording(
-        camera=kitti.pinhole(path, key, P, *kitti.image_size(path, keyed, f"S_rect_{camera}")),
+        camera=kitti.pinhole(keyed.at(f"P_rect_{camera}"), width, height),
         lidar=kitti.LIDAR,
         frames=frames,
-        T_camera_lidar=kitti.beside_camera0(path, key, P) @ R_rect @ _velodyne_to_camera0(day),
+        T_camera_lidar=reference(day, camera),
     )
 
 
-def _velodyne_to_camera0(day: Path) -> Pose:
-    path = day / "calib_velo_to_cam.txt"
-    keyed = read_keyed(path)
-    return kitti.translated(path, "T", numbers(path, keyed, "T", 3)) @ kitti.rotation(path, keyed, "R")
+def reference(day: Path, camera: str) -> Pose:
+    """Read T_camera_lidar (4, 4) of a rectified camera from a day's calibration files.
+
+    Raises:
+        InputError: a key is missing or wrong.
+    """
+    cameras, velo = (read_keyed(day / f"calib_{name}_to_cam.txt") for name in ("cam", "velo"))
+    shift = velo.at("T")
+    T_camera0_lidar = rigid(shift.where, transform(np.eye(3), shift.numbers(3))) @ rotation(velo.at("R"))
+    T_camera_camera0 = beside_camera0(cameras.at(f"P_rect_{camera}")) @ rotation(cameras.at("R_rect_00"))
+    return T_camera_camera0 @ T_camera0_lidar
 
 
 def _frames(folder: Path, camera: str) -> list[SourceFrame]:
     clouds = numbered_files(folder / "velodyne_points/data", ".bin")
-    images = files_by_stem(folder / camera / "data", ".png", ".jpg")
-    points_stamps, image_stamps = (
-        read_stamps(folder / part / "timestamps.txt") for part in ("velodyne_points", camera)
+    packets = files_by_stem(folder / "oxts/data", ".txt") if (folder / "oxts/data").is_dir() else {}
+    return joined(
+        clouds,
+        image=files_by_stem(folder / camera / "data", ".png", ".jpg"),
+        points_stamp=read_stamps(folder / "velodyne_points/timestamps.txt"),
+        image_stamp=read_stamps(folder / camera / "timestamps.txt"),
+        speed_mps={name: _speed(path) for name, path in packets.items() if name in clouds},
     )
-    return [
-        SourceFrame(
-            name=number,
-            points=cloud,
-            image=images[number],
-            points_stamp=points_stamps.get(int(number)),
-            image_stamp=image_stamps.get(int(number)),
-            speed_mps=_speed(folder / "oxts/data" / f"{number}.txt"),
-        )
-        for number, cloud in clouds.items()
-        if number in images
-    ]
 
 
 def read_stamps(path: Path) -> dict[int, float]:
@@ -90,10 +91,10 @@ def read_stamps(path: Path) -> dict[int, float]:
     if not path.exists():
         return {}
     lines = read_text(path).splitlines()
-    return {index: parse_stamp(path, index + 1, line) for index, line in enumerate(lines) if line.strip()}
+    return {index: _stamp(path, index + 1, line) for index, line in enumerate(lines) if line.strip()}
 
 
-def parse_stamp(path: Path, number: int, line: str) -> float:
+def _stamp(path: Path, number: int, line: str) -> float:
     """Convert a line such as `2011-09-26 13:02:25.951199337`, taken as UTC, to Unix seconds.
 
     Raises:
@@ -112,11 +113,9 @@ def parse_stamp(path: Path, number: int, line: str) -> float:
     return stamp_s(f"{path}: line {number}", seconds)
 
 
-def _speed(path: Path) -> float | None:
-    """Read the speed at a frame from its inertial packet, metres a second; None without a packet."""
-    if not path.exists():
-        return None
-    values = read_text(path).split()
+def _speed(packet: Path) -> float:
+    """Read the speed at a frame from its inertial packet, metres a second."""
+    values = read_text(packet).split()
     if len(values) <= FORWARD_SPEED:
-        raise InputError(f"{path}: found {len(values)} values, needed at least {FORWARD_SPEED + 1}")
-    return abs(float(parse_numbers(path, f"value {FORWARD_SPEED + 1}", values[FORWARD_SPEED], 1)[0]))
+        raise InputError(f"{packet}: found {len(values)} values, needed at least {FORWARD_SPEED + 1}")
+    return abs(float(parse_numbers(packet, f"value {FORWARD_SPEED + 1}", values[FORWARD_SPEED], 1)[0]))

@@ -21,6 +21,12 @@ CLOUD_SUFFIXES = (".pcd.bin", ".bin", ".pcd", ".ply", ".npy", ".npz", ".las", ".
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp")
 
 
+def stem(path: Path) -> str:
+    """Remove the suffix from a file's name; `.pcd.bin` counts as one suffix."""
+    suffix = next((suffix for suffix in CLOUD_SUFFIXES if path.name.endswith(suffix)), path.suffix)
+    return path.name.removesuffix(suffix)
+
+
 def with_labels(recording: Recording, side: Side, folder: Path) -> Recording:
     """Take the labels of points or of images from a folder, in files named after the frame, its image or its cloud.
 
@@ -94,6 +100,5 @@ def _stems(frame: SourceFrame) -> Iterator[str]:
     if frame.image is not None:
         yield frame.image.stem
     if frame.cloud_file is not None:
-        name = frame.cloud_file.name
-        yield next((name.removesuffix(s) for s in CLOUD_SUFFIXES if name.endswith(s)), frame.cloud_file.stem)
+        yield stem(frame.cloud_file)
     yield from frame.label_names

@@ -1,4 +1,4 @@
-"""nuScenes: keyframes of a scene, from the tables in ROOT/v1.0-mini.
+"""nuScenes: keyframes of a scene, from the tables in ROOT/v1.0-mini (schema_nuscenes.md of nutonomy/nuscenes-devkit).
 
 Quaternions have w first. Sensor poses map the sensor to the vehicle, vehicle poses map the vehicle to the world at the
 time of each sensor:
@@ -8,36 +8,76 @@ Predictions are named after the token of the sweep, as <token>_lidarseg.bin (nus
 
 from __future__ import annotations
 
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.files import folders, inside, need_file, pick
-from semcal_cli.datasets.nuscenes_tables import (
-    CalibratedSensor,
-    EgoPose,
-    Lidarseg,
-    Sample,
-    SampleData,
-    Scene,
-    Sensor,
-    Tables,
-)
+from semcal_cli.datasets.files import folders, inside, need_file
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.datasets.trajectory import speeds_mps
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe
+from semcal_cli.files.rows import read_rows
 from semcal_cli.files.validation import MAX_TRANSLATION_M
-from semcal_cli.formats.values import camera_block, image_side, rigid
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.values import MAX_STAMP_S, MAX_WORLD_M, camera_block, number, pick, rigid
+from semcal_cli.geometry.poses import Pose, inverse, pose_from_quaternion
 
 LIDAR_CHANNEL = "LIDAR_TOP"
 USUAL_CAMERA = "CAM_FRONT"
 LIDAR = {"channels": 32, "columns": 1084, "fov_up_deg": 10.67, "fov_down_deg": -30.67}
 """Scan pattern of the Velodyne HDL-32E at 20 turns a second."""
 MICROSECONDS = 1e-6
+
+
+@dataclass(frozen=True)
+class Tables:
+    """The tables in the folder of one version, which are lists of rows with tokens."""
+
+    root: Path
+    """Folder of the data set."""
+    folder: Path
+
+    def path(self, table: str) -> Path:
+        """Locate the file of a table."""
+        return self.folder / f"{table}.json"
+
+    def rows(self, table: str) -> Iterator[tuple[str, Node]]:
+        """Read the rows of a table with their tokens.
+
+        Raises:
+            InputError: the table does not exist, or a row is no mapping with a token.
+        """
+        path = self.path(table)
+        for index, row in enumerate(read_rows(path)):
+            node = Node(str(path), row, f"[{index}]")
+            yield text(node, "token"), node
+
+    def chosen(self, table: str, tokens: Collection[str]) -> dict[str, Node]:
+        """Read the rows with these tokens.
+
+        Raises:
+            InputError: a row is missing.
+        """
+        rows = {token: row for token, row in self.rows(table) if token in tokens}
+        if missing := sorted(set(tokens) - rows.keys()):
+            raise InputError(
+                f"{self.path(table)}: found no row with token {describe(missing[0])}, needed one"
+            )
+        return rows
+
+    def file(self, row: Node) -> Path:
+        """Locate the file that a row names; it need not exist.
+
+        Raises:
+            InputError: no file inside the data set can have this name.
+        """
+        filename = row.at("filename")
+        return inside(self.root, filename.value, filename.where)
 
 
 def read(request: Request) -> Recording:
@@ -47,110 +87,111 @@ def read(request: Request) -> Recording:
         InputError: the scene, the camera, a row or a file is missing or wrong, or no keyframe is complete.
     """
     versions = [name for name in folders(request.root) if name.startswith("v1.0")]
-    tables = Tables(request.root / pick("version", request.version, versions, request.root))
-    sensors = tables.rows("calibrated_sensor", CalibratedSensor)
+    version = pick("version", request.version, versions, request.root)
+    tables = Tables(request.root, request.root / version)
+    sensors = dict(tables.rows("calibrated_sensor"))
     keyframes = _keyframes(tables, sensors, request)
-    T_world_sensor = _sensor_poses(tables, [row for pair in keyframes for row in pair])
-    point_labels = _lidarseg(tables, request.root)
-    frames = [
-        SourceFrame(
-            name=sweep.token,
-            points=_file(tables, request.root, sweep),
-            point_labels=need_file(point_labels[sweep.token]) if sweep.token in point_labels else None,
-            image=_file(tables, request.root, image),
-            points_stamp=sweep.timestamp * MICROSECONDS,
-            image_stamp=image.timestamp * MICROSECONDS,
-            speed_mps=speed,
-            T_camera_lidar=rigid(
-                f"{tables.path('ego_pose')}: rows {describe(sweep.ego_pose_token)} and "
-                f"{describe(image.ego_pose_token)}: T_camera_lidar",
-                inverse(T_world_sensor[image.token]) @ T_world_sensor[sweep.token],
-                MAX_TRANSLATION_M,
-            ),
-            label_names=(f"{sweep.token}_lidarseg",),
-        )
-        for (sweep, image), speed in zip(keyframes, _speeds(keyframes, T_world_sensor), strict=True)
-    ]
+    has_labels = tables.path("lidarseg").exists()
+    labels = {text(row, "sample_data_token"): row for _, row in tables.rows("lidarseg")} if has_labels else {}
     return Recording(
-        camera=_camera(tables, keyframes[0][1], sensors),
+        camera=_camera(keyframes[0][1], sensors),
         lidar=LIDAR,
-        frames=frames,
-        point_classes=read_ontology("nuscenes-lidarseg") if point_labels else None,
+        frames=_frames(tables, keyframes, labels),
+        point_classes=read_ontology("nuscenes-lidarseg") if labels else None,
     )
 
 
-def _keyframes(
-    tables: Tables, sensors: list[CalibratedSensor], request: Request
-) -> list[tuple[SampleData, SampleData]]:
+def text(row: Node, key: str) -> str:
+    """Read a text of a row, such as the token of another one."""
+    return row.at(key).text()
+
+
+def _keyframes(tables: Tables, sensors: dict[str, Node], request: Request) -> list[tuple[Node, Node]]:
     """Find the sweep and the image of each sample of the scene that has both, in order of time."""
-    samples = _samples(tables, request)
-    names = {row.token: row.channel for row in tables.rows("sensor", Sensor)}
-    channels = {row.token: names.get(row.sensor_token, "") for row in sensors}
+    scenes = {text(row, "name"): token for token, row in tables.rows("scene")}
+    scene = scenes[pick("sequence", request.sequence, sorted(scenes), request.root)]
+    samples = {token for token, row in tables.rows("sample") if text(row, "scene_token") == scene}
+    names = {token: text(row, "channel") for token, row in tables.rows("sensor")}
+    channels = {token: names.get(text(row, "sensor_token"), "") for token, row in sensors.items()}
     cameras = sorted({channel for channel in channels.values() if channel.startswith("CAM_")})
     camera = pick("camera", request.camera, cameras, request.root, usual=USUAL_CAMERA)
-    found: dict[str, dict[str, SampleData]] = {LIDAR_CHANNEL: {}, camera: {}}
-    for row in tables.rows("sample_data", SampleData):
-        channel = channels.get(row.calibrated_sensor_token, "")
-        if row.is_key_frame and row.sample_token in samples and channel in found:
-            found[channel][row.sample_token] = row
+    found: dict[str, dict[str, Node]] = {LIDAR_CHANNEL: {}, camera: {}}
+    for _, row in tables.rows("sample_data"):
+        channel, sample = channels.get(text(row, "calibrated_sensor_token"), ""), text(row, "sample_token")
+        if channel in found and sample in samples and row.at("is_key_frame").value is True:
+            found[channel][sample] = row
     sweeps, images = found[LIDAR_CHANNEL], found[camera]
     both = [(sweeps[sample], images[sample]) for sample in sweeps if sample in images]
     if not both:
         raise InputError(
             f"{tables.path('sample_data')}: found no keyframe of both {LIDAR_CHANNEL} and {camera}"
         )
-    return sorted(both, key=lambda pair: pair[0].timestamp)
+    return sorted(both, key=lambda pair: _stamp_s(pair[0]))
 
 
-def _samples(tables: Tables, request: Request) -> set[str]:
-    scenes = {row.name: row.token for row in tables.rows("scene", Scene)}
-    scene = scenes[pick("sequence", request.sequence, sorted(scenes), request.root)]
-    return {row.token for row in tables.rows("sample", Sample) if row.scene_token == scene}
+def _frames(tables: Tables, keyframes: list[tuple[Node, Node]], labels: dict[str, Node]) -> list[SourceFrame]:
+    T_world_sensor = _sensor_poses(tables, [row for pair in keyframes for row in pair])
+    poses = [(T_world_sensor[text(sweep, "token")], sweep, image) for sweep, image in keyframes]
+    positions = np.array([T_world_lidar[:3, 3] for T_world_lidar, _, _ in poses])
+    stamps_s = np.array([_stamp_s(sweep) for sweep, _ in keyframes])
+    frames = []
+    for (T_world_lidar, sweep, image), speed in zip(
+        poses, speeds_mps(positions, np.diff(stamps_s)), strict=True
+    ):
+        name = text(sweep, "token")
+        tokens = " and ".join(describe(text(row, "ego_pose_token")) for row in (sweep, image))
+        where = f"{tables.path('ego_pose')}: rows {tokens}: T_camera_lidar"
+        T = inverse(T_world_sensor[text(image, "token")]) @ T_world_lidar
+        frames.append(
+            SourceFrame(
+                name=name,
+                points=need_file(tables.file(sweep)),
+                point_labels=need_file(tables.file(labels[name])) if name in labels else None,
+                image=need_file(tables.file(image)),
+                points_stamp=_stamp_s(sweep),
+                image_stamp=_stamp_s(image),
+                speed_mps=float(speed),
+                T_camera_lidar=rigid(where, T, MAX_TRANSLATION_M),
+                label_names=(f"{name}_lidarseg",),
+            )
+        )
+    return frames
 
 
-def _sensor_poses(tables: Tables, rows: list[SampleData]) -> dict[str, Pose]:
+def _stamp_s(row: Node) -> float:
+    """Unix time of a row of sample_data, in seconds."""
+    return row.at("timestamp").number(0.0, MAX_STAMP_S / MICROSECONDS) * MICROSECONDS
+
+
+def _sensor_poses(tables: Tables, rows: list[Node]) -> dict[str, Pose]:
     """Compute T_world_sensor (4, 4) at the time of each file, by the token of its row."""
-    T_ego_sensor = tables.poses(
-        "calibrated_sensor", CalibratedSensor, {row.calibrated_sensor_token for row in rows}
+    T_ego_sensor, T_world_ego = (
+        {token: _pose(row) for token, row in tables.chosen(table, {text(each, key) for each in rows}).items()}
+        for table, key in (("calibrated_sensor", "calibrated_sensor_token"), ("ego_pose", "ego_pose_token"))
     )
-    T_world_ego = tables.poses("ego_pose", EgoPose, {row.ego_pose_token for row in rows})
     return {
-        row.token: T_world_ego[row.ego_pose_token] @ T_ego_sensor[row.calibrated_sensor_token] for row in rows
+        text(row, "token"): T_world_ego[text(row, "ego_pose_token")]
+        @ T_ego_sensor[text(row, "calibrated_sensor_token")]
+        for row in rows
     }
 
 
-def _speeds(keyframes: list[tuple[SampleData, SampleData]], T_world_sensor: dict[str, Pose]) -> list[float]:
-    positions = np.array([T_world_sensor[sweep.token][:3, 3] for sweep, _ in keyframes])
-    stamps_s = np.array([sweep.timestamp * MICROSECONDS for sweep, _ in keyframes])
-    return [float(speed) for speed in speeds_mps(positions, np.diff(stamps_s))]
+def _pose(row: Node) -> Pose:
+    """T_vehicle_sensor or T_world_vehicle (4, 4) of a row, metres."""
+    place, (w, x, y, z) = row.at("translation"), row.at("rotation").numbers(4)
+    translation = [number(place.where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in place.numbers(3)]
+    try:
+        return pose_from_quaternion((x, y, z, w), translation)
+    except ValueError as error:
+        raise InputError(f"{row.where}: {error}") from None
 
 
-def _camera(tables: Tables, image: SampleData, sensors: list[CalibratedSensor]) -> dict[str, Any]:
+def _camera(image: Node, sensors: dict[str, Node]) -> dict[str, Any]:
     """Make the camera block; images of nuScenes have no distortion."""
-    sensor = next(row for row in sensors if row.token == image.calibrated_sensor_token)
-    K = [list(values) for values in sensor.camera_intrinsic]
-    row = f"{tables.path('sample_data')}: row {describe(image.token)}"
-    width, height = (
-        image_side(f"{row}: {key}", side) for key, side in (("width", image.width), ("height", image.height))
-    )
-    block = {"model": "plumb_bob", "width": width, "height": height, "K": K}
-    key = f"row {describe(sensor.token)}: camera_intrinsic"
-    return camera_block(tables.path("calibrated_sensor"), block, {"K": key})
-
-
-def _lidarseg(tables: Tables, root: Path) -> dict[str, Path]:
-    """Find the label files by the token of the sweep; none without nuScenes-lidarseg."""
-    if not tables.path("lidarseg").exists():
-        return {}
-    return {
-        row.sample_data_token: inside(root, row.filename, _filename(tables, "lidarseg", row.token))
-        for row in tables.rows("lidarseg", Lidarseg)
-    }
-
-
-def _file(tables: Tables, root: Path, row: SampleData) -> Path:
-    return need_file(inside(root, row.filename, _filename(tables, "sample_data", row.token)))
-
-
-def _filename(tables: Tables, table: str, token: str) -> str:
-    return f"{tables.path(table)}: row {describe(token)}: filename"
+    K = sensors[text(image, "calibrated_sensor_token")].at("camera_intrinsic")
+    if not isinstance(K.value, list):
+        raise K.mismatch("3 rows of 3 numbers")
+    rows = [K.child(index, row).numbers(3) for index, row in enumerate(K.value)]
+    width, height = (image.at(key).side() for key in ("width", "height"))
+    block = {"model": "plumb_bob", "width": width, "height": height, "K": rows}
+    return camera_block(K.file, block, {"K": K.key})

@@ -8,11 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from semcal_cli.datasets.files import folders, need_file, pick
-from semcal_cli.datasets.image_headers import image_size
+from semcal_cli.datasets.files import folders, image_size, need_file
 from semcal_cli.datasets.recording import Recording, Request, SourceFrame
 from semcal_cli.errors import InputError
-from semcal_cli.formats.values import camera_block, numbers, read_keyed, transform
+from semcal_cli.formats.keyed import read_keyed
+from semcal_cli.formats.pose import from_line
+from semcal_cli.formats.values import camera_block, pick
 
 
 def read(request: Request) -> Recording:
@@ -22,18 +23,14 @@ def read(request: Request) -> Recording:
         InputError: a file is missing or wrong.
     """
     folder = _folder(request)
-    calibration = folder / "calib.txt"
-    keyed = read_keyed(calibration)
-    image = _image(folder)
-    K = numbers(calibration, keyed, "K", 9).reshape(3, 3)
-    distortion = numbers(calibration, keyed, "D", 4, 5)
+    keyed, image = read_keyed(folder / "calib.txt"), _image(folder)
     width, height = image_size(image)
     camera: dict[str, Any] = {"model": "plumb_bob", "width": width, "height": height}
-    camera |= {"K": K.tolist(), "distortion": distortion.tolist()}
+    camera |= {"K": keyed.at("K").matrix(3, 3).tolist(), "distortion": keyed.at("D").numbers(4, 5)}
     return Recording(
-        camera=camera_block(calibration, camera, {"distortion": "D"}),
+        camera=camera_block(keyed.file, camera, {"distortion": "D"}),
         frames=[SourceFrame(name=folder.name, points=need_file(folder / "calib.pcd"), image=image)],
-        T_camera_lidar=transform(calibration, keyed, "T"),
+        T_camera_lidar=from_line(keyed.at("T")),
     )
 
 

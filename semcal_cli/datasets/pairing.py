@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from semcal_cli.datasets.labels import CLOUD_SUFFIXES
+from semcal_cli.datasets.labels import stem
 from semcal_cli.errors import InputError
 from semcal_cli.formats.values import MAX_STAMP_S
 
@@ -19,12 +19,6 @@ WHOLE_UNITS = re.compile(r"(?<!\d)([1-9](?:\d{18}|\d{15}|\d{12}|\d{9}))(?!\d)")
 """Unix time from 2001 on, whose number of digits tells nanoseconds, microseconds, milliseconds or seconds."""
 PADDED = (3, 6, 9)
 """Numbers of digits of milliseconds, microseconds and nanoseconds."""
-
-
-def stem(path: Path) -> str:
-    """Remove the suffix from a file's name; `.pcd.bin` counts as one suffix."""
-    suffix = next((suffix for suffix in CLOUD_SUFFIXES if path.name.endswith(suffix)), path.suffix)
-    return path.name.removesuffix(suffix)
 
 
 def stamps_s(files: Sequence[Path]) -> dict[Path, float]:

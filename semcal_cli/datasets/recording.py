@@ -104,6 +104,28 @@ class SourceFrame:
         return converted or self.cloud_has_labels or self.point_labels is not None
 
 
+def joined(
+    clouds: Mapping[str, Path | Conversion],
+    *,
+    needs: tuple[str, ...] = ("image",),
+    **values: Mapping[Any, Any],
+) -> list[SourceFrame]:
+    """Make a frame of each cloud and of what has its name or its number.
+
+    Args:
+        clouds: Clouds by the names of their frames.
+        needs: Fields of a frame of which one at least has to be there.
+        values: Values of fields of `SourceFrame`, by the names of the frames or, where these are numbers, by these.
+    """
+    frames = []
+    for name, points in clouds.items():
+        keys: tuple[str | int, ...] = (name, int(name)) if name.isdecimal() else (name,)
+        fields = {field: found[key] for field, found in values.items() for key in keys if key in found}
+        if fields.keys() & set(needs):
+            frames.append(SourceFrame(name, points, **fields))
+    return frames
+
+
 @dataclass(frozen=True)
 class Recording:
     """One sequence of a data set as one of its cameras sees it."""

@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from semcal_cli.datasets.files import files_by_stem, folders, pick
+from semcal_cli.datasets.files import files_by_stem, folders
 from semcal_cli.datasets.ontologies import read_ontology
-from semcal_cli.datasets.recording import Recording, Request, SourceFrame
-from semcal_cli.datasets.trajectory import KITTI_PERIOD_S, read_positions, speeds_mps
+from semcal_cli.datasets.recording import Recording, Request, SourceFrame, joined
+from semcal_cli.datasets.trajectory import read_speeds
 from semcal_cli.errors import InputError
 from semcal_cli.files.reading import read_text
 from semcal_cli.formats import read_transform
-from semcal_cli.formats.values import camera_block, parse_numbers, rigid
+from semcal_cli.formats.values import camera_block, parse_numbers, pick, rigid
 from semcal_cli.geometry.poses import Pose
 
 CAMERA = "pylon_camera_node"
@@ -75,23 +75,18 @@ def _camera(path: Path) -> dict[str, Any]:
 
 def _frames(folder: Path) -> list[SourceFrame]:
     clouds = files_by_stem(folder / "os1_cloud_node_kitti_bin", ".bin")
-    point_labels = _optional(folder / "os1_cloud_node_semantickitti_label_id", ".label")
     images = _by_number(_optional(folder / CAMERA, ".jpg", ".png"))
     image_labels = _by_number(_optional(folder / f"{CAMERA}_label_id", ".png"))
-    speeds = _speeds(folder / "poses.txt", list(clouds))
-    return [
-        SourceFrame(
-            name=number,
-            points=cloud,
-            point_labels=point_labels.get(number),
-            image_labels=image_labels.get(number),
-            image=images.get(number),
-            image_stamp=_stamp(images.get(number) or image_labels[number]),
-            speed_mps=speeds.get(number),
-        )
-        for number, cloud in clouds.items()
-        if number in images or number in image_labels
-    ]
+    return joined(
+        clouds,
+        needs=("image", "image_labels"),
+        point_labels=_optional(folder / "os1_cloud_node_semantickitti_label_id", ".label"),
+        image_labels=image_labels,
+        image=images,
+        image_stamp={number: _stamp(path) for number, path in (image_labels | images).items()},
+        # The poses have a line for each sweep.
+        speed_mps=dict(zip(clouds, read_speeds(folder / "poses.txt"), strict=False)),
+    )
 
 
 def _optional(folder: Path, *suffixes: str) -> dict[str, Path]:
@@ -113,11 +108,3 @@ def _parse(image: Path) -> re.Match[str]:
     if not found:
         raise InputError(f"{image}: found name {image.stem!r}, needed one as frame000104-1581624663_149")
     return found
-
-
-def _speeds(path: Path, numbers: list[str]) -> dict[str, float]:
-    """Derive the speed at each sweep from the poses of the data set, a line for each sweep; empty without poses."""
-    if not path.exists():
-        return {}
-    speeds = speeds_mps(read_positions(path), KITTI_PERIOD_S)
-    return dict(zip(numbers, speeds, strict=False))

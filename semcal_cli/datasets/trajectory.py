@@ -1,7 +1,8 @@
-"""Positions and speeds of a rig, from the poses of a data set."""
+"""Rows of numbers, and positions and speeds of a rig from the poses of a data set."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -9,26 +10,40 @@ import numpy.typing as npt
 
 from semcal_cli.files.reading import MAX_TABLE_BYTES, read_text
 from semcal_cli.formats.values import MAX_WORLD_M, number, parse_numbers
+from semcal_cli.geometry.poses import Vector
 
 KITTI_PERIOD_S = 0.1
 """Time between two sweeps of KITTI's, KITTI-360's and RELLIS-3D's LiDARs."""
 
 
-def read_positions(path: Path) -> npt.NDArray[np.float64]:
-    """Read the positions (N, 3), metres, from poses of 12 numbers a line, as KITTI odometry writes them.
+def read_rows(path: Path, count: int, *, is_needed: bool = False) -> Iterator[tuple[str, Vector]]:
+    """Read the finite numbers (count,) of each line, with the file and the line as messages name them.
 
     Raises:
-        InputError: the file does not exist, or a line does not hold 12 numbers.
+        InputError: the file is needed and does not exist, or a line does not hold so many numbers.
     """
+    if not is_needed and not path.exists():
+        return
     lines = [line for line in read_text(path, limit=MAX_TABLE_BYTES).splitlines() if line.strip()]
-    return np.array([_position(path, f"line {i}", line) for i, line in enumerate(lines, start=1)]).reshape(
-        -1, 3
-    )
+    for index, line in enumerate(lines, start=1):
+        yield f"{path}: line {index}", parse_numbers(path, f"line {index}", line, count)
 
 
-def _position(path: Path, key: str, line: str) -> list[float]:
-    values = parse_numbers(path, key, line, 12)[3::4].tolist()
-    return [number(f"{path}: {key}", value, -MAX_WORLD_M, MAX_WORLD_M) for value in values]
+def read_speeds(path: Path) -> list[float]:
+    """Derive the speeds, metres a second, from poses of 12 numbers a line, one for each sweep of KITTI's period.
+
+    Returns:
+        A speed for each line; none if the file does not exist.
+
+    Raises:
+        InputError: a line does not hold 12 numbers, or a position is nowhere on Earth.
+    """
+    positions = [
+        [number(where, value, -MAX_WORLD_M, MAX_WORLD_M) for value in row[3::4].tolist()]
+        for where, row in read_rows(path, 12)
+    ]
+    speeds = speeds_mps(np.reshape(positions, (-1, 3)), KITTI_PERIOD_S)
+    return [float(speed) for speed in speeds]
 
 
 def speeds_mps(

@@ -20,10 +20,9 @@ from semcal_cli.drive.document import Drive
 from semcal_cli.drive.output import output_drive_file
 from semcal_cli.errors import InputError
 from semcal_cli.files.dialect import document_text
-from semcal_cli.files.messages import os_reason
 from semcal_cli.files.picture_sizes import holds_colors
 from semcal_cli.files.validation import MAX_TRANSLATION_M, validate
-from semcal_cli.files.writing import write_bytes, write_text
+from semcal_cli.files.writing import make_folder, write_bytes, write_text
 from semcal_cli.formats.values import rigid
 from semcal_cli.geometry.poses import Pose, camera_center, nearest_rigid, rotation_error_deg
 
@@ -86,7 +85,7 @@ def write_drive(recording: Recording, options: Options, out: Path) -> Written:
         remarks.append(f"{left_out:,} frames without points are left out")
     document = _document(replace(recording, frames=frames), path)
     validate(Drive, document, UNWRITTEN)
-    _make_folder(path.parent)
+    make_folder(path.parent)
     write_text(document_text(document, "yaml"), path)
     num_converted = sum(isinstance(frame.points, Conversion) for frame in frames)
     return Written(path, len(frames), num_converted, (*remarks, *_motion_remarks(frames)))
@@ -211,9 +210,9 @@ def _write_cloud(name: str, conversion: Conversion, cloud: Cloud, folder: Path) 
     if conversion.has_labels:
         if cloud.labels is None:
             raise InputError(f"{conversion.file}: found points without labels, needed a label each")
-        _make_folder(labels.parent)
+        make_folder(labels.parent)
         write_bytes(cloud.labels.astype("<u4").tobytes(), labels)
-    _make_folder(points.parent)
+    make_folder(points.parent)
     write_bytes(cloud.points.astype("<f4").tobytes(), points)
 
 
@@ -228,10 +227,3 @@ def _relative(path: Path, folder: Path) -> str:
     with suppress(ValueError):
         real = Path(os.path.relpath(real, os.path.realpath(folder)))
     return writable_name(path, real.as_posix())
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder}: cannot be written: {os_reason(error)}") from None

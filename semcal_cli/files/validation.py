@@ -181,10 +181,11 @@ def _complaint(error: ErrorDetails) -> str:
 
 def _key(error: ErrorDetails) -> str:
     parts = [part for part in error["loc"] if part != "[key]"]  # pydantic marks an error in a key like this
-    return "".join(_key_part(part) for part in parts).removeprefix(".")
+    return "".join(key_part(part) for part in parts).removeprefix(".")
 
 
-def _key_part(part: int | str) -> str:
+def key_part(part: int | str) -> str:
+    """Name a step into a document: `.key`, or the key or the index in brackets."""
     if isinstance(part, str) and part.isidentifier():
         return f".{part}"
     return f"[{describe(part)}]"

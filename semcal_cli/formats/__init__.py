@@ -11,60 +11,16 @@ import numpy as np
 
 from semcal_cli.drive.document import Camera, drive_file
 from semcal_cli.errors import InputError
-from semcal_cli.files.messages import describe, listed, one_of
+from semcal_cli.files.messages import describe, listed
 from semcal_cli.files.writing import write_bytes
-from semcal_cli.formats import (
-    autoware,
-    camera_entries,
-    camera_info,
-    colmap,
-    direct_visual_lidar,
-    fast_livo2,
-    kitti,
-    kitti_360,
-    matrix,
-    nuscenes,
-    opencalib,
-    opencv,
-    rellis3d,
-    ros,
-    semcal,
-    tf2,
-    urdf,
-)
+from semcal_cli.formats import semcal
 from semcal_cli.formats.editing import edited
 from semcal_cli.formats.format import Format, FormatOptions, Source
-from semcal_cli.formats.lenses import UnnamedLensError
-from semcal_cli.formats.setting import tell_clock
+from semcal_cli.formats.lenses import UnnamedLensError, tell_clock
+from semcal_cli.formats.table import FORMATS as FORMATS
+from semcal_cli.formats.table import find_format as find_format
 from semcal_cli.geometry.poses import Pose, as_transform
 from semcal_cli.result.calibration import Calibration
-
-FORMATS: tuple[Format, ...] = (
-    semcal.FORMAT,
-    ros.COMMAND,
-    ros.LAUNCH,
-    tf2.TF2,
-    tf2.APOLLO,
-    autoware.FORMAT,
-    urdf.FORMAT,
-    kitti.ODOMETRY,
-    kitti.OBJECT,
-    kitti_360.FORMAT,
-    rellis3d.FORMAT,
-    nuscenes.FORMAT,
-    camera_entries.KALIBR,
-    camera_entries.LIDAR2CAM,
-    opencv.FORMAT,
-    camera_info.FORMAT,
-    direct_visual_lidar.FORMAT,
-    opencalib.FORMAT,
-    fast_livo2.FORMAT,
-    colmap.FORMAT,
-    matrix.TUM,
-    matrix.TEXT,
-    matrix.ARRAY,
-)
-
 
 DOCUMENTS = (".yaml", ".yml", ".json")
 OPTION = re.compile("--(from|direction|frame|camera|lidar|repair)")
@@ -82,6 +38,11 @@ class Extrinsic:
     def record(self) -> Calibration | None:
         """The calibration that semcal wrote with the transform; None if the file is none."""
         return semcal.record_in(self.source)
+
+    @cached_property
+    def half_widths(self) -> tuple[float, ...] | None:
+        """Half widths (6,) of the 95 % intervals, metres and degrees; None if none is known or believed."""
+        return semcal.half_widths_in(self.source)
 
     @cached_property
     def camera(self) -> Camera | None:
@@ -120,7 +81,7 @@ def read_extrinsic(
         format = _recognised(source) if name is None else find_format(name)
         if not format.recognises(source):
             _check_form(source)
-        _check_options(format, options or FormatOptions(), "--")
+        _check_options(format, options or FormatOptions())
         T_camera_lidar = format.read(source, options or FormatOptions())
     except RecursionError:
         raise InputError(f"{path}: found what is nested too deep, needed a transform") from None
@@ -141,14 +102,7 @@ def read_transform(
     *,
     direction_option: str | None = None,
 ) -> Pose:
-    """Read the transform of a file of any known format, or of a drive's folder.
-
-    Args:
-        path: The file.
-        name: Name of its format; None recognises it by its content.
-        options: What the file leaves open.
-        direction_option: Name of the option for the direction of a command that has no other option for what a file
-            leaves open; messages name it.
+    """Read the transform of a file of any known format, or of a drive's folder, as `read_extrinsic` does.
 
     Returns:
         T_camera_lidar (4, 4) float64, p_camera = T_camera_lidar @ p_lidar, metres.
@@ -157,18 +111,6 @@ def read_transform(
         InputError: the content is of no known format, of several, or wrong, or leaves something open.
     """
     return read_extrinsic(path, name, options, direction_option=direction_option).T_camera_lidar
-
-
-def find_format(name: str) -> Format:
-    """Find a format by its name.
-
-    Raises:
-        InputError: there is no such format.
-    """
-    for format in FORMATS:
-        if format.name == name:
-            return format
-    raise InputError(f"found format {name!r}, needed {one_of(name, [format.name for format in FORMATS])}")
 
 
 def _recognised(source: Source) -> Format:
@@ -217,9 +159,8 @@ def write_transform(
         as_transform(T_camera_lidar, "T_camera_lidar"),
         None if path is None else Path(path),
     )
-    format, options = find_format(name), options or FormatOptions()
-    _check_options(format, options, "--to-")
-    options = replace(options, file=path)
+    format, options = find_format(name), replace(options or FormatOptions(), file=path, is_written=True)
+    _check_options(format, options)
     try:
         content = format.write(T_camera_lidar, options)
     except UnnamedLensError as error:
@@ -227,8 +168,7 @@ def write_transform(
             raise
         # The transform is what was asked for first.
         content = format.write(T_camera_lidar, replace(options, intrinsics=None))
-        if options.on_note is not None:
-            options.on_note(f"{error}: the transform is written without intrinsics")
+        options.note(f"{error}: the transform is written without intrinsics")
     if path is not None:
         write_bytes(content, path)
     return content
@@ -256,7 +196,7 @@ def convert_file(
         T_camera_lidar, camera = found.T_camera_lidar, found.camera
         record = found.record
     else:
-        _check_options(semcal.FORMAT, read_options or FormatOptions(), "--")
+        _check_options(semcal.FORMAT, read_options or FormatOptions())
         content = Source.read(drive_file(source))
         if not semcal.FORMAT.recognises(content):
             _check_form(content)
@@ -266,8 +206,8 @@ def convert_file(
                 f"{source}: found no camera, needed a calibration of semcal's or a drive: --to {to} writes intrinsics"
             )
     text = write_transform(T_camera_lidar, output, to, replace(written, intrinsics=camera))
-    if written.on_note is not None and is_doubted(record):
-        written.on_note(DOUBTED.format(source))
+    if is_doubted(record):
+        written.note(DOUBTED.format(source))
     return text
 
 
@@ -294,9 +234,8 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     if put is None:
         able = ", ".join(each.name for each in FORMATS if each.put is not None)
         raise InputError(f"{path}: found {format.name}, which is not edited in place, needed one of: {able}")
-    options = options or FormatOptions()
-    _check_options(format, options, "--to-")
-    of_file = replace(options, file=path)
+    of_file = replace(options or FormatOptions(), file=path, is_written=True)
+    _check_options(format, of_file)
     try:
         content = edited(source, lambda document: put(document, T_camera_lidar, of_file))
     except (AttributeError, KeyError, TypeError, ValueError):
@@ -314,9 +253,9 @@ def put_transform(T_camera_lidar: Pose, path: Path, options: FormatOptions | Non
     return format
 
 
-def _check_options(format: Format, options: FormatOptions, prefix: str) -> None:
+def _check_options(format: Format, options: FormatOptions) -> None:
     """Refuse options that the format does not use."""
-    said = vars(options)
+    said, prefix = vars(options), options.prefix
     for name in ("camera", "lidar"):
         if said[name] == "":
             raise InputError(f"{prefix}{name}: found nothing, needed a name")

@@ -6,32 +6,106 @@ user's they stay as they are, since they say which rectified picture the user wa
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from semcal_cli.drive.document import Camera
+from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
 from semcal_cli.formats.lenses import (
     NAMES,
-    ROS_MODELS,
-    ROS_NAMES,
+    Intrinsics,
+    LensReader,
     check_lens,
+    check_same_camera,
     coefficients_of,
+    matrix_camera,
     numbers_of,
+    refuse_camera,
+    tell,
     with_count,
 )
-from semcal_cli.formats.setting import check_size, tell
+from semcal_cli.formats.node import Node
 from semcal_cli.formats.storage import is_storage
 from semcal_cli.geometry.poses import Pose
 
 NAME, LENS = "camera-info", "distortion_model"
 CAMERA = "camera"
+MODELS: dict[str, CameraModel] = {
+    "plumb_bob": "plumb_bob",
+    "radtan": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+    "kannala_brandt": "fisheye",
+}
+"""Camera model of each distortion_model (sensor_msgs/distortion_models.h, image_geometry, names that drivers use)."""
+LENS_NAMES: dict[CameraModel, str] = {
+    "plumb_bob": "plumb_bob",
+    "rational_polynomial": "rational_polynomial",
+    "thin_prism": "rational_polynomial",
+    "fisheye": "equidistant",
+}
+"""distortion_model of each camera model. One of 12 or 14 coefficients has the name of the rational one."""
+DOCUMENT_END = re.compile(r"^---[ \t]*$")
 
 
-def _recognises(source: Source) -> bool:
-    found = source.mapping
-    return LENS in found and any(name in found for name in NAMES["K"]) and not is_storage(source.text)
+def first_document(text: str) -> str:
+    """Keep the first message of `ros2 topic echo`, which ends each message with `---`."""
+    lines = text.split("\n")
+    started = False
+    for index, line in enumerate(lines):
+        if started and DOCUMENT_END.match(line.rstrip()):
+            return "\n".join(lines[:index])
+        started = started or (bool(line.strip()) and not line.startswith(("%", "#", "---")))
+    return text
+
+
+def ros_intrinsics(document: Node) -> Intrinsics:
+    """Read a sensor_msgs/CameraInfo, as camera_calibration_parsers write it or as `ros2 topic echo` prints it.
+
+    K and D are used; R and P belong to the rectified images. K is for the full image (CameraInfo.msg), so binned and
+    cropped images are refused.
+
+    Raises:
+        InputError: the lens is not known, or a value is missing or wrong.
+    """
+    lens = document.first(LENS)
+    if str(lens.value) not in MODELS:
+        raise lens.mismatch(f"one of: {', '.join(MODELS)}")
+    model = MODELS[str(lens.value)]
+
+    def model_of(distortion: Node, count: int) -> str:
+        is_long = count in DISTORTION_COUNTS["thin_prism"][1:]
+        return "thin_prism" if is_long and model == "rational_polynomial" else model
+
+    found = matrix_camera(document, model_of)
+    _refuse_parts(document, found.block["width"], found.block["height"])
+    return found
+
+
+def _refuse_parts(document: Node, width: Any, height: Any) -> None:
+    """Refuse binned and cropped images. The default 0 means a binning of 1, or the full width or height."""
+    roi = document.child("roi", document.mapping.get("roi") or {})
+    allowed = {"binning_x": (0, 1), "binning_y": (0, 1)}
+    allowed_roi = {"x_offset": (0,), "y_offset": (0,), "width": (0, width), "height": (0, height)}
+    for node, values in ((document, allowed), (roi, allowed_roi)):
+        for key, needed in values.items():
+            if node.mapping.get(key, 0) not in needed:
+                found = node.child(key, node.mapping[key])
+                raise found.mismatch(f"{' or '.join(map(describe, needed))}: K is for the full picture")
+
+
+def _is_camera_info(source: Source) -> bool:
+    has_K = any(name in source.mapping for name in NAMES["K"])
+    return LENS in source.mapping and has_K and not is_storage(source.text)
+
+
+def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+    refuse_camera(source.path, camera)
+    return ros_intrinsics(Node(str(source.path), source.document))
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
@@ -48,9 +122,10 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         raise InputError(f"{where}: found a {NAME}, which holds intrinsics alone, {needed}")
     if camera is None:
         raise InputError(f"{where}: found no camera, needed IN to be a calibration of semcal's or a drive")
-    check_lens(where, camera, ROS_NAMES)
+    check_lens(where, camera, LENS_NAMES)
     if document:
-        _set(document, camera, options)
+        _set(Node(where, document), camera, options)
+        tell(options, camera)
         return
     fx, _, cx, _, fy, cy, *_ = numbers_of(camera)
     document |= {
@@ -58,7 +133,7 @@ def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
         "image_height": camera.height,
         "camera_name": options.camera or CAMERA,
         "camera_matrix": _matrix(3, numbers_of(camera)),
-        LENS: ROS_NAMES[camera.model],
+        LENS: LENS_NAMES[camera.model],
         "distortion_coefficients": _matrix(1, _coefficients(camera)),
         "rectification_matrix": _matrix(3, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]),
         "projection_matrix": _matrix(3, [fx, 0.0, cx, 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0]),
@@ -75,60 +150,32 @@ def _matrix(rows: int, data: list[float]) -> dict[str, Any]:
     return {"rows": rows, "cols": len(data) // rows, "data": data}
 
 
-def _set(document: Any, camera: Camera, options: FormatOptions) -> None:
+def _set(document: Node, camera: Camera, options: FormatOptions) -> None:
     """Replace K and the coefficients of a file, in its own layout."""
     sides = [
-        next((document[name] for name in NAMES[side] if name in document), None)
+        next((document.value[name] for name in NAMES[side] if name in document.value), None)
         for side in ("width", "height")
     ]
-    check_size(options, camera, sides)
-    of_file = ROS_MODELS.get(str(document[LENS]))
-    if of_file != ROS_MODELS[ROS_NAMES[camera.model]]:
-        raise InputError(
-            f"{options.file}: {LENS}: found {describe(document[LENS])}, needed {ROS_NAMES[camera.model]!r}"
-        )
-    K, D = (_name(document, kind, options) for kind in ("K", "distortion"))
-    _numbers(document, K, options)
-    count = len(_numbers(document, D, options))
-    _replace(document, K, numbers_of(camera))
-    _replace(document, D, _coefficients(with_count(camera, count)))
-    tell(options, camera)
-
-
-def _name(document: Any, kind: str, options: FormatOptions) -> str:
-    """Find the file's own name of K or of the coefficients."""
-    found = next((name for name in NAMES[kind] if name in document), None)
-    if found is None:
-        raise InputError(f"{options.file}: {NAMES[kind][0]}: found nothing, needed a value")
-    return found
-
-
-def _numbers(document: Any, key: str, options: FormatOptions) -> list[Any]:
-    """Look up the list of a matrix, under its key `data` or directly under its name."""
-    value = document[key]
-    numbers = value.get("data") if isinstance(value, dict) else value
-    if not isinstance(numbers, list):
-        raise InputError(f"{options.file}: {key}: found {describe(numbers)}, needed numbers")
-    return numbers
-
-
-def _replace(document: Any, key: str, numbers: list[float]) -> None:
-    value = document[key]
-    if not isinstance(value, dict):
-        document[key] = numbers
-        return
-    if len(numbers) != len(value["data"]):
-        value |= {"rows": 1, "cols": len(numbers)}
-    value["data"] = numbers
+    check_same_camera(options, camera, sides)
+    lens = document.first(LENS)
+    if MODELS.get(str(lens.value)) != MODELS[LENS_NAMES[camera.model]]:
+        raise lens.mismatch(repr(LENS_NAMES[camera.model]))
+    K, distortion = (document.first(*NAMES[key]) for key in ("K", "distortion"))
+    after = [numbers_of(camera), _coefficients(with_count(camera, len(distortion.data())))]
+    for node, before, numbers in zip((K, distortion), (K.data(), distortion.data()), after, strict=True):
+        if isinstance(node.value, dict) and len(numbers) != len(before):
+            node.value.update(rows=1, cols=len(numbers))
+        before[:] = numbers
 
 
 FORMAT = Format(
     NAME,
     "no transform: size, K and distortion of a ROS CameraInfo; IN is a calibration or a drive",
-    _recognises,
+    _is_camera_info,
     _read,
     document_writer(_put),
     _put,
     asks=("camera",),
     has_transform=False,
+    lens=LensReader(lambda source: LENS in source.mapping, _read_lens),
 )

@@ -3,67 +3,57 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.format import CAMERA, Format, FormatOptions, Source, from_quaternion, wxyz, xyz
-from semcal_cli.formats.values import numbers_in
+from semcal_cli.formats.documents import entry_format
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.frames import CAMERA
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.pose import PLACE, WXYZ, Numbers
 from semcal_cli.geometry.poses import Pose
 
 ROTATION, TRANSLATION, NAME = "cam_from_rig_rotation", "cam_from_rig_translation", "image_prefix"
+POSE = Numbers({ROTATION: WXYZ, TRANSLATION: PLACE})
 
 
-def _cameras(document: Any) -> list[dict[Any, Any]]:
+def _cameras(rigs: Node) -> list[Node]:
     """Cameras of all rigs that have a pose in their rig."""
-    rigs = document if isinstance(document, list) else []
-    cameras = [rig.get("cameras") for rig in rigs if isinstance(rig, dict)]
-    listed_ = [
-        camera for each in cameras if isinstance(each, list) for camera in each if isinstance(camera, dict)
-    ]
-    return [camera for camera in listed_ if ROTATION in camera]
+    found = []
+    for index, rig in enumerate(rigs.value if isinstance(rigs.value, list) else []):
+        cameras = rig.get("cameras") if isinstance(rig, dict) else None
+        for number, camera in enumerate(cameras if isinstance(cameras, list) else []):
+            if isinstance(camera, dict) and ROTATION in camera:
+                found.append(rigs.child(index, rig).child("cameras", cameras).child(number, camera))
+    return found
 
 
-def _camera(where: str, document: Any, options: FormatOptions, prefix: str) -> dict[Any, Any]:
+def _find(document: Node, options: FormatOptions) -> Node:
     cameras = _cameras(document)
-    found = [camera for camera in cameras if options.camera in (None, camera.get(NAME))]
+    found = [camera for camera in cameras if options.camera in (None, camera.value.get(NAME))]
     if len(found) != 1:
-        known = listed(camera.get(NAME) for camera in cameras)
-        raise InputError(
-            f"{where}: found cameras {known}, needed {prefix}camera with the {NAME} of one of them"
-        )
+        known = listed(camera.value.get(NAME) for camera in cameras)
+        needed = f"needed {options.prefix}camera with the {NAME} of one of them"
+        raise InputError(f"{document.where}: found cameras {known}, {needed}")
     return found[0]
 
 
-def _read(source: Source, options: FormatOptions) -> Pose:
-    where = str(source.path)
-    camera = _camera(where, source.document, options, "--")
-    w, x, y, z = numbers_in(where, camera, ROTATION, 4)
-    return from_quaternion(
-        f"{where}: {ROTATION}", [x, y, z, w], numbers_in(where, camera, TRANSLATION, 3), options
-    )
-
-
-def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    camera = _camera(str(options.file), document, options, "--to-")
-    camera[ROTATION], camera[TRANSLATION] = wxyz(T_camera_lidar), xyz(T_camera_lidar)
-
-
-def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    camera = {
-        NAME: options.camera or CAMERA,
-        ROTATION: wxyz(T_camera_lidar),
-        TRANSLATION: xyz(T_camera_lidar),
-    }
+def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+    camera: dict[str, Any] = {NAME: options.camera or CAMERA}
+    POSE.put(camera, T_camera_lidar)
     return (json.dumps([{"cameras": [camera]}], indent=2) + "\n").encode()
 
 
-FORMAT = Format(
-    "colmap",
-    f"p_camera = T p_rig, the rig being the LiDAR: {ROTATION} (w x y z) and {TRANSLATION}",
-    lambda source: bool(_cameras(source.records)),
-    _read,
-    _write,
-    _put,
-    ("camera",),
+FORMAT = replace(
+    entry_format(
+        "colmap",
+        f"p_camera = T p_rig, the rig being the LiDAR: {ROTATION} (w x y z) and {TRANSLATION}",
+        lambda source: bool(_cameras(Node("", source.records))),
+        _find,
+        POSE,
+        asks=("camera",),
+    ),
+    make=_make,
 )

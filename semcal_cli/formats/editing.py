@@ -11,6 +11,7 @@ import json
 import math
 import re
 from collections.abc import Callable
+from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -34,7 +35,7 @@ def edited(source: Source, change: Callable[[Any], object]) -> bytes:
     Raises:
         InputError: the file is not well-formed, or the layout of its text does not allow the change.
     """
-    wanted = _copied(source.document)
+    wanted = deepcopy(source.document)
     change(wanted)
     text = source.text
     if text.startswith(MARK):
@@ -59,15 +60,6 @@ def _parsed(text: str, source: Source) -> Any:
         return parse_any(text, source.path)
     except InputError:
         return None
-
-
-def _copied(value: Any) -> Any:
-    """Copy lists and mappings; what they hold besides stays the same object."""
-    if isinstance(value, dict):
-        return {key: _copied(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_copied(item) if isinstance(item, list | dict) else item for item in value]
-    return value
 
 
 def _is_same(a: Any, b: Any) -> bool:

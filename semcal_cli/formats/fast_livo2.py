@@ -7,46 +7,47 @@ from typing import Any
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Format, FormatOptions, Source, checked, document_writer
-from semcal_cli.formats.values import numbers_in
+from semcal_cli.formats.documents import entry_format, under
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.pose import checked, transform
 from semcal_cli.geometry.poses import Pose
 
 BLOCK, KEYS = "extrin_calib", {"Rcl", "Pcl"}
 
 
-def _blocks(document: Any) -> list[dict[Any, Any]]:
+def _blocks(node: Node) -> list[Node]:
     """All blocks with the two keys, at any depth."""
-    if not isinstance(document, dict):
+    if not isinstance(node.value, dict):
         return []
-    inner = [block for value in document.values() for block in _blocks(value)]
-    return [document, *inner] if document.keys() >= KEYS else inner
+    inner = [block for key, value in node.value.items() for block in _blocks(node.child(key, value))]
+    return [node, *inner] if node.value.keys() >= KEYS else inner
 
 
-def _one(where: str, document: Any) -> dict[Any, Any]:
+def _find(document: Node, options: FormatOptions) -> Node:
+    if options.is_written and not document.value:
+        return under(BLOCK)(document, options)
     blocks = _blocks(document)
     if len(blocks) != 1:
-        raise InputError(f"{where}: found {len(blocks)} blocks with Rcl and Pcl, needed one")
+        raise InputError(f"{document.where}: found {len(blocks)} blocks with Rcl and Pcl, needed one")
     return blocks[0]
 
 
-def _read(source: Source, options: FormatOptions) -> Pose:
-    block = _one(str(source.path), source.document)
-    where, T = f"{source.path}: {BLOCK}", np.eye(4)
-    T[:3, :3] = np.array(numbers_in(where, block, "Rcl", 9)).reshape(3, 3)
-    T[:3, 3] = numbers_in(where, block, "Pcl", 3)
-    return checked(f"{where}.Rcl", T, options)
+class _RotationAndPlace:
+    """The rotation by rows, and the translation."""
+
+    def read(self, node: Node, options: FormatOptions) -> Pose:
+        R = np.reshape(node.at("Rcl").numbers(9), (3, 3))
+        return checked(node.at("Rcl").where, transform(R, node.at("Pcl").numbers(3)), options)
+
+    def put(self, entry: dict[Any, Any], T: Pose) -> None:
+        entry["Rcl"], entry["Pcl"] = T[:3, :3].ravel().tolist(), T[:3, 3].tolist()
 
 
-def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    block = _one(str(options.file), document) if document else document.setdefault(BLOCK, {})
-    block["Rcl"], block["Pcl"] = T_camera_lidar[:3, :3].ravel().tolist(), T_camera_lidar[:3, 3].tolist()
-
-
-FORMAT = Format(
+FORMAT = entry_format(
     "fast-livo2",
     "p_camera = Rcl p_lidar + Pcl: extrin_calib",
-    lambda source: bool(_blocks(source.mapping)),
-    _read,
-    document_writer(_put),
-    _put,
+    lambda source: bool(_blocks(Node("", source.mapping))),
+    _find,
+    _RotationAndPlace(),
 )

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from semcal_cli.formats.format import Format, FormatOptions, Source, from_rows
-from semcal_cli.formats.kitti import row
+from pathlib import Path
+
+from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.keyed import row
+from semcal_cli.formats.pose import from_rows
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.geometry.poses import Pose, inverse
 
-FILE = "calib_cam_to_velo.txt"
+FILE, KEY = "calib_cam_to_velo.txt", "camera 0 to LiDAR"
+
+
+def camera0_pose(path: Path, text: str, options: FormatOptions | None = None) -> Pose:
+    """Read T_camera0_lidar (4, 4) from the text of the file.
+
+    Raises:
+        InputError: the text is not a rigid transform of twelve numbers.
+    """
+    return inverse(from_rows(f"{path}: {KEY}", parse_numbers(path, KEY, text, 12), options))
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
-    values = parse_numbers(source.path, "camera 0 to LiDAR", source.text, 12)
-    return inverse(from_rows(str(source.path), values, options))
+    return camera0_pose(source.path, source.text, options)
 
 
-def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return f"{row(inverse(T_camera_lidar))}\n".encode()
 
 
@@ -24,5 +35,5 @@ FORMAT = Format(
     "p_velo = T p_camera0: calib_cam_to_velo.txt, known by its name; camera 0 before rectification",
     lambda source: source.path.name == FILE,
     _read,
-    _write,
+    _make,
 )

@@ -1,42 +1,19 @@
-"""The lenses of a drive by the names that ROS, Kalibr and OpenCV give them, and what their files hold of one."""
+"""The lenses of a drive by the names that other tools give them, and cameras that are set in files of the user's."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeAlias
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.drive.lenses import DISTORTION_COUNTS, CameraModel
 from semcal_cli.errors import InputError
+from semcal_cli.files.messages import describe
+from semcal_cli.formats.format import FormatOptions, Source
+from semcal_cli.formats.node import Node
+from semcal_cli.result.camera_words import offset_words
 
-ROS_MODELS = {
-    "plumb_bob": "plumb_bob",
-    "radtan": "plumb_bob",
-    "rational_polynomial": "rational_polynomial",
-    "equidistant": "fisheye",
-    "fisheye": "fisheye",
-    "kannala_brandt": "fisheye",
-}
-"""Camera model of each distortion_model (sensor_msgs/distortion_models.h, image_geometry, names that drivers use)."""
-ROS_NAMES: dict[CameraModel, str] = {
-    "plumb_bob": "plumb_bob",
-    "rational_polynomial": "rational_polynomial",
-    "thin_prism": "rational_polynomial",
-    "fisheye": "equidistant",
-}
-"""distortion_model of each camera model. One of 12 or 14 coefficients has the name of the rational one."""
-KALIBR_LENSES = {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"}
-"""Camera model of each distortion_model of a pinhole in a camchain."""
-KALIBR_MODELS: tuple[CameraModel, ...] = ("plumb_bob", "fisheye", "omnidirectional", "double_sphere", "fov")
-"""Camera models that a camchain can hold."""
-OPENCV_MODELS: dict[int, CameraModel] = {
-    4: "plumb_bob",
-    5: "plumb_bob",
-    8: "rational_polynomial",
-    12: "thin_prism",
-    14: "thin_prism",
-}
-"""Camera model of each number of coefficients, if the lens is no fisheye."""
 NAMES = {
     "K": ("camera_matrix", "cameraMatrix", "CameraMatrix", "K", "k"),
     "distortion": ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "d"),
@@ -51,6 +28,68 @@ LEAST_COUNTS: dict[CameraModel, int] = {
     "fisheye": 4,
 }
 """Number of coefficients that are written of a lens without distortion, where a file has to have some."""
+
+
+class Intrinsics(NamedTuple):
+    """What a file says of a camera."""
+
+    block: dict[str, Any]
+    """The `camera:` block of a drive, not checked yet."""
+    keys: Mapping[str, str]
+    """The file's own names of the keys of the block, for messages."""
+
+
+@dataclass(frozen=True)
+class LensReader:
+    """Reader of the intrinsics in the files of a format."""
+
+    recognises: Callable[[Source], bool]
+    read: Callable[[Source, str | None, str | None], Intrinsics]
+    """Reads a camera, by its name in the file and by the camera model that the user asks for, if any."""
+
+
+SetLens: TypeAlias = Callable[[dict[str, Any], Camera, FormatOptions, bool], None]
+"""Sets the intrinsics in the entry of a camera, which may be of a new file."""
+
+
+def matrix_camera(document: Node, model_of: Callable[[Node, int], str]) -> Intrinsics:
+    """Read K, coefficients and the size of pictures by the names that ROS and OpenCV give them.
+
+    Args:
+        document: The file.
+        model_of: Tells the camera model of the coefficients, by their node and count.
+
+    Raises:
+        InputError: a key is missing or wrong, or the lens is not known.
+    """
+    K, distortion = (document.first(*NAMES[key]) for key in ("K", "distortion"))
+    numbers, coefficients = K.data(), distortion.data()
+    if len(numbers) != 9:
+        raise InputError(f"{K.where}: found {len(numbers)} numbers, needed 9 by rows")
+    block = {
+        "model": model_of(distortion, len(coefficients)),
+        "width": document.first(*NAMES["width"]).side(),
+        "height": document.first(*NAMES["height"]).side(),
+        "K": [numbers[0:3], numbers[3:6], numbers[6:9]],
+        "distortion": coefficients,
+    }
+    keys = {key: next(name for name in names if name in document.mapping) for key, names in NAMES.items()}
+    return Intrinsics(block, keys)
+
+
+def intrinsic_matrix(fx: float, fy: float, cx: float, cy: float) -> list[list[float]]:
+    """K by rows, in pixels."""
+    return [[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]
+
+
+def refuse_camera(where: object, camera: str | None) -> None:
+    """Refuse the name of a camera where a file has one camera without a name.
+
+    Raises:
+        InputError: a name is given.
+    """
+    if camera is not None:
+        raise InputError(f"{where}: found one camera without a name, needed no --camera ({camera!r})")
 
 
 def pixels_of(camera: Camera) -> list[float]:
@@ -80,9 +119,7 @@ class UnnamedLensError(InputError):
     """A format has no name for a lens, or no place for all of its numbers."""
 
 
-def check_lens(
-    where: str, camera: Camera, known: Mapping[CameraModel, object] | tuple[CameraModel, ...]
-) -> None:
+def check_lens(where: str, camera: Camera, known: Mapping[CameraModel, object]) -> None:
     """Check that a format has a name for a lens.
 
     Raises:
@@ -92,37 +129,44 @@ def check_lens(
         raise UnnamedLensError(f"{where}: found the lens {camera.model}, needed one of: {', '.join(known)}")
 
 
-def kalibr_entry(where: str, camera: Camera) -> dict[str, Any]:
-    """Make the keys of a camera in a Kalibr camchain (github.com/ethz-asl/kalibr/wiki/yaml-formats).
+def check_same_camera(
+    options: FormatOptions, camera: Camera, sides: Sequence[object], *names: tuple[str, object, str]
+) -> None:
+    """Check that a file of the user's is of the camera that is set in it.
 
     Args:
-        where: The option or file that is named in errors.
+        options: Options with the file.
         camera: The camera.
+        sides: Width and height in the file.
+        names: Key, name in the file and name of the camera's, of each name of the lens.
 
     Raises:
-        UnnamedLensError: Kalibr has no name for the lens, or the lens has more coefficients than Kalibr's.
+        InputError: the file is of pictures of another size, or of another lens.
     """
-    check_lens(where, camera, KALIBR_MODELS)
-    model, lens, before, distortion = "pinhole", "none", list[float](), list(camera.distortion)
-    match camera.model:
-        case "plumb_bob":
-            if distortion[4:] and distortion[4] != 0.0:
-                needed = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
-                raise UnnamedLensError(f"{where}: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
-            lens, distortion = "radtan" if distortion else "none", distortion[:4]
-        case "fisheye":
-            lens, distortion = "equidistant", coefficients_of(camera)
-        case "fov":
-            lens = "fov"
-        case "omnidirectional":
-            model, before = "omni", [camera.parameters["xi"]]
-            lens = "radtan" if distortion else "none"
-        case "double_sphere":
-            model, before = "ds", [camera.parameters["xi"], camera.parameters["alpha"]]
-    return {
-        "camera_model": model,
-        "distortion_coeffs": distortion,
-        "distortion_model": lens,
-        "intrinsics": [*before, *pixels_of(camera)],
-        "resolution": [camera.width, camera.height],
-    }
+    if list(sides) != [camera.width, camera.height]:
+        known = [describe(side) for side in sides if side is not None]
+        found = f"pictures of {' x '.join(known)} pixels" if known else "no size of pictures"
+        raise InputError(
+            f"{options.file}: found {found}, needed {camera.width} x {camera.height}: the camera "
+            "that was estimated with the transform is of those; --to semcal writes the transform alone"
+        )
+    for key, found_name, needed in names:
+        if found_name != needed:
+            raise InputError(
+                f"{options.file}: {key}: found {describe(found_name)}, needed {needed!r}, as the camera "
+                "that was estimated with the transform has it"
+            )
+
+
+def tell(options: FormatOptions, camera: Camera) -> None:
+    """Say that the intrinsics were set, with focal lengths and principal point."""
+    pixels = zip(("fx", "fy", "cx", "cy"), pixels_of(camera), strict=True)
+    figures = ", ".join(f"{name} {value:.6g}" for name, value in pixels)
+    options.note(f"set the intrinsics in {options.file}: {figures}")
+
+
+def tell_clock(options: FormatOptions, *, is_set: bool) -> None:
+    """Say whether the offset of the camera's clock was set, if there is one."""
+    if options.time_offset_s is not None:
+        told = "set the clock in {}" if is_set else "left out the clock, which {} has no place for"
+        options.note(f"{told.format(options.file)}: {offset_words(options.time_offset_s)}")

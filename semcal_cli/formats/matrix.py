@@ -5,18 +5,40 @@ from __future__ import annotations
 import io
 import re
 import warnings
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Format, FormatOptions, Source, from_quaternion, from_rows, turned, xyz
+from semcal_cli.formats.format import Format, FormatOptions, Source
+from semcal_cli.formats.frames import turned
+from semcal_cli.formats.kitti_360 import FILE
+from semcal_cli.formats.pose import PLACE, XYZW, from_rows, numbers_of, pose_of
 from semcal_cli.formats.values import parse_numbers
-from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose
 
 SHAPES = ((3, 4), (4, 4))
 NPY = b"\x93NUMPY"
 SEPARATORS = re.compile(r"[,;\[\]()]")
+
+
+def directed(
+    name: str,
+    equation: str,
+    recognises: Callable[[Source], bool],
+    read: Callable[[Source, FormatOptions], Pose],
+    make: Callable[[Pose, FormatOptions], bytes],
+) -> Format:
+    """Make a format whose files do not say which way round their transform is, so that the user has to."""
+    return Format(
+        name,
+        f"p = T p of --direction: {equation}",
+        recognises,
+        lambda source, options: turned(str(source.path), read(source, options), options),
+        lambda T_camera_lidar, options: make(turned(f"--to {name}", T_camera_lidar, options), options),
+        asks=("direction",),
+    )
 
 
 def _read_array(source: Source, options: FormatOptions) -> Pose:
@@ -35,12 +57,12 @@ def _read_array(source: Source, options: FormatOptions) -> Pose:
         raise InputError(f"{source.path}: found {found}, needed numbers of shape (4, 4) or (3, 4)")
     if not np.isfinite(array).all():
         raise InputError(f"{source.path}: found a number that is not finite, needed a transform")
-    return turned(str(source.path), from_rows(str(source.path), array.astype(np.float64), options), options)
+    return from_rows(str(source.path), array.astype(np.float64), options)
 
 
-def _write_array(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+def _make_array(T: Pose, options: FormatOptions) -> bytes:
     buffer = io.BytesIO()
-    np.save(buffer, turned("--to npy", T_camera_lidar, options))
+    np.save(buffer, T)
     return buffer.getvalue()
 
 
@@ -52,26 +74,24 @@ def _lines(source: Source) -> list[str]:
 
 def _read_text(source: Source, options: FormatOptions) -> Pose:
     values = parse_numbers(source.path, "matrix", " ".join(_lines(source)), 12, 16)
-    return turned(str(source.path), from_rows(str(source.path), values, options), options)
+    return from_rows(str(source.path), values, options)
 
 
-def _write_text(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    rows = turned("--to text", T_camera_lidar, options).tolist()
-    return "".join(" ".join(map(repr, row)) + "\n" for row in rows).encode()
+def _make_text(T: Pose, options: FormatOptions) -> bytes:
+    return "".join(" ".join(map(repr, row)) + "\n" for row in T.tolist()).encode()
 
 
 def _read_tum(source: Source, options: FormatOptions) -> Pose:
     lines = _lines(source)
     if len(lines) != 1:
         raise InputError(f"{source.path}: found {len(lines)} lines, needed one: stamp x y z qx qy qz qw")
-    _, x, y, z, *quaternion = parse_numbers(source.path, "line 1", lines[0], 8).tolist()
-    where = str(source.path)
-    return turned(where, from_quaternion(where, quaternion, [x, y, z], options), options)
+    _, *values = parse_numbers(source.path, "line 1", lines[0], 8).tolist()
+    return pose_of(str(source.path), dict(zip((*PLACE, *XYZW), values, strict=True)), options)
 
 
-def _write_tum(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    T = turned("--to tum", T_camera_lidar, options)
-    return (" ".join(map(repr, [0.0, *xyz(T), *quaternion_xyzw(T).tolist()])) + "\n").encode()
+def _make_tum(T: Pose, options: FormatOptions) -> bytes:
+    values = numbers_of(T)
+    return (" ".join(["0.0", *(repr(values[name]) for name in (*PLACE, *XYZW))]) + "\n").encode()
 
 
 def _counts(source: Source) -> list[int]:
@@ -83,27 +103,24 @@ def _counts(source: Source) -> list[int]:
     return []
 
 
-ARRAY = Format(
+ARRAY = directed(
     "npy",
-    "p = T p of --direction: a NumPy array, 4 x 4 or 3 x 4",
+    "a NumPy array, 4 x 4 or 3 x 4",
     lambda source: source.content.startswith(NPY),
     _read_array,
-    _write_array,
-    asks=("direction",),
+    _make_array,
 )
-TEXT = Format(
+TEXT = directed(
     "text",
-    "p = T p of --direction: 4 x 4 or 3 x 4 numbers",
-    lambda source: source.path.name != "calib_cam_to_velo.txt" and sum(_counts(source)) in (12, 16),
+    "4 x 4 or 3 x 4 numbers",
+    lambda source: source.path.name != FILE and sum(_counts(source)) in (12, 16),
     _read_text,
-    _write_text,
-    asks=("direction",),
+    _make_text,
 )
-TUM = Format(
+TUM = directed(
     "tum",
-    "p = T p of --direction: a line, stamp x y z qx qy qz qw",
+    "a line, stamp x y z qx qy qz qw",
     lambda source: _counts(source) == [8],
     _read_tum,
-    _write_tum,
-    asks=("direction",),
+    _make_tum,
 )

@@ -12,9 +12,10 @@ from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_list
 from semcal_cli.files.messages import listed
 from semcal_cli.files.streams import STANDARD_INPUT
-from semcal_cli.formats.format import Format, FormatOptions, Source, from_quaternion, no_new_file, wxyz, xyz
-from semcal_cli.formats.values import numbers_in
-from semcal_cli.geometry.poses import Pose, inverse
+from semcal_cli.formats.documents import Pair, base_format
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.pose import PLACE, WXYZ, Numbers
 
 KEYS = {"token", "sensor_token", "translation", "rotation"}
 
@@ -28,60 +29,41 @@ def _channels(table: Path) -> dict[Any, Any]:
     return {record["token"]: record.get("channel") for record in records}
 
 
-def _record(
-    where: str, records: list[dict[Any, Any]], channels: dict[Any, Any], wanted: str | None, option: str
-) -> dict[Any, Any]:
-    def names(record: dict[Any, Any]) -> tuple[Any, Any]:
-        return record.get("token"), channels.get(str(record.get("sensor_token")))
-
-    found = [record for record in records if wanted is not None and wanted in names(record)]
+def _record(table: Node, channels: dict[Any, Any], wanted: str | None, option: str) -> Node:
+    """Find the entry with a token or a channel."""
+    names = [(row.get("token"), channels.get(str(row.get("sensor_token")))) for row in table.value]
+    found = [index for index, both in enumerate(names) if wanted is not None and wanted in both]
     if len(found) != 1:
-        known = listed(channel or token for token, channel in map(names, records))
-        problem = "nothing of that name" if wanted and not found else f"{len(found) or len(records)} sensors"
+        known = listed(channel or token for token, channel in names)
+        problem = "nothing of that name" if wanted and not found else f"{len(found) or len(names)} sensors"
         # Channels are told by another table beside this one.
-        key = "token" if Path(where) == STANDARD_INPUT else "token or channel"
-        raise InputError(f"{where}: found {problem}, needed {option} with the {key} of one of: {known}")
-    return found[0]
+        key = "token" if Path(table.file) == STANDARD_INPUT else "token or channel"
+        raise InputError(f"{table.where}: found {problem}, needed {option} with the {key} of one of: {known}")
+    return table.child(found[0], table.value[found[0]])
 
 
-def _two(
-    where: str, records: list[dict[Any, Any]], options: FormatOptions, prefix: str
-) -> tuple[dict[Any, Any], dict[Any, Any]]:
-    """Entries of the camera and the LiDAR."""
-    channels = _channels(Path(where))
-    camera = _record(where, records, channels, options.camera, f"{prefix}camera")
-    lidar = _record(where, records, channels, options.lidar, f"{prefix}lidar")
-    sensors = {str(record.get("sensor_token")) for record in (camera, lidar)}
-    if camera is lidar or (len(sensors) == 1 and sensors <= channels.keys()):
+def _find(table: Node, options: FormatOptions) -> Pair:
+    if not isinstance(table.value, list) or not all(isinstance(row, dict) for row in table.value):
+        raise table.mismatch("a list of mappings")
+    channels = _channels(Path(table.file))
+    camera = _record(table, channels, options.camera, f"{options.prefix}camera")
+    lidar = _record(table, channels, options.lidar, f"{options.prefix}lidar")
+    sensors = {str(each.value.get("sensor_token")) for each in (camera, lidar)}
+    if camera.value is lidar.value or (len(sensors) == 1 and sensors <= channels.keys()):
         found = f"{options.camera!r} and {options.lidar!r}"
-        raise InputError(f"{where}: found one sensor for both camera and LiDAR, {found}, needed two sensors")
-    return camera, lidar
+        raise InputError(
+            f"{table.where}: found one sensor for both camera and LiDAR, {found}, needed two sensors"
+        )
+    return Pair(camera, lidar)
 
 
-def _pose(where: str, record: dict[Any, Any], options: FormatOptions) -> Pose:
-    w, x, y, z = numbers_in(where, record, "rotation", 4)
-    return from_quaternion(where, [x, y, z, w], numbers_in(where, record, "translation", 3), options)
-
-
-def _read(source: Source, options: FormatOptions) -> Pose:
-    where = str(source.path)
-    camera, lidar = (_pose(where, record, options) for record in _two(where, source.records, options, "--"))
-    return inverse(camera) @ lidar
-
-
-def _put(document: Any, T_camera_lidar: Pose, options: FormatOptions) -> None:
-    where = str(options.file)
-    camera, lidar = _two(where, document, options, "--to-")
-    T = _pose(where, lidar, options) @ inverse(T_camera_lidar)
-    camera["translation"], camera["rotation"] = xyz(T), wxyz(T)
-
-
-FORMAT = Format(
+FORMAT = base_format(
     "nuscenes",
     "p_ego = T p_sensor: calibrated_sensor.json, --camera and --lidar name two entries",
     lambda source: bool(source.records) and all(record.keys() >= KEYS for record in source.records),
-    _read,
-    no_new_file("nuscenes", "vehicle", "calibrated_sensor.json"),
-    _put,
-    ("camera", "lidar"),
+    _find,
+    Numbers({"rotation": WXYZ, "translation": PLACE}),
+    base="vehicle",
+    file="calibrated_sensor.json",
+    asks=("camera", "lidar"),
 )

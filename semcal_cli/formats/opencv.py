@@ -1,32 +1,56 @@
 """OpenCV FileStorage with `CameraExtrinsicMat` (4 x 4). Users store both directions, so --direction is needed.
 
-The intrinsics beside it have the names of OpenCV's calibration sample (samples/cpp/.../camera_calibration.cpp).
+The intrinsics beside it have the names of OpenCV's calibration sample (samples/cpp/.../camera_calibration.cpp), or
+those of an omnidirectional camera (Mei and Rives) as camodocal and KITTI-360 write it.
 """
 
 from __future__ import annotations
 
-from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
 
 from semcal_cli.errors import InputError
-from semcal_cli.formats.format import Format, FormatOptions, Source, from_rows, turned
-from semcal_cli.formats.lenses import LEAST_COUNTS, check_lens, coefficients_of, numbers_of
-from semcal_cli.formats.storage import Storage, is_storage
+from semcal_cli.formats.format import FormatOptions, Source
+from semcal_cli.formats.lenses import (
+    LEAST_COUNTS,
+    NAMES,
+    Intrinsics,
+    LensReader,
+    check_lens,
+    coefficients_of,
+    intrinsic_matrix,
+    matrix_camera,
+    numbers_of,
+    refuse_camera,
+)
+from semcal_cli.formats.matrix import directed
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.pose import from_rows
+from semcal_cli.formats.storage import is_storage, parse_storage
 from semcal_cli.geometry.poses import Pose
 
 KEY = "CameraExtrinsicMat"
+MIRROR, PROJECTION, DISTORTION = "mirror_parameters", "projection_parameters", "distortion_parameters"
+MODELS = {4: "plumb_bob", 5: "plumb_bob", 8: "rational_polynomial", 12: "thin_prism", 14: "thin_prism"}
+"""Camera model of each number of coefficients, if the lens is no fisheye."""
+MEI_KEYS = {"K": PROJECTION, "distortion": DISTORTION, "parameters": MIRROR}
+
+
+def _storage(source: Source) -> Node:
+    return Node(str(source.path), parse_storage(source.text, source.path))
 
 
 def _read(source: Source, options: FormatOptions) -> Pose:
-    values = Storage(source.path, source.text).numbers(KEY)
+    node = _storage(source).first(KEY)
+    values = node.data()
     if len(values) not in (12, 16):
-        raise InputError(f"{source.path}: {KEY}: found {len(values)} numbers, needed 16 by rows, or 12")
-    where = f"{source.path}: {KEY}"
-    return turned(where, from_rows(where, values, options), options)
+        raise InputError(f"{node.where}: found {len(values)} numbers, needed 16 by rows, or 12")
+    return from_rows(node.where, values, options)
 
 
-def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
-    values: list[float] = turned("--to opencv", T_camera_lidar, options).ravel().tolist()
-    lines = ["%YAML:1.0", "---", _matrix(KEY, 4, values)]
+def _make(T: Pose, options: FormatOptions) -> bytes:
+    lines = ["%YAML:1.0", "---", _matrix(KEY, 4, T.ravel().tolist())]
     if (camera := options.intrinsics) is not None:
         check_lens("--to opencv", camera, LEAST_COUNTS)
         coefficients = coefficients_of(camera)
@@ -47,17 +71,52 @@ def _matrix(key: str, rows: int, values: list[float]) -> str:
     return f"{key}: !!opencv-matrix\n   rows: {rows}\n   cols: {cols}\n   dt: d\n   data: [ {numbers} ]"
 
 
-def _recognises(source: Source) -> bool:
-    with suppress(InputError):
-        return is_storage(source.text) and KEY in source.text
-    return False
+def _mei(storage: Node) -> Intrinsics:
+    fx, fy, cx, cy = (storage.at(PROJECTION).at(key).number() for key in ("gamma1", "gamma2", "u0", "v0"))
+    block = {
+        "model": "omnidirectional",
+        "width": storage.first(*NAMES["width"]).side(),
+        "height": storage.first(*NAMES["height"]).side(),
+        "K": intrinsic_matrix(fx, fy, cx, cy),
+        "distortion": [storage.at(DISTORTION).at(key).number() for key in ("k1", "k2", "p1", "p2")],
+        "parameters": {"xi": storage.at(MIRROR).at("xi").number()},
+    }
+    return Intrinsics(block, MEI_KEYS)
 
 
-FORMAT = Format(
-    "opencv",
-    f"p = T p of --direction: {KEY} of a FileStorage",
-    _recognises,
-    _read,
-    _write,
-    asks=("direction",),
+def _read_lens(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+    def model_of(distortion: Node, count: int) -> str:
+        """Derive the camera model from the number of coefficients; cv2.fisheye, too, has four."""
+        if model is not None:
+            return model
+        if "fisheye_model" in storage.mapping:
+            if storage.at("fisheye_model").number():
+                return "fisheye"
+        elif count == 4:
+            found = "found 4 coefficients and no fisheye_model"
+            raise InputError(f"{storage.where}: {found}, needed --model, as plumb_bob or fisheye")
+        if count not in MODELS:
+            counts = ", ".join(map(str, MODELS))
+            raise InputError(f"{distortion.where}: found {count} numbers, needed one of: {counts}")
+        return MODELS[count]
+
+    refuse_camera(source.path, camera)
+    storage = _storage(source)
+    if MIRROR in storage.mapping:
+        return _mei(storage)
+    block, keys = matrix_camera(storage, model_of)
+    # A FileStorage has no whole numbers in a matrix of doubles.
+    block |= {key: np.asarray(block[key], np.float64).tolist() for key in ("K", "distortion")}
+    return Intrinsics(block, keys)
+
+
+FORMAT = replace(
+    directed(
+        "opencv",
+        f"{KEY} of a FileStorage",
+        lambda source: KEY in source.start and is_storage(source.start),
+        _read,
+        _make,
+    ),
+    lens=LensReader(lambda source: is_storage(source.start), _read_lens),
 )

@@ -8,28 +8,20 @@ from __future__ import annotations
 
 import re
 import shlex
-from contextlib import suppress
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.format import (
-    FRAMES,
-    Format,
-    FormatOptions,
-    Source,
-    between,
-    from_quaternion,
-    from_rpy,
-    named,
-    xyz,
-)
-from semcal_cli.formats.names import has_camera_word
+from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
+from semcal_cli.formats.frames import CAMERA_WORDS, between, has_word, named
+from semcal_cli.formats.pose import ANGLES, PLACE, XYZW, numbers_of, pose_of
 from semcal_cli.formats.values import parse_number
 from semcal_cli.formats.xml import looks_like_xml, parse_xml
-from semcal_cli.geometry.poses import Pose, quaternion_xyzw
+from semcal_cli.geometry.poses import Pose
 
 PUBLISHER = "static_transform_publisher"
-PLACES, QUATERNION, ANGLES = ("x", "y", "z"), ("qx", "qy", "qz", "qw"), ("roll", "pitch", "yaw")
+USUAL = dict.fromkeys((*PLACE, *XYZW, *ANGLES), 0.0) | {"qw": 1.0}
+"""Values of arguments that are not given."""
+FRAME_NAMES = ("frame-id", "child-frame-id")
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 
 
@@ -53,7 +45,9 @@ def _one_of(where: str, publishers: list[list[str]], options: FormatOptions) -> 
     wanted = {name for name in (options.camera, options.lidar) if name is not None}
     candidates = [words for words in publishers if wanted <= set(_frames(words))]
     if not wanted and len(publishers) > 1:
-        candidates = [words for words in publishers if any(map(has_camera_word, _frames(words)))]
+        candidates = [
+            words for words in publishers if any(has_word(name, CAMERA_WORDS) for name in _frames(words))
+        ]
     if len(publishers) == 1:
         candidates = publishers
     if len(candidates) != 1:
@@ -84,63 +78,57 @@ def _frames(words: list[str]) -> list[str]:
 
 
 def _transform(where: str, words: list[str], options: FormatOptions) -> Pose:
-    if words and NUMBER.fullmatch(words[0]):
-        count = next((i for i, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
-        names = {6: (*PLACES, *reversed(ANGLES)), 7: (*PLACES, *QUATERNION)}.get(count)
-        if names is None or len(words) < count + 2:
-            raise InputError(f"{where}: found {count} numbers, needed 6 or 7, then parent and child")
-        given = dict(zip(names, words[:count], strict=True))
-        parent, child = words[count : count + 2]
-    else:
-        given = {}
-        for name, value in zip(words[::2], words[1::2], strict=False):
-            if name == "--ros-args":
-                break
-            if name.removeprefix("--") in given:
-                raise InputError(f"{where}: {name}: found it twice, needed it once")
-            given[name.removeprefix("--")] = value
-        known = {*PLACES, *QUATERNION, *ANGLES, "frame-id", "child-frame-id"}
-        if unknown := [name for name in given if name not in known]:
-            raise InputError(
-                f"{where}: found argument {unknown[0]!r}, needed some of: {', '.join(sorted(known))}"
-            )
-        missing = [name for name in ("frame-id", "child-frame-id") if name not in given]
-        if missing:
-            raise InputError(f"{where}: found no --{missing[0]}, needed it")
-        parent, child = given.pop("frame-id"), given.pop("child-frame-id")
+    given = _in_order(where, words) if words and NUMBER.fullmatch(words[0]) else _by_name(where, words)
+    parent, child = (given.pop(name) for name in FRAME_NAMES)
+    turn = ANGLES if any(name in given for name in ANGLES) else XYZW
+    if turn is ANGLES and any(name in given for name in XYZW):
+        raise InputError(f"{where}: found a quaternion and angles, needed one of them")
+    values = {
+        name: parse_number(f"{where}: --{name}", given[name]) if name in given else USUAL[name]
+        for name in (*PLACE, *turn)
+    }
+    return between(where, pose_of(where, values, options), parent, child, options)
 
-    def values(names: tuple[str, ...], usual: tuple[float, ...]) -> list[float]:
-        return [
-            parse_number(f"{where}: --{name}", given[name]) if name in given else default
-            for name, default in zip(names, usual, strict=True)
-        ]
 
-    place = values(PLACES, (0.0,) * 3)
-    if any(name in given for name in ANGLES):
-        if any(name in given for name in QUATERNION):
-            raise InputError(f"{where}: found a quaternion and angles, needed one of them")
-        T = from_rpy(where, values(ANGLES, (0.0,) * 3), place)
-    else:
-        T = from_quaternion(where, values(QUATERNION, (0.0, 0.0, 0.0, 1.0)), place, options)
-    return between(where, T, parent, child, options)
+def _in_order(where: str, words: list[str]) -> dict[str, str]:
+    """Name the arguments of ROS 1, which are told by their order."""
+    count = next((i for i, word in enumerate(words) if not NUMBER.fullmatch(word)), len(words))
+    names = {6: (*PLACE, *reversed(ANGLES)), 7: (*PLACE, *XYZW)}.get(count)
+    if names is None or len(words) < count + 2:
+        raise InputError(f"{where}: found {count} numbers, needed 6 or 7, then parent and child")
+    return dict(zip((*names, *FRAME_NAMES), words, strict=False))
+
+
+def _by_name(where: str, words: list[str]) -> dict[str, str]:
+    """Read the arguments that stand behind their names."""
+    given: dict[str, str] = {}
+    for name, value in zip(words[::2], words[1::2], strict=False):
+        if name == "--ros-args":
+            break
+        if name.removeprefix("--") in given:
+            raise InputError(f"{where}: {name}: found it twice, needed it once")
+        given[name.removeprefix("--")] = value
+    known = {*USUAL, *FRAME_NAMES}
+    if unknown := [name for name in given if name not in known]:
+        needed = f"needed some of: {', '.join(sorted(known))}"
+        raise InputError(f"{where}: found argument {unknown[0]!r}, {needed}")
+    if missing := [name for name in FRAME_NAMES if name not in given]:
+        raise InputError(f"{where}: found no --{missing[0]}, needed it")
+    return given
 
 
 def _arguments(T_camera_lidar: Pose, options: FormatOptions) -> str:
     T, lidar, camera = named(T_camera_lidar, options)
-    pairs = [
-        *zip(PLACES, xyz(T), strict=True),
-        *zip(QUATERNION, quaternion_xyzw(T).tolist(), strict=True),
-        ("frame-id", shlex.quote(lidar)),
-        ("child-frame-id", shlex.quote(camera)),
-    ]
-    return " ".join(f"--{name} {value}" for name, value in pairs)
+    values = numbers_of(T)
+    arguments = [f"--{name} {values[name]}" for name in (*PLACE, *XYZW)]
+    return " ".join([*arguments, f"--frame-id {shlex.quote(lidar)} --child-frame-id {shlex.quote(camera)}"])
 
 
-def _write_command(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+def _make_command(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return f"ros2 run tf2_ros {PUBLISHER} {_arguments(T_camera_lidar, options)}\n".encode()
 
 
-def _write_launch(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+def _make_launch(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     from xml.sax.saxutils import quoteattr
 
     arguments = quoteattr(_arguments(T_camera_lidar, options))
@@ -148,18 +136,12 @@ def _write_launch(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     return f"<launch>\n  {node}\n</launch>\n".encode()
 
 
-def _is_command(source: Source) -> bool:
-    with suppress(InputError):
-        return PUBLISHER in source.text and not source.text.lstrip().startswith("<")
-    return False
-
-
 COMMAND = Format(
     "ros2-static-transform",
     "p_parent = T p_child: --x --y --z --qx --qy --qz --qw --frame-id LIDAR --child-frame-id CAMERA",
-    _is_command,
+    lambda source: PUBLISHER in source.start and not source.start.startswith("<"),
     _read_command,
-    _write_command,
+    _make_command,
     asks=FRAMES,
 )
 LAUNCH = Format(
@@ -167,6 +149,6 @@ LAUNCH = Format(
     "p_parent = T p_child: a node of static_transform_publisher in an XML launch file",
     lambda source: looks_like_xml(source, "launch"),
     _read_launch,
-    _write_launch,
+    _make_launch,
     asks=FRAMES,
 )

@@ -5,15 +5,13 @@ A calibration, a drive with its reference, what `fleet` writes, or a bare transf
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import model_validator
 
-from semcal_cli.drive.document import MAX_OFFSET_S, Camera, Drive, drive_file
+from semcal_cli.drive.document import MAX_OFFSET_S, Camera, Drive
 from semcal_cli.errors import InputError, MisplacedError
-from semcal_cli.files.messages import describe
 from semcal_cli.files.validation import (
     StatedTransform,
     StrictModel,
@@ -26,8 +24,7 @@ from semcal_cli.files.validation import (
     validate,
 )
 from semcal_cli.formats.format import Format, FormatOptions, Source, document_writer
-from semcal_cli.formats.lenses import with_count
-from semcal_cli.formats.setting import check_size, tell, tell_clock
+from semcal_cli.formats.lenses import check_same_camera, tell, tell_clock, with_count
 from semcal_cli.geometry.poses import Pose, orthonormal
 from semcal_cli.result.calibration import Calibration, check_forms
 from semcal_cli.result.uncertainty import Uncertainty
@@ -95,26 +92,16 @@ def camera_in(source: Source) -> Camera | None:
     return validate(Drive, source.document, source.path).camera if DRIVE in source.mapping else None
 
 
-def read_record(path: Path) -> Calibration | None:
-    """Read the calibration in a file; None if the file is not a calibration of semcal's.
-
-    Raises:
-        InputError: the file is a calibration, and wrong.
-    """
-    return record_in(Source.read(drive_file(path)))
-
-
-def read_half_widths(path: Path) -> tuple[float, ...] | None:
-    """Read the half widths (6,) of a transform's 95 % intervals, metres and degrees; None if none is known or believed.
+def half_widths_in(source: Source) -> tuple[float, ...] | None:
+    """The half widths (6,) of a transform's 95 % intervals, metres and degrees; None if none is known or believed.
 
     Raises:
         InputError: the file is a result of semcal's, and wrong.
     """
-    source = Source.read(drive_file(path))
     known: Uncertainty | _Widths | None = None
     if FLEET in source.mapping:
         known = _Fleet.read(source).uncertainty
-    elif (record := read_record(path)) is not None:
+    elif (record := record_in(source)) is not None:
         known = record.believed_uncertainty
     if known is None:
         return None
@@ -169,12 +156,8 @@ def _put_into_drive(document: dict[str, Any], rows: list[list[float]], options: 
 
 def _set_camera(block: dict[str, Any], camera: Camera, options: FormatOptions) -> None:
     """Replace the intrinsics in the camera of a drive."""
-    check_size(options, camera, [block["width"], block["height"]])
-    if block["model"] != camera.model:
-        raise InputError(
-            f"{options.file}: camera.model: found {describe(block['model'])}, needed {camera.model!r}, as the camera "
-            "that was estimated with the transform has it"
-        )
+    model = ("camera.model", block["model"], camera.model)
+    check_same_camera(options, camera, [block["width"], block["height"]], model)
     camera = with_count(camera, len(block.get("distortion", ())))
     block["K"] = [list(row) for row in camera.K]
     if "distortion" in block or any(camera.distortion):

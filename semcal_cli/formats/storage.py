@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
-from semcal_cli.files.messages import describe, listed
-from semcal_cli.files.reading import read_text
-from semcal_cli.formats.values import image_side, number
+from semcal_cli.files.messages import describe
 from semcal_cli.formats.xml import parse_xml
 
 FIRST_LINE = re.compile(r"\A\s*%YAML[: ]1\.\d[^\n]*\n")
@@ -31,65 +28,13 @@ def is_storage(text: str) -> bool:
     return text.lstrip().startswith(("%YAML:", "<")) or "opencv-matrix" in text
 
 
-class Storage:
-    """A file that OpenCV wrote. Messages name the file, the key, what was found and what was needed."""
+def parse_storage(text: str, path: Path) -> dict[Any, Any]:
+    """Parse what OpenCV wrote; `path` names it in messages.
 
-    def __init__(self, path: Path, text: str | None = None):
-        """Read a file, or its text if that is known."""
-        text = read_text(path) if text is None else text
-        self.path = path
-        self.document = _parse_xml(text, path) if text.lstrip().startswith("<") else _parse_yaml(text, path)
-
-    def numbers(self, *keys: str) -> list[float]:
-        """Read the numbers of a matrix or a list, in order; a single number gives a list of one.
-
-        Raises:
-            InputError: the key is missing, or its value is something else.
-        """
-        node: Any = self.document
-        for key in keys:
-            node = node.get(key) if isinstance(node, dict) else None
-        if isinstance(node, dict):
-            node = node.get("data")
-        values = node if isinstance(node, list) else [node]
-        if not values or not all(
-            isinstance(value, int | float) and not isinstance(value, bool) for value in values
-        ):
-            raise InputError(f"{self.path}: {'.'.join(keys)}: found {describe(node)}, needed numbers")
-        return [number(f"{self.path}: {'.'.join(keys)}", value) for value in values]
-
-    def first(self, names: Sequence[str]) -> list[float]:
-        """Read the numbers under the first of several names that the file has.
-
-        Raises:
-            InputError: the file has none of the names.
-        """
-        for name in names:
-            if name in self.document:
-                return self.numbers(name)
-        raise InputError(
-            f"{self.path}: found keys {listed(self.document)}, needed one of: {', '.join(names)}"
-        )
-
-    def number(self, *keys: str) -> float:
-        """Read a single number.
-
-        Raises:
-            InputError: the key is missing, or its value is something else.
-        """
-        values = self.numbers(*keys)
-        if len(values) != 1:
-            raise InputError(f"{self.path}: {'.'.join(keys)}: found {len(values)} numbers, needed one")
-        return values[0]
-
-    def side(self, *names: str) -> int:
-        """Read the pixels along a side of the image, under the first of several names that the file has.
-
-        Raises:
-            InputError: the file has none of the names, or the value is not a whole number.
-        """
-        values = self.first(names)
-        return image_side(f"{self.path}: {names[0]}", values[0] if len(values) == 1 else values)
+    Raises:
+        InputError: the text is not well-formed, or is not a mapping.
+    """
+    return _parse_xml(text, path) if text.lstrip().startswith("<") else _parse_yaml(text, path)
 
 
 def _parse_yaml(text: str, path: Path) -> dict[Any, Any]:
@@ -127,7 +72,8 @@ def _node(element: ET.Element) -> Any:
     if not words or not all(NUMBER.fullmatch(word) for word in words):
         return text.strip('"')
     values = [float(word) for word in words]
-    return values if len(values) > 1 else values[0]
+    # A matrix of one number has a list of one.
+    return values if len(values) > 1 or element.tag == "data" else values[0]
 
 
 def _xml_reason(error: Exception) -> str:

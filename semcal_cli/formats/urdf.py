@@ -8,20 +8,12 @@ import numpy as np
 
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
-from semcal_cli.formats.format import (
-    FRAMES,
-    Format,
-    FormatOptions,
-    Source,
-    from_rpy,
-    named,
-    optical_axes,
-    xyz,
-)
-from semcal_cli.formats.names import cameras_among, check_two, choose, has_optical_word, lidars_among
+from semcal_cli.formats.format import FRAMES, Format, FormatOptions, Source
+from semcal_cli.formats.frames import camera_and_lidar, named, optical_axes
+from semcal_cli.formats.pose import ANGLES, PLACE, numbers_of, pose_of
 from semcal_cli.formats.values import parse_numbers
 from semcal_cli.formats.xml import looks_like_xml, parse_xml
-from semcal_cli.geometry.poses import Pose, inverse, rpy
+from semcal_cli.geometry.poses import Pose, inverse
 
 
 def _links(joint: ET.Element) -> tuple[str, str]:
@@ -34,12 +26,7 @@ def _read(source: Source, options: FormatOptions) -> Pose:
     where, root = str(source.path), parse_xml(source.text, source.path)
     joints = [joint for joint in root.iter("joint") if all(_links(joint))]
     links = list(dict.fromkeys(link for joint in joints for link in _links(joint)))
-    cameras, lidars = cameras_among(links, options.lidar), lidars_among(links, options.camera)
-    optical = [link for link in cameras if has_optical_word(link)]
-    cameras = optical if len(optical) == 1 else cameras
-    camera = choose(where, "links", links, cameras, options.camera, "--camera")
-    lidar = choose(where, "links", links, lidars, options.lidar, "--lidar")
-    check_two(where, camera, lidar, "two links")
+    camera, lidar = camera_and_lidar(where, "links", links, options, prefers_optical=True)
     T_lidar_camera = np.eye(4)
     for joint, link in _path(where, joints, lidar, camera):
         T = _origin(source, joint)
@@ -77,21 +64,23 @@ def _path(where: str, joints: list[ET.Element], start: str, end: str) -> list[tu
 
 def _origin(source: Source, joint: ET.Element) -> Pose:
     """Read T_parent_child of a joint."""
-    origin, name = joint.find("origin"), joint.get("name", "")
+    origin, key = joint.find("origin"), f"joint {joint.get('name', '')!r}"
     attributes = {} if origin is None else origin.attrib
-    place, angles = (
-        parse_numbers(source.path, f"joint {name!r}: {key}", attributes.get(key, "0 0 0"), 3)
-        for key in ("xyz", "rpy")
-    )
-    return from_rpy(f"{source.path}: joint {name!r}", angles.tolist(), place.tolist())
+    values: dict[str, float] = {}
+    for name, names in (("xyz", PLACE), ("rpy", ANGLES)):
+        found = parse_numbers(source.path, f"{key}: {name}", attributes.get(name, "0 0 0"), 3)
+        values.update(zip(names, found.tolist(), strict=True))
+    return pose_of(f"{source.path}: {key}", values, FormatOptions())
 
 
-def _write(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
+def _make(T_camera_lidar: Pose, options: FormatOptions) -> bytes:
     T, lidar, camera = named(T_camera_lidar, options)
+    values = numbers_of(T)
+    place, angles = (" ".join(repr(values[name]) for name in names) for names in (PLACE, ANGLES))
     joint = ET.Element("joint", name=f"{camera}_joint", type="fixed")
     ET.SubElement(joint, "parent", link=lidar)
     ET.SubElement(joint, "child", link=camera)
-    ET.SubElement(joint, "origin", xyz=" ".join(map(repr, xyz(T))), rpy=" ".join(map(repr, rpy(T))))
+    ET.SubElement(joint, "origin", xyz=place, rpy=angles)
     ET.indent(joint)
     return (ET.tostring(joint, encoding="unicode") + "\n").encode()
 
@@ -101,6 +90,6 @@ FORMAT = Format(
     "p_parent = T p_child: <origin xyz rpy> of a <joint>; of several, those between the two links",
     lambda source: looks_like_xml(source, "joint"),
     _read,
-    _write,
+    _make,
     asks=FRAMES,
 )

@@ -1,4 +1,7 @@
-"""Checked values of a data set's files: the message on a wrong value names its file and key."""
+"""Checked values of files.
+
+Functions raise an `InputError` that names file and key, what was found and what was needed, where the value is another.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,13 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import describe, one_of
-from semcal_cli.files.reading import read_text
 from semcal_cli.files.validation import validate
 from semcal_cli.geometry.poses import Pose, Vector, check_rigid, nearest_rigid
 
@@ -29,11 +30,7 @@ MAX_WORLD_M = 1e8
 
 
 def number(where: str, value: object, low: float = -math.inf, high: float = math.inf) -> float:
-    """Check that a value is a finite number from `low` to `high`; `where` names its file and key.
-
-    Raises:
-        InputError: the value is not such a number.
-    """
+    """Check that a value is a finite number from `low` to `high`; `where` names its file and key."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f"{where}: found {describe(value)}, needed a number")
     try:
@@ -48,11 +45,7 @@ def number(where: str, value: object, low: float = -math.inf, high: float = math
 
 
 def image_side(where: str, value: object) -> int:
-    """Check the number of pixels along a side of an image; it is never rounded.
-
-    Raises:
-        InputError: the value is not a whole number in the range of image sides.
-    """
+    """Check the number of pixels along a side of an image; it is never rounded."""
     pixels = number(where, value)
     if not pixels.is_integer() or not 1 <= pixels <= MAX_SIDE:
         raise InputError(f"{where}: found {describe(value)}, needed a whole number from 1 to {MAX_SIDE}")
@@ -60,20 +53,12 @@ def image_side(where: str, value: object) -> int:
 
 
 def stamp_s(where: str, seconds: float) -> float:
-    """Check a time in seconds.
-
-    Raises:
-        InputError: the time is outside the range of a drive's stamps.
-    """
+    """Check a time in seconds, which must be in the range of a drive's stamps."""
     return number(where, seconds, -MAX_STAMP_S, MAX_STAMP_S)
 
 
 def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
-    """Check a rigid transform that a file states, and remove its rounding.
-
-    Raises:
-        InputError: the matrix is not rigid, or reaches farther than `farthest_m` along an axis.
-    """
+    """Check a rigid transform that reaches at most `farthest_m` along an axis, and remove its rounding."""
     try:
         check_rigid(T)
     except ValueError as error:
@@ -84,25 +69,34 @@ def rigid(where: str, T: Pose, farthest_m: float = MAX_MOUNT_M) -> Pose:
     return nearest_rigid(T)
 
 
-def pose_from_rows(where: str, values: npt.NDArray[np.float64], farthest_m: float = MAX_MOUNT_M) -> Pose:
-    """Make a transform (4, 4) from the 12 numbers of its first three rows.
+def pick(
+    kind: str, wanted: str | None, known: Sequence[str], where: object, *, usual: str | None = None
+) -> str:
+    """Choose a sequence, a camera or the like: the wanted one, else the usual one, else the only one.
 
-    Raises:
-        InputError: it is not rigid, or too far.
+    Args:
+        kind: What is chosen, as messages call it.
+        wanted: The name that the user gives, if any.
+        known: All names.
+        where: The file or folder that messages name.
+        usual: The name that is taken if none is wanted.
     """
-    return rigid(where, np.vstack([values.reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]), farthest_m)
+    choice = usual if wanted is None else wanted
+    if choice in known:
+        return str(choice)
+    if choice is None and len(known) == 1:
+        return known[0]
+    found = "none given" + (f", and no {usual}" if usual else "") if wanted is None else f"found {wanted!r}"
+    raise InputError(f"{where}: {kind}: {found}, needed {one_of(choice or '', known)}")
 
 
-def camera_block(path: Path, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
+def camera_block(path: Path | str, block: dict[str, Any], keys: Mapping[str, str]) -> dict[str, Any]:
     """Check the camera block of a drive that was made from a file.
 
     Args:
         path: The file.
         block: The block.
-        keys: Names of the block's keys in the file, where they differ.
-
-    Raises:
-        InputError: the block is wrong; the message names the file's own key.
+        keys: Names of the block's keys in the file, where they differ; messages name these.
     """
     try:
         validate(Camera, block, Path("camera"))
@@ -113,56 +107,8 @@ def camera_block(path: Path, block: dict[str, Any], keys: Mapping[str, str]) -> 
     return block
 
 
-def read_keyed(path: Path) -> dict[str, str]:
-    """Read `key: values` lines, as KITTI's calibration files have them.
-
-    Raises:
-        InputError: the file is missing, or is not text.
-    """
-    return keyed_lines(read_text(path))
-
-
-GIVEN_TWICE = "\0"
-"""Value of a key that stands on several lines: nobody can tell which is meant."""
-
-
-def keyed_lines(text: str) -> dict[str, str]:
-    """Map the keys of `key: values` lines to their values."""
-    keyed: dict[str, str] = {}
-    for key, colon, values in (line.partition(":") for line in text.splitlines()):
-        if colon:
-            keyed[key.strip()] = GIVEN_TWICE if key.strip() in keyed else values.strip()
-    return keyed
-
-
-def numbers(path: Path, keyed: dict[str, str], key: str, *counts: int) -> Vector:
-    """Parse the finite numbers (count,) under a key of a file that `read_keyed` read.
-
-    Raises:
-        InputError: the key is missing, or its value is something else.
-    """
-    if key not in keyed:
-        raise InputError(f"{path}: found no key {key!r}, needed {one_of(key, list(keyed))}")
-    if keyed[key] == GIVEN_TWICE:
-        raise InputError(f"{path}: {key}: found it twice, needed it once")
-    return parse_numbers(path, key, keyed[key], *counts)
-
-
-def transform(path: Path, keyed: dict[str, str], key: str) -> Pose:
-    """Read a transform (4, 4) from the 12 numbers under a key.
-
-    Raises:
-        InputError: the key is missing, or the transform is not rigid.
-    """
-    return pose_from_rows(f"{path}: {key}", numbers(path, keyed, key, 12))
-
-
 def parse_numbers(path: Path, key: str, text: str, *counts: int) -> Vector:
-    """Parse the finite numbers (count,) of a text.
-
-    Raises:
-        InputError: the text is something else.
-    """
+    """Parse the finite numbers (count,) of a text."""
     words = text.split()
     needed = " or ".join(map(str, counts))
     if (wrong := next((word for word in words if not _is_finite(word)), None)) is not None:
@@ -180,100 +126,7 @@ def _is_finite(word: str) -> bool:
 
 
 def parse_number(where: str, text: str) -> float:
-    """Parse a finite number.
-
-    Raises:
-        InputError: the text is not a finite number.
-    """
+    """Parse a finite number."""
     if not _is_finite(text):
         raise InputError(f"{where}: found {text[:40]!r}, needed a finite number")
     return float(text)
-
-
-def mapping_at(where: str, value: object) -> dict[Any, Any]:
-    """Check that a value is a mapping.
-
-    Raises:
-        InputError: the value is something else.
-    """
-    if not isinstance(value, dict):
-        raise InputError(f"{where}: found {describe(value)}, needed a mapping")
-    return value
-
-
-def at(where: str, node: object, key: str) -> Any:
-    """Look up a key of a mapping in a document.
-
-    Raises:
-        InputError: the key is missing, or the node is not a mapping.
-    """
-    mapping = mapping_at(where, node)
-    if mapping.get(key) is None:
-        raise InputError(f"{where}: {key}: found nothing, needed a value")
-    return mapping[key]
-
-
-def text_at(where: str, node: object, key: str) -> str:
-    """Look up the text under a key.
-
-    Raises:
-        InputError: the key is missing, or its value is not a text.
-    """
-    value = at(where, node, key)
-    if not isinstance(value, str) or not value:
-        raise InputError(f"{where}: {key}: found {describe(value)}, needed a name")
-    return value
-
-
-def numbers_in(where: str, node: object, key: str, count: int) -> list[float]:
-    """Look up the list of `count` finite numbers under a key.
-
-    Raises:
-        InputError: the key is missing, or its value is not such a list.
-    """
-    values = at(where, node, key)
-    if not isinstance(values, list) or len(values) != count:
-        raise InputError(f"{where}: {key}: found {describe(values)}, needed {count} numbers")
-    return [number(f"{where}: {key}", value) for value in values]
-
-
-def numbers_at(where: str, node: object, key: str, names: Sequence[str]) -> list[float]:
-    """Look up the finite numbers that the mapping under a key has under some names.
-
-    Raises:
-        InputError: there is no mapping with all of the names.
-    """
-    part = mapping_at(f"{where}: {key}", at(where, node, key))
-    return [number(f"{where}: {key}.{name}", at(f"{where}: {key}", part, name)) for name in names]
-
-
-def _is_flat(rows: object) -> TypeGuard[list[object]]:
-    """Tell whether a matrix is a list of its numbers by rows."""
-    return isinstance(rows, list) and len(rows) in (12, 16) and not any(isinstance(row, list) for row in rows)
-
-
-def rows_like(before: object, T: Pose) -> list[Any]:
-    """Rows of a transform, laid out as the matrix that they replace: in one list, or without the last row."""
-    if _is_flat(before):
-        numbers: list[Any] = T.ravel()[: len(before)].tolist()
-        return numbers
-    rows: list[Any] = T[: 3 if isinstance(before, list) and len(before) == 3 else 4].tolist()
-    return rows
-
-
-def matrix_at(where: str, node: object, key: str) -> list[float]:
-    """Look up the numbers, by rows, of the 4 x 4 or 3 x 4 matrix under a key: a list of rows, or one of numbers.
-
-    Raises:
-        InputError: the key is missing, or its value is not such a matrix.
-    """
-    rows = at(where, node, key)
-    if _is_flat(rows):
-        return [number(f"{where}: {key}", value) for value in rows]
-    if (
-        not isinstance(rows, list)
-        or len(rows) not in (3, 4)
-        or any(not isinstance(row, list) or len(row) != 4 for row in rows)
-    ):
-        raise InputError(f"{where}: {key}: found {describe(rows)}, needed 4 rows of 4 numbers")
-    return [number(f"{where}: {key}", value) for row in rows for value in row]

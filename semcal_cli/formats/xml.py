@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from contextlib import suppress
 from pathlib import Path
 
 from semcal_cli.errors import InputError
@@ -15,9 +14,7 @@ DECLARATION = re.compile(r"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 
 def looks_like_xml(source: Source, element: str) -> bool:
     """Tell whether a file begins as XML does and has such an element, without parsing it."""
-    with suppress(InputError):
-        return source.text.lstrip().startswith("<") and f"<{element}" in source.text
-    return False
+    return source.start.startswith("<") and f"<{element}" in source.start
 
 
 def parse_xml(text: str, path: Path) -> ET.Element:

@@ -9,7 +9,7 @@ import numpy as np
 from semcal_cli.drive.document import Camera
 from semcal_cli.errors import InputError
 from semcal_cli.formats import FORMATS
-from semcal_cli.formats.format import Format, FormatOptions, wxyz
+from semcal_cli.formats.format import Format, FormatOptions
 from semcal_cli.geometry.poses import (
     Pose,
     Vector,
@@ -51,7 +51,9 @@ def notations(T_camera_lidar: Pose) -> list[Notation]:
         ),
         Notation("translation x y z", "metres, of T_camera_lidar", _row(T_camera_lidar[:3, 3])),
         Notation("quaternion x y z w", "of T_camera_lidar", _row(quaternion_xyzw(T_camera_lidar))),
-        Notation("quaternion w x y z", "of T_camera_lidar", _row(np.array(wxyz(T_camera_lidar)))),
+        Notation(
+            "quaternion w x y z", "of T_camera_lidar", _row(np.roll(quaternion_xyzw(T_camera_lidar), 1))
+        ),
         Notation("rotation vector", "degrees, of T_camera_lidar", _row(rotation_vector)),
         Notation(
             "rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", _row(np.radians(rotation_vector))

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 import yaml
 
-from semcal_cli.datasets import kitti
+from semcal_cli.datasets import kitti, kitti_raw
 from semcal_cli.files.images import read_image
-from semcal_cli.formats.values import numbers, read_keyed
+from semcal_cli.formats.keyed import read_keyed
 
 CITYSCAPES = [
     *(
@@ -84,20 +84,11 @@ def _kitti_raw(source: Path, folder: Path) -> Iterator[RealDrive]:
             labels = (of_drive if of_drive.is_dir() else of_drive.parent) / path.name
             frames.append(_frame(sync / f"velodyne_points/data/{path.stem}.bin", path, labels))
     camera = images.name.removeprefix("image_")
-    cam_to_cam, velo_to_cam = day / "calib_cam_to_cam.txt", day / "calib_velo_to_cam.txt"
-    keyed, velo = read_keyed(cam_to_cam), read_keyed(velo_to_cam)
-    P = kitti.projection(cam_to_cam, keyed, f"P_rect_{camera}")
+    projection = read_keyed(day / "calib_cam_to_cam.txt").at(f"P_rect_{camera}")
     height, width = read_image(Path(frames[0]["image"])).shape[:2]
-    T = (
-        kitti.beside_camera0(cam_to_cam, "P", P)
-        @ kitti.rotation(cam_to_cam, keyed, "R_rect_00")
-        @ kitti.translated(velo_to_cam, "T", numbers(velo_to_cam, velo, "T", 3))
-        @ kitti.rotation(velo_to_cam, velo, "R")
-    )
+    lens, T = kitti.pinhole(projection, width, height), kitti_raw.reference(day, camera)
     name = "KITTI jam" if source.name.endswith("jam") else "KITTI raw, right camera"
-    yield _write(
-        folder, f"{name}, {len(frames)} pairs", kitti.pinhole(cam_to_cam, "P", P, width, height), frames, T
-    )
+    yield _write(folder, f"{name}, {len(frames)} pairs", lens, frames, T)
 
 
 def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
@@ -107,10 +98,9 @@ def _opencalib(source: Path, folder: Path) -> Iterator[RealDrive]:
         path = source / number / "calib.txt"
         keyed = read_keyed(path)
         (image,) = (each for each in path.parent.glob("calib.*") if each.suffix in (".jpg", ".png"))
-        distortion = [float(word) for word in keyed["D"].replace(",", " ").split()]
-        lenses.append(_lens(numbers(path, keyed, "K", 9).reshape(3, 3), (1920, 1200), distortion))
+        lenses.append(_lens(keyed.at("K").matrix(3, 3), (1920, 1200), keyed.at("D").numbers()))
         frames.append(_frame(path.parent / "calib.pcd", image, source / f"image_labels/{number}.png"))
-        poses.append(np.vstack([numbers(path, keyed, "T", 12).reshape(3, 4), [0.0, 0.0, 0.0, 1.0]]))
+        poses.append(np.vstack([keyed.at("T").matrix(3, 4), [0.0, 0.0, 0.0, 1.0]]))
         yield _write(folder, f"OpenCalib {number}", lenses[place], frames[place:], poses[place])
     yield _write(folder, "OpenCalib 1 and 2", lenses[0], frames[:2], poses[0])
 

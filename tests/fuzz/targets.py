@@ -25,7 +25,6 @@ from semcal_cli.batch.summary import write_summary
 from semcal_cli.batch.tasks import Task, describe_result
 from semcal_cli.config import Limits
 from semcal_cli.datasets import load_dataset
-from semcal_cli.datasets.intrinsics import read_intrinsics
 from semcal_cli.datasets.ontologies import read_ontology
 from semcal_cli.datasets.ply import read_vertices
 from semcal_cli.datasets.recording import Request
@@ -38,9 +37,9 @@ from semcal_cli.files.documents import output_format, parse_document
 from semcal_cli.files.validation import StrictModel, validate
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.members import read_members
-from semcal_cli.formats import FORMATS, put_transform, read_transform, write_transform
+from semcal_cli.formats import FORMATS, put_transform, read_extrinsic, read_transform, write_transform
 from semcal_cli.formats.format import Format, FormatOptions
-from semcal_cli.formats.semcal import read_half_widths
+from semcal_cli.formats.intrinsics import read_intrinsics
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.labelling.card import read_card, read_classes
 from semcal_cli.result.calibration import read_calibration
@@ -159,7 +158,7 @@ def check_calibration(path: Path) -> None:
     check_pose(calibration.pose)
     check_pose(read_transform(path))
     check_written_again(calibration, path)
-    widths = read_half_widths(path)
+    widths = read_extrinsic(path).half_widths
     assert widths is None or np.isfinite(widths).all()
     core_camera(calibration.input.camera)
     read_members([path])
@@ -168,7 +167,7 @@ def check_calibration(path: Path) -> None:
 def check_fleet(path: Path) -> None:
     """Check the result of a fleet, which is read as a transform with its intervals."""
     check_pose(read_transform(path))
-    widths = read_half_widths(path)
+    widths = read_extrinsic(path).half_widths
     assert widths is None or np.isfinite(widths).all()
 
 

@@ -1,0 +1,161 @@
+"""Frames of a file: which of them is the camera's and which the LiDAR's, by whole words of their names, and their axes.
+
+Parts of words say nothing: `pos_camera` holds `os`, and `hesai_cam` is a camera beside a LiDAR of Hesai's.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection
+
+import numpy as np
+
+from semcal_cli.errors import InputError
+from semcal_cli.files.messages import listed
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.geometry.poses import OPTICAL_AXES, Pose, inverse
+
+LIDAR, CAMERA, CAMERA_BODY = "lidar", "camera_optical_frame", "camera_link"
+"""Default names of the frames."""
+WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+"""A word: digits and signs separate words, and so do capitals, as in `frontCamera`, `RGBCamera` and `CAM_FRONT`."""
+OPTICAL_WORDS = {"optical"}
+CAMERA_WORDS = {"cam", "cams", "camera", "cameras"} | OPTICAL_WORDS
+LIDAR_WORDS = {"lidar", "lidars", "laser", "laserscan", "laserscanner", "scan", "scanner"} | {
+    *("velodyne", "vlp", "hdl", "ouster", "os", "hesai", "pandar", "livox", "robosense", "rslidar")
+}
+"""Words of LiDAR frames; a frame of another name, such as `base_link`, is the LiDAR's only if the user says so."""
+T_BODY_OPTICAL = np.eye(4)
+T_BODY_OPTICAL[:3, :3] = OPTICAL_AXES
+
+
+def has_word(name: str, words: set[str]) -> bool:
+    """Tell whether a name has one of some words."""
+    return bool(words & {word.lower() for word in WORD.findall(name.replace("LiDAR", "Lidar"))})
+
+
+def is_ambiguous(name: str) -> bool:
+    """Tell whether a name may be a camera's as well as a LiDAR's."""
+    return has_word(name, CAMERA_WORDS) and has_word(name, LIDAR_WORDS)
+
+
+def named_by(words: set[str], names: Collection[str], other: str | None) -> list[str]:
+    """Find the names with one of some words, except an ambiguous one that the user gives to the other sensor."""
+    return [name for name in names if has_word(name, words) and not (name == other and is_ambiguous(name))]
+
+
+def camera_and_lidar(
+    where: str, kind: str, names: Collection[str], options: FormatOptions, *, prefers_optical: bool = False
+) -> tuple[str, str]:
+    """Choose the camera and the LiDAR among the names of a file: those that the user gives, or the only ones by words.
+
+    Args:
+        where: File in messages.
+        kind: What the names name, as in `sensors`.
+        names: All names of the file.
+        options: What the user gives.
+        prefers_optical: Whether the only optical frame goes before other frames of cameras.
+
+    Raises:
+        InputError: the file does not have a name that the user gives, the words of its names leave a choice, or both
+            are the same.
+    """
+    cameras = named_by(CAMERA_WORDS, names, options.lidar)
+    optical = [name for name in cameras if has_word(name, OPTICAL_WORDS)]
+    lidars = named_by(LIDAR_WORDS, names, options.camera)
+    chosen = []
+    for side, wanted, found in (
+        ("camera", options.camera, optical if prefers_optical and len(optical) == 1 else cameras),
+        ("lidar", options.lidar, lidars),
+    ):
+        is_told = wanted is None and len(found) == 1 and not is_ambiguous(found[0])
+        if not is_told and wanted not in names:
+            needed = f"needed {options.prefix}{side} to name one of them"
+            raise InputError(f"{where}: found {kind} {listed(names)}, {needed}")
+        chosen.append(found[0] if wanted is None else wanted)
+    camera, lidar = chosen
+    check_two(where, camera, lidar, f"two {kind}")
+    return camera, lidar
+
+
+def check_two(where: str, camera: str, lidar: str, needed: str) -> None:
+    """Check that camera and LiDAR are not the same entry of a file.
+
+    Raises:
+        InputError: they are the same, so that the file has no transform from one sensor to the other.
+    """
+    if camera == lidar:
+        raise InputError(f"{where}: found {camera!r} for both camera and LiDAR, needed {needed}")
+
+
+def turned(where: str, T: Pose, options: FormatOptions) -> Pose:
+    """Apply the user's direction to a transform whose file does not state one: T_camera_lidar, or its inverse.
+
+    Raises:
+        InputError: the user does not state the direction either.
+    """
+    if options.direction is None:
+        needed = f"needed {options.prefix}direction lidar-to-camera (p_camera = T p_lidar) or camera-to-lidar"
+        raise InputError(f"{where}: found a transform of no stated direction, {needed}")
+    return T if options.direction == "lidar-to-camera" else inverse(T)
+
+
+def between(where: str, T_parent_child: Pose, parent: str, child: str, options: FormatOptions) -> Pose:
+    """Convert a transform between two named frames, p_parent = T p_child, to T_camera_lidar.
+
+    Raises:
+        InputError: the names do not tell which frame is the camera's, or whether it is an optical one, and the user
+            does not state it.
+    """
+    camera = camera_frame(where, parent, child, options)
+    T_lidar_camera = T_parent_child if camera == child else inverse(T_parent_child)
+    return inverse(T_lidar_camera @ optical_axes(where, camera, options))
+
+
+def camera_frame(where: str, parent: str, child: str, options: FormatOptions) -> str:
+    """Find which of two frames is the camera's; the other one is the LiDAR's.
+
+    Raises:
+        InputError: the names do not tell, and the user does not state it.
+    """
+    if parent == child:
+        raise InputError(f"{where}: found frame {parent!r} as parent and as child, needed two frames")
+    found = f"{where}: found frames {parent!r} and {child!r}"
+    cameras = named_by(CAMERA_WORDS, (parent, child), options.lidar)
+    is_told = len(cameras) == 1 and not is_ambiguous(cameras[0])
+    camera = options.camera or (cameras[0] if is_told else None)
+    if camera not in (parent, child):
+        raise InputError(f"{found}, needed {options.prefix}camera to name the camera's")
+    lidar = parent if camera == child else child
+    if options.lidar not in (None, lidar):
+        raise InputError(f"{found}, needed {options.lidar!r} as {options.prefix}lidar says")
+    if options.lidar is None and (not has_word(lidar, LIDAR_WORDS) or has_word(lidar, CAMERA_WORDS)):
+        raise InputError(
+            f"{where}: found frame {lidar!r}, needed {options.prefix}lidar {lidar} if it is the LiDAR's own"
+        )
+    return camera
+
+
+def optical_axes(where: str, camera: str, options: FormatOptions) -> Pose:
+    """T_frame_optical of a camera's frame, by its name or by the user's option.
+
+    Raises:
+        InputError: neither the name nor an option tells the axes.
+    """
+    frame = options.frame or ("optical" if has_word(camera, OPTICAL_WORDS) else None)
+    if frame is None:
+        needed = f"needed {options.prefix}frame optical (x right, y down, z forward) or body (x forward, y left, z up)"
+        raise InputError(f"{where}: found the camera's frame {camera!r}, {needed}")
+    return np.eye(4) if frame == "optical" else T_BODY_OPTICAL
+
+
+def named(T_camera_lidar: Pose, options: FormatOptions) -> tuple[Pose, str, str]:
+    """T_lidar_frame of the camera's frame to write, and the names of the LiDAR's and the camera's frame."""
+    for name in filter(None, (options.lidar, options.camera)):
+        if not name.isprintable():
+            raise InputError(f"--to-camera, --to-lidar: found {name!r}, needed a name that can be printed")
+    is_body = options.frame == "body"
+    T = inverse(T_camera_lidar) @ (inverse(T_BODY_OPTICAL) if is_body else np.eye(4))
+    lidar, camera = options.lidar or LIDAR, options.camera or (CAMERA_BODY if is_body else CAMERA)
+    check_two("--to-camera, --to-lidar", camera, lidar, "two names")
+    return T, lidar, camera

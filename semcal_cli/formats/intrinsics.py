@@ -1,0 +1,72 @@
+"""The `camera:` block of a drive from a file of any format that holds intrinsics, for the raw images."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from semcal_cli.drive.lenses import DISTORTION_COUNTS, PARAMETERS
+from semcal_cli.errors import InputError
+from semcal_cli.files.messages import describe
+from semcal_cli.files.reading import read_text
+from semcal_cli.formats.camera_info import first_document, ros_intrinsics
+from semcal_cli.formats.format import Source
+from semcal_cli.formats.lenses import Intrinsics
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.storage import is_storage
+from semcal_cli.formats.table import FORMATS
+from semcal_cli.formats.values import camera_block
+
+KNOWN_AS = (
+    "a ROS camera_info (distortion_model), a Kalibr camchain (cam0) or an OpenCV FileStorage (camera_matrix)"
+)
+
+
+def read_intrinsics(path: Path, camera: str | None = None, model: str | None = None) -> dict[str, Any]:
+    """Read the camera block from a file of any known kind.
+
+    Args:
+        path: The file.
+        camera: Name of a camera in a camchain; None for the only one.
+        model: Camera model, which overrides that of the file; an OpenCV FileStorage does not always name one.
+
+    Raises:
+        InputError: the file is of no known kind, a key is missing or wrong, or `camera` or `model` does not fit.
+    """
+    text = read_text(path)
+    source = Source(path, (text if is_storage(text) else first_document(text)).encode())
+    block, keys = _read(source, camera, model)
+    return camera_block(path, block if model is None else _with_model(path, block, model), keys)
+
+
+def ros_camera(source: str, document: dict[Any, Any]) -> dict[str, Any]:
+    """Make the camera block of a sensor_msgs/CameraInfo whose fields have been read; `source` is named in errors.
+
+    Raises:
+        InputError: the lens is not known, or a value is wrong.
+    """
+    return camera_block(source, *ros_intrinsics(Node(source, document)))
+
+
+def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+    for format in FORMATS:
+        if format.lens is not None and format.lens.recognises(source):
+            return format.lens.read(source, camera, model)
+    document = Node(str(source.path), source.document).mapping
+    keys = ", ".join(describe(key) for key in list(document)[:5]) or "none"
+    raise InputError(f"{source.path}: found top-level keys {keys}, needed {KNOWN_AS}")
+
+
+def _with_model(path: Path, block: dict[str, Any], model: str) -> dict[str, Any]:
+    """Replace the camera model and keep K and the coefficients."""
+    counts = next((counts for name, counts in DISTORTION_COUNTS.items() if name == model), None)
+    if counts is None:
+        raise InputError(f"--model: found {model!r}, needed one of: {', '.join(DISTORTION_COUNTS)}")
+    if block["model"] != model and {block["model"], model} & PARAMETERS.keys():
+        raise InputError(f"{path}: found model {block['model']!r}, which cannot be taken as --model {model}")
+    distortion = block.get("distortion", [])
+    if not isinstance(distortion, list) or len(distortion) not in counts:
+        found = len(distortion) if isinstance(distortion, list) else describe(distortion)
+        needed = " or ".join(map(str, counts))
+        raise InputError(f"{path}: found {found} coefficients, needed {needed} for --model {model}")
+    return block | {"model": model}

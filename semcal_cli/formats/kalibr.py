@@ -1,0 +1,128 @@
+"""A Kalibr camchain (github.com/ethz-asl/kalibr/wiki/yaml-formats), with `T_cam_lidar` named after its `T_cam_imu`."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from semcal_cli.drive.document import Camera
+from semcal_cli.drive.lenses import PARAMETERS, CameraModel
+from semcal_cli.formats.camera_entries import camera_format
+from semcal_cli.formats.format import FormatOptions, Source
+from semcal_cli.formats.lenses import (
+    Intrinsics,
+    LensReader,
+    UnnamedLensError,
+    check_lens,
+    check_same_camera,
+    coefficients_of,
+    intrinsic_matrix,
+    pixels_of,
+    tell,
+    with_count,
+)
+from semcal_cli.formats.node import Node
+from semcal_cli.formats.values import pick
+
+LENSES: dict[str, dict[str, CameraModel]] = {
+    "pinhole": {"radtan": "plumb_bob", "equidistant": "fisheye", "fov": "fov", "none": "plumb_bob"},
+    "omni": {"radtan": "omnidirectional", "none": "omnidirectional"},
+    "ds": {"none": "double_sphere"},
+}
+"""Camera model of each camera_model and distortion_model. Intrinsics begin with the parameters of the model."""
+MODELS: dict[CameraModel, tuple[str, str]] = {
+    "plumb_bob": ("pinhole", "radtan"),
+    "fisheye": ("pinhole", "equidistant"),
+    "omnidirectional": ("omni", "radtan"),
+    "double_sphere": ("ds", "none"),
+    "fov": ("pinhole", "fov"),
+}
+"""camera_model and distortion_model of each camera model."""
+KEYS = {"K": "intrinsics", "distortion": "distortion_coeffs", "parameters": "intrinsics"}
+
+
+def _chain(source: Source) -> dict[str, Any]:
+    """Cameras with intrinsics, by their names."""
+    entries = source.mapping.items()
+    return {str(key): entry for key, entry in entries if isinstance(entry, dict) and "camera_model" in entry}
+
+
+def _read(source: Source, camera: str | None, model: str | None) -> Intrinsics:
+    chain = _chain(source)
+    entry = Node(str(source.path), chain[pick("camera", camera, list(chain), source.path)])
+    kind = _known(entry.first("camera_model"), LENSES)
+    lens = "none" if kind == "ds" else _known(entry.first("distortion_model"), LENSES[kind])
+    width, height = (entry.child("resolution", side).side() for side in entry.first("resolution").numbers(2))
+    found = LENSES[kind][lens]
+    parameters = tuple(PARAMETERS.get(found, {}))
+    intrinsics = entry.first("intrinsics").numbers(len(parameters) + 4)
+    block: dict[str, Any] = {"width": width, "height": height, "model": found}
+    block["K"] = intrinsic_matrix(*intrinsics[len(parameters) :])
+    if kind != "ds":
+        # Without distortion, coefficients may be there or not; a pinhole's are looked at.
+        is_needed = lens != "none"
+        block["distortion"] = entry.first("distortion_coeffs").value if is_needed else []
+        if kind == "pinhole" and not is_needed:
+            block["distortion"] = entry.mapping.get("distortion_coeffs", [])
+    if parameters:
+        block["parameters"] = dict(zip(parameters, intrinsics, strict=False))
+    return Intrinsics(block, KEYS)
+
+
+def _known(name: Node, known: dict[str, Any]) -> str:
+    if str(name.value) not in known:
+        raise name.mismatch(f"one of: {', '.join(known)}")
+    return str(name.value)
+
+
+def _entry(where: str, camera: Camera) -> dict[str, Any]:
+    """Make the keys of a camera; `where` is the option or the file that errors name.
+
+    Raises:
+        UnnamedLensError: Kalibr has no name for the lens, or the lens has more coefficients than Kalibr's.
+    """
+    check_lens(where, camera, MODELS)
+    kind, lens = MODELS[camera.model]
+    distortion = coefficients_of(camera) if camera.model == "fisheye" else list(camera.distortion)
+    if camera.model == "plumb_bob":
+        if any(distortion[4:]):
+            needed = "needed 0: Kalibr's radtan has k1, k2, p1 and p2"
+            raise UnnamedLensError(f"{where}: found the lens plumb_bob with k3 {distortion[4]}, {needed}")
+        distortion = distortion[:4]
+    return {
+        "camera_model": kind,
+        "distortion_coeffs": distortion,
+        "distortion_model": lens if distortion else "none",
+        "intrinsics": [
+            *(camera.parameters[name] for name in PARAMETERS.get(camera.model, ())),
+            *pixels_of(camera),
+        ],
+        "resolution": [camera.width, camera.height],
+    }
+
+
+def _set_lens(entry: dict[str, Any], camera: Camera, options: FormatOptions, is_new: bool) -> None:
+    """Add the intrinsics to a new entry, or replace those that an entry has; one without any stays so."""
+    if is_new:
+        entry |= _entry("--to kalibr", camera)
+        return
+    if not {"camera_model", "intrinsics"} <= entry.keys():
+        return
+    sides, coefficients = entry.get("resolution"), entry.get("distortion_coeffs")
+    sides = sides if isinstance(sides, list) else [sides]
+    check_same_camera(options, camera, sides)
+    count = len(coefficients) if isinstance(coefficients, list) else 0
+    found = _entry(str(options.file), with_count(camera, count))
+    names = [(key, entry.get(key, found[key]), found[key]) for key in ("camera_model", "distortion_model")]
+    check_same_camera(options, camera, sides, *names)
+    entry |= found
+    tell(options, camera)
+
+
+FORMAT = camera_format(
+    "kalibr",
+    "T_cam_lidar of a camchain's camera",
+    "T_cam_lidar",
+    "cam0",
+    lens=LensReader(lambda source: bool(_chain(source)), _read),
+    set_lens=_set_lens,
+)

@@ -1,0 +1,191 @@
+"""Poses from the numbers of a file, and the numbers of a pose."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from semcal_cli.errors import InputError
+from semcal_cli.formats.format import FormatOptions
+from semcal_cli.formats.node import Node, rows_like
+from semcal_cli.formats.values import MAX_MOUNT_M, rigid
+from semcal_cli.geometry.poses import Pose, nearest_rigid, pose_from_quaternion, quaternion_xyzw, rpy
+
+PLACE, ANGLES = ("x", "y", "z"), ("roll", "pitch", "yaw")
+XYZW, WXYZ = ("qx", "qy", "qz", "qw"), ("qw", "qx", "qy", "qz")
+ROUNDING = 1e-6
+LEAST_SCALE = 1e-3
+"""Least ratio of the rows' scales; rows with a smaller one come from no rotation, and none is near."""
+
+
+class Notation(Protocol):
+    """How the entry of a document holds a pose."""
+
+    def read(self, node: Node, options: FormatOptions) -> Pose:
+        """Read the pose (4, 4).
+
+        Raises:
+            InputError: a number is missing or wrong, or the transform is not rigid.
+        """
+
+    def put(self, entry: dict[Any, Any], T: Pose) -> None:
+        """Replace the pose, in the layout that the entry has."""
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A pose as a matrix of 4 or 3 rows, or as the list of their numbers."""
+
+    key: str
+
+    def read(self, node: Node, options: FormatOptions) -> Pose:
+        """Read the pose (4, 4)."""
+        found = node.at(self.key)
+        return from_rows(found.where, found.rows(), options)
+
+    def put(self, entry: dict[Any, Any], T: Pose) -> None:
+        """Replace the matrix, in the layout that it has."""
+        entry[self.key] = rows_like(entry.get(self.key), T)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A pose as the numbers of `PLACE`, and of `XYZW` or `ANGLES`."""
+
+    parts: Mapping[str, tuple[str, ...]]
+    """Names of the numbers under each key, in order; those under the empty key are the entry's own."""
+    are_named: bool = False
+    """Whether a part is a mapping of its numbers by name, as x y z w, and not a list."""
+
+    def read(self, node: Node, options: FormatOptions) -> Pose:
+        """Read the pose (4, 4)."""
+        values: dict[str, float] = {}
+        for key, names in self.parts.items():
+            part = node.at(key) if key else node
+            if self.are_named:
+                values |= {name: part.at(_short(name)).number() for name in names}
+            else:
+                values |= dict(zip(names, part.numbers(len(names)), strict=True))
+        return pose_of(node.where if len(self.parts) > 1 else part.where, values, options)
+
+    def put(self, entry: dict[Any, Any], T: Pose) -> None:
+        """Replace the numbers, and leave others beside them."""
+        values = numbers_of(T)
+        for key, names in self.parts.items():
+            numbers = [values[name] for name in names]
+            if self.are_named:
+                part = entry.setdefault(key, {}) if key else entry
+                part.update(zip(map(_short, names), numbers, strict=True))
+            else:
+                entry[key] = numbers
+
+
+def _short(name: str) -> str:
+    return name.removeprefix("q")
+
+
+def pose_of(where: str, numbers: Mapping[str, float], options: FormatOptions) -> Pose:
+    """Make a transform from its named numbers: x y z in metres, and a quaternion or angles.
+
+    Args:
+        where: File and key, for messages.
+        numbers: Values of `PLACE`, and of `XYZW`, a unit quaternion, or of `ANGLES`, in radians as in URDF:
+            R = Rz(yaw) Ry(pitch) Rx(roll).
+        options: Whether a quaternion of another norm is scaled.
+
+    Raises:
+        InputError: the quaternion is not of unit norm, or the translation farther than any rig.
+    """
+    place = [numbers[name] for name in PLACE]
+    if ANGLES[0] in numbers:
+        from scipy.spatial.transform import Rotation
+
+        R = Rotation.from_euler("xyz", [numbers[name] for name in ANGLES]).as_matrix()
+        return rigid(where, transform(R, place))
+    xyzw = [numbers[name] for name in XYZW]
+    norm = math.hypot(*xyzw)
+    if options.on_repair is not None and norm > 0.0 and abs(norm - 1.0) > ROUNDING:
+        options.on_repair(f"{where}: found a quaternion of norm {norm:.6g}, scaled it to 1")
+        xyzw = [value / norm for value in xyzw]
+    try:
+        return rigid(where, pose_from_quaternion(xyzw, place))
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+
+
+def numbers_of(T: Pose) -> dict[str, float]:
+    """Name the numbers of a transform: its translation in metres, unit quaternion, and angles in radians."""
+    values = [*T[:3, 3].tolist(), *quaternion_xyzw(T).tolist(), *rpy(T)]
+    return dict(zip((*PLACE, *XYZW, *ANGLES), values, strict=True))
+
+
+def transform(R: npt.ArrayLike, translation: npt.ArrayLike = (0.0, 0.0, 0.0)) -> Pose:
+    """Make the matrix (4, 4) of a rotation (3, 3) and a translation (3,)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, translation
+    return T
+
+
+def from_line(node: Node, options: FormatOptions | None = None) -> Pose:
+    """Make a transform from 12 numbers by rows.
+
+    Raises:
+        InputError: the numbers are others, or not a rigid transform.
+    """
+    return from_rows(node.where, node.numbers(12), options)
+
+
+def rotation(node: Node, options: FormatOptions | None = None) -> Pose:
+    """Read a pure rotation of nine numbers as a transform (4, 4); options may allow its repair.
+
+    Raises:
+        InputError: the numbers are no rotation.
+    """
+    return checked(node.where, transform(node.matrix(3, 3)), options)
+
+
+def from_rows(
+    where: str,
+    values: npt.ArrayLike,
+    options: FormatOptions | None = None,
+    farthest_m: float = MAX_MOUNT_M,
+) -> Pose:
+    """Make a transform from the 12 or 16 numbers of its rows, of a translation of at most `farthest_m`.
+
+    Raises:
+        InputError: the numbers are not a rigid transform.
+    """
+    rows = np.array(values, np.float64).reshape(-1, 4)
+    last = rows[3:] if len(rows) == 4 else [[0.0, 0.0, 0.0, 1.0]]
+    return checked(where, np.vstack([rows[:3], last]), options, farthest_m)
+
+
+def checked(where: str, T: Pose, options: FormatOptions | None, farthest_m: float = MAX_MOUNT_M) -> Pose:
+    """Check a transform that a file states, and remove its rounding; if repairs are allowed, take the nearest one.
+
+    Raises:
+        InputError: the transform is not rigid, or farther than any rig. With options, it names the one for a repair.
+    """
+    if options is None:
+        return rigid(where, T, farthest_m)
+    if options.on_repair is None or not np.isfinite(T).all():
+        try:
+            return rigid(where, T, farthest_m)
+        except InputError as error:
+            repair = "; --repair takes the nearest rotation" if "needed a rotation" in str(error) else ""
+            raise InputError(f"{error}{repair}") from None
+    _, scales, _ = np.linalg.svd(T[:3, :3])
+    nearest = nearest_rigid(T)
+    is_rotation = np.linalg.det(nearest[:3, :3]) > 0.0 and scales[-1] > LEAST_SCALE * scales[0]
+    if is_rotation and np.abs(scales - 1.0).max() > ROUNDING:
+        options.on_repair(
+            f"{where}: found no rotation (determinant {np.prod(scales):.4g}, rows stretched by {scales[-1]:.4g} to "
+            f"{scales[0]:.4g}), took the nearest"
+        )
+        return rigid(where, nearest, farthest_m)
+    return rigid(where, T, farthest_m)
