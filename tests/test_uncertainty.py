@@ -83,10 +83,10 @@ def test_the_translation_moves_with_a_rotation(uncertainty: Uncertainty, polishe
 
 
 def around(curvature: Matrix, scores: Matrix, num_alike: int = 1) -> Sensitivity:
-    """A sensitivity of squares that `num_alike` frames show, each with points of a class of its own."""
+    """A sensitivity of squares that `num_alike` frames show, with points of one class, which shares nothing."""
     parts, n = np.arange(len(scores)), len(curvature)
     alike = np.full(len(scores), float(num_alike))
-    return Sensitivity(curvature, np.zeros((len(scores), n, n)), scores, parts, parts, np.eye(n), alike)
+    return Sensitivity(curvature, np.zeros((1, n, n)), scores, parts, np.zeros_like(parts), np.eye(n), alike)
 
 
 def test_sandwich_of_independent_scores() -> None:
