@@ -13,7 +13,7 @@ from semcal_cli.documentation import entry_address
 from semcal_cli.fleet.course import Kind, course_of, kind_of
 from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Part
 from semcal_cli.fleet.members import Member
-from semcal_cli.fleet.panels import BOX, panels
+from semcal_cli.fleet.plot import course_plots
 from semcal_cli.fleet.words import SIGNS, figures, sentences, subject_of, title
 from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.notations import Notation, notations
@@ -109,8 +109,7 @@ def page_html(fleet: Fleet, given: Sequence[str]) -> str:
         scatter=scatter,
         is_scattered=scatter != intervals([0.0] * 6),  # as it reads
         course=course,
-        panels=panels(course),
-        box=BOX,
+        plots=course_plots(course),
         kinds=KINDS,
         signs=SIGNS,
         notations=notations(fleet.T_camera_lidar),

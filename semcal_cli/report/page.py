@@ -26,7 +26,7 @@ from semcal_cli.report.curves import information_curves
 from semcal_cli.report.input import ReportInput
 from semcal_cli.report.notations import files, notations
 from semcal_cli.report.pictures import MAX_BYTES, MAX_FRAMES, data_uri, make_pictures
-from semcal_cli.report.plots import BOX, FRAMES_BOX, FramesPlot, frames_plots, plots
+from semcal_cli.report.plots import Plot, curve_plots, frames_plots
 from semcal_cli.report.registration import RegistrationPictures
 from semcal_cli.report.template import ENVIRONMENT, source
 from semcal_cli.report.words import (
@@ -72,7 +72,7 @@ class OfFrames:
     """What the page shows of the poses of single frames."""
 
     sentences: list[str]
-    plots: list[FramesPlot]
+    plots: list[Plot]
     rows: list[list[str]]
     """For each frame its name and its six offsets with their intervals, as text."""
 
@@ -130,9 +130,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         pictures=pictures,
         registration=registration.result(),
         classes=class_agreements(observations, agreement, before),
-        plots=plots(curves),
-        box=BOX,
-        frames_box=FRAMES_BOX,
+        plots=curve_plots(curves),
         of_frames=of_frames,
         uncertainty=uncertainty_sentences(record, observations.camera) if record else [],
         camera_sentences=camera_sentences(record) if record else [],
