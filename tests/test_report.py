@@ -38,7 +38,7 @@ from semcal_cli.report.points import frame_points
 from semcal_cli.report.words import (
     NOT_BELIEVED,
     Reason,
-    polish_sentence,
+    polish_sentences,
     uncertainty_sentences,
     verdict,
     verdict_of,
@@ -276,7 +276,7 @@ def test_points_have_the_colour_of_the_pixel_they_land_on(report: ReportInput) -
     # Positions are rounded to centimetres: near a label's border that is a pixel.
     assert (by["label of the pixel"][colored] == expected).all(axis=1).mean() > 0.97
     assert len(colored) > 1000
-    np.testing.assert_allclose(cloud.camera_center, camera_center(T))
+    np.testing.assert_allclose(cloud.cameras[0].camera_center, camera_center(T))
 
 
 def test_a_page_of_twenty_frames_of_any_content_is_below_its_limit(
@@ -440,4 +440,4 @@ def test_what_edges_gained_is_in_nats(made: Path, tmp_path: Path) -> None:
         record = read_calibration(by_cues(made, tmp_path, *cues))
         assert record.polish is not None
         polish = record.polish.model_copy(update={"held_out_sigma_nats": 0.01})
-        assert unit in (polish_sentence(record.model_copy(update={"polish": polish})) or "")
+        assert unit in polish_sentences(record.model_copy(update={"polish": polish}))[0]

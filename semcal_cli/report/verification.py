@@ -15,11 +15,10 @@ from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlay import Coloring, Overlays
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
-from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.report.template import render_page
 from semcal_cli.report.words import Verdict, linked
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.axes import CHECK_NAMES
-from semcal_cli.result.provenance import versions
 from semcal_cli.verification import Verification
 
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
@@ -74,10 +73,9 @@ def write_verification(
     """
     pictures = make_pictures(both_overlays(found, data, initial_pose))
     reach = _reach(found.checks)
-    page = ENVIRONMENT.get_template("report/verification.html").render(
-        style=source("page.css"),
-        script=source("copy.js", "picture.js", "pictures.js"),
-        version=versions()["semcal"],
+    page = render_page(
+        "report/verification.html",
+        ("report/picture.js", "report/pictures.js"),
         verdict=Verdict(
             found.verdict,
             TITLES[found.verdict],
