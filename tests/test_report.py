@@ -33,7 +33,8 @@ from semcal_cli.report.colors import class_colors
 from semcal_cli.report.curves import information_curves
 from semcal_cli.report.input import make_report_input
 from semcal_cli.report.notations import files, notations
-from semcal_cli.report.pictures import MAX_POINTS, color_tables, few_points, make_pictures
+from semcal_cli.report.palette import color_tables
+from semcal_cli.report.pictures import MAX_POINTS, few_points, make_pictures
 from semcal_cli.report.points import frame_points
 from semcal_cli.report.words import (
     NOT_BELIEVED,

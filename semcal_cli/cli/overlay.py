@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from semcal_cli.config import Cue
     from semcal_cli.drive.document import Drive
     from semcal_cli.drive.observations import Observations
-    from semcal_cli.report.overlay import Coloring, Overlays
+    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.report.palette import Coloring
 
 COLORINGS = ("class", "depth", "agreement", "segment", "edge")
 WITHOUT_LABELS = ("depth", "segment")

@@ -16,7 +16,7 @@ from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.geometry.poses import Pose, camera_center, inverse
 from semcal_cli.report.colors import Colors, hex_color, palettes
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.overlay import points_in_image
+from semcal_cli.report.overlay import at_pixels, points_in_image
 from semcal_cli.report.points import packed
 
 Rgb = tuple[int, int, int]
@@ -133,12 +133,6 @@ def frame_cloud(report: ReportInput) -> Cloud:
 def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
     """Indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
     return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
-
-
-def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
-    """Values of an image at the pixels (M, 2), (u, v), or at the nearest ones inside."""
-    u, v = pixels.T
-    return np.asarray(image[v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)])
 
 
 def _label_colors(classes: npt.NDArray[np.uint8], palette: Colors) -> npt.NDArray[np.uint8]:

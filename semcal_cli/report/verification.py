@@ -13,7 +13,8 @@ from semcal_cli.files.writing import write_text
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import Coloring, Overlays
+from semcal_cli.report.overlay import Overlays
+from semcal_cli.report.palette import Coloring
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
 from semcal_cli.report.template import render_page
 from semcal_cli.report.words import Verdict, linked

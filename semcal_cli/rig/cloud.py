@@ -20,12 +20,11 @@ from semcal_cli.report.cloud import (
     CameraInView,
     Cloud,
     Rgb,
-    at_pixels,
     make_cloud,
     thinned,
 )
 from semcal_cli.report.colors import QUALITATIVE_COLORS
-from semcal_cli.report.overlay import points_in_image
+from semcal_cli.report.overlay import at_pixels, points_in_image
 
 BY_CAMERA, BY_PICTURE = "camera that sees them", "pictures"
 
