@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,6 +88,8 @@ def fleet(
     from semcal_cli.files.writing import write_bytes, write_text
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members
+    from semcal_cli.fleet.page import page_html
+    from semcal_cli.fleet.plot import plot_fleet
     from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats import read_transform
     from semcal_cli.result.provenance import hash_files
@@ -113,10 +115,15 @@ def fleet(
     document = describe_fleet(found, hash_files(read, place), reference_name)
     text = _result_text(document, form, output)
     # All content is made before anything is written, and the result is written last.
-    for path, content in _other_files(found, [str(path) for path in results], page, plot):
-        write_bytes(content, path)
+    contents: dict[Path, bytes] = {}
+    if page is not None:
+        contents[page] = page_html(found, [str(path) for path in results]).encode()
+    if plot is not None:
+        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
     if junit is not None:
-        write_text(report.junit(), junit)
+        contents[junit] = report.junit().encode()
+    for path, content in contents.items():
+        write_bytes(content, path)
     if output is not None:
         write_text(text, output)
     if output is None or as_json:
@@ -177,21 +184,6 @@ def _result_text(document: Mapping[str, Any], form: Format, output: Path | None)
             f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"
         )
     return text
-
-
-def _other_files(
-    found: Fleet, given: Sequence[str], page: Path | None, plot: Path | None
-) -> list[tuple[Path, bytes]]:
-    """Make the requested files beside the result."""
-    from semcal_cli.fleet.page import page_html
-    from semcal_cli.fleet.plot import plot_fleet
-
-    contents: list[tuple[Path, bytes]] = []
-    if page is not None:
-        contents.append((page, page_html(found, given).encode()))
-    if plot is not None:
-        contents.append((plot, plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")))
-    return contents
 
 
 def _cases(found: Fleet) -> list[Case]:

@@ -152,13 +152,18 @@ def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str
     is_shifted = middles[-1] + room / 2.0 > scale * axes.figure.bbox.width
     middles[-1] -= room / 2.0 * is_shifted
     wanted = np.linspace(middles[0], middles[-1], max(1, int((middles[-1] - middles[0]) / room)) + 1)
-    chosen: list[int] = []
-    for i in np.abs(middles[None] - wanted[:, None]).argmin(axis=1).tolist():
-        if not chosen or (middles[i] - middles[chosen[-1]] >= TIGHT * room and names[i] != names[chosen[-1]]):
-            chosen.append(i)
+    chosen, last = [0], len(names) - 1
+    for i in np.abs(middles[None] - wanted[1:, None]).argmin(axis=1).tolist():
+        if names[i] == names[chosen[-1]]:
+            continue
+        if middles[i] - middles[chosen[-1]] < TIGHT * room:
+            if i != last or len(chosen) == 1:
+                continue
+            chosen.pop()  # for the last name there is room
+        chosen.append(i)
     axes.set_xticks(places[chosen])
     texts = axes.set_xticklabels([names[i] for i in chosen], parse_math=False)
-    if is_shifted and chosen[-1] == len(names) - 1:
+    if is_shifted and chosen[-1] == last:
         texts[-1].set_horizontalalignment("right")
 
 
