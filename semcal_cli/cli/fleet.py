@@ -85,11 +85,9 @@ def fleet(
     from semcal_cli.files.dialect import document_text
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.reading import is_folder
-    from semcal_cli.files.writing import write_bytes, write_text
+    from semcal_cli.files.writing import write_bytes
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members
-    from semcal_cli.fleet.page import page_html
-    from semcal_cli.fleet.plot import plot_fleet
     from semcal_cli.fleet.record import describe_fleet
     from semcal_cli.formats import read_transform
     from semcal_cli.result.provenance import hash_files
@@ -115,17 +113,13 @@ def fleet(
     document = describe_fleet(found, hash_files(read, place), reference_name)
     text = _result_text(document, form, output)
     # All content is made before anything is written, and the result is written last.
-    contents: dict[Path, bytes] = {}
-    if page is not None:
-        contents[page] = page_html(found, [str(path) for path in results]).encode()
-    if plot is not None:
-        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
+    contents = _pictured(found, subject, page, plot)
     if junit is not None:
         contents[junit] = report.junit().encode()
+    if output is not None:
+        contents[output] = text.encode()
     for path, content in contents.items():
         write_bytes(content, path)
-    if output is not None:
-        write_text(text, output)
     if output is None or as_json:
         click.echo(document_text(document, "json") if as_json else text, nl=False)
     print_fleet(found, outputs, make_console(quiet))
@@ -184,6 +178,19 @@ def _result_text(document: Mapping[str, Any], form: Format, output: Path | None)
             f"{output}: found {len(text):,} bytes of YAML, which other commands would not read, needed .json"
         )
     return text
+
+
+def _pictured(found: Fleet, given: str, page: Path | None, plot: Path | None) -> dict[Path, bytes]:
+    """Make the page, which names what was given, and the plot, where they are wanted."""
+    from semcal_cli.fleet.page import page_html
+    from semcal_cli.fleet.plot import plot_fleet
+
+    contents: dict[Path, bytes] = {}
+    if page is not None:
+        contents[page] = page_html(found, given).encode()
+    if plot is not None:
+        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
+    return contents
 
 
 def _cases(found: Fleet) -> list[Case]:

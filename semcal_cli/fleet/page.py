@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from semcal_cli.assessment.limits import VERDICTS
 from semcal_cli.documentation import entry_address
 from semcal_cli.fleet import words
@@ -31,7 +29,7 @@ MAX_LETTERS = 200
 """Largest number of letters of a name or a sentence; with more of them the page would not stay small."""
 
 
-def page_html(fleet: Fleet, given: Sequence[str]) -> str:
+def page_html(fleet: Fleet, given: str) -> str:
     """Make the page.
 
     Args:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -74,8 +75,6 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         of_frames = _of_frames(report)
         progress("drawing the registration")
     progress("writing the page")
-    made_by = record.settings.versions if record else versions()
-    used = record.input if record else describe_input(report.drive, None, Path(), files_of(LABELS))
     return render_page(
         "report/page.html",
         SCRIPTS,
@@ -102,11 +101,19 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         error_of=lambda stage: compare_poses(np.array(stage.T_camera_lidar), T),
         reach=_reach(record) if record else None,
         cloud=asdict(cloud.result()),
-        options=document_text(record.settings.options, "yaml") if record else "",
-        version=made_by.get("semcal", ""),
-        versions=made_by,
-        hashes=used.sha256,
+        **_made_from(report),
     )
+
+
+def _made_from(report: ReportInput) -> dict[str, Any]:
+    """What the figures were made from: the calibration's own record, or else this version and these files."""
+    record = report.record
+    if record is None:
+        hashes = describe_input(report.drive, None, Path(), files_of(LABELS)).sha256
+        return {"options": "", "versions": versions(), "hashes": hashes}
+    made_by, options = record.settings.versions, document_text(record.settings.options, "yaml")
+    version = made_by.get("semcal", "")
+    return {"options": options, "version": version, "versions": made_by, "hashes": record.input.sha256}
 
 
 def _registration(report: ReportInput) -> str | None:
