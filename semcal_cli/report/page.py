@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -65,10 +66,12 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         before = _core.agreement(seen.core, T_before)
     # What is mostly Python takes the time in which something else is in the core or in an encoder.
     with ThreadPoolExecutor(1) as pool:
+        pool.submit(import_module, "matplotlib.figure")
         progress("drawing points on pictures")
         pictures = make_pictures(report.overlays(MAX_FRAMES))
         progress("following the mutual information along six axes")
         curves = information_curves(observations, T, record.believed_uncertainty if record else None)
+        plots = pool.submit(curve_plots, curves)
         registration = pool.submit(_registration, report)
         cloud = pool.submit(frame_cloud, report)
         progress("calibrating each frame on its own")
@@ -84,7 +87,6 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         verdict=words.verdict(report),
         notices=(*report.notices, *(record.notes if record else ())),
         agreement=agreement,
-        num_visible=agreement.num_inside - agreement.num_hidden,
         camera_center=camera_center(T).tolist(),
         optical_axis=T[2, :3].tolist(),
         notations=notations(T),
@@ -92,7 +94,7 @@ def report_html(report: ReportInput, progress: Callable[[str], None]) -> str:
         pictures=pictures,
         registration=registration.result(),
         classes=class_agreements(observations, agreement, before),
-        plots=curve_plots(curves),
+        plots=plots.result(),
         of_frames=of_frames,
         frame_names=frame_names([frame.points for frame in report.drive.frames]),
         frames_plots=frames_plots,
