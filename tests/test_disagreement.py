@@ -1,5 +1,6 @@
 """Frames that disagree about the camera, frames that are no pairs, and frames that show one scene."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,7 @@ from semcal_cli.geometry.poses import Pose
 from semcal_cli.geometry.twists import displaced
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.pipeline import assess, refine_and_polish, start_at
-from semcal_cli.report.plots import FRAMES_BOX, frames_plots
+from semcal_cli.report.plots import frames_plots
 from semcal_cli.result.stage import Finding
 from semcal_cli.stages import Stages
 from semcal_cli.synthetic import spoiling
@@ -265,19 +266,18 @@ def test_offsets_are_drawn_at_their_frames(knocked: RawDrive, knocked_drive: Pat
     parts = check_frames(data.observations, before, names(knocked)).parts
     found = frame_offsets(data.observations, before, parts)
     found.offsets[3] = np.nan
-    center, rotation = frames_plots(found, names(knocked))
-    assert [len(bars) for bars in (*center.bars, *rotation.bars)] == [7] * 6
-    assert rotation.zero == (FRAMES_BOX.top + FRAMES_BOX.bottom) / 2
-    for axis, bars in enumerate(rotation.bars):
-        x = [bar.x for bar in bars]
-        assert x == sorted(x)
-        assert all(bar.top <= bar.y <= bar.bottom for bar in bars)
+    plots = frames_plots(found, names(knocked))
+    for plot, offsets in zip(plots, (found.offsets[:, :3], found.offsets[:, 3:]), strict=True):
+        dots = re.findall(r'<use [^>]*x="([\d.]+)" y="([\d.]+)"', plot.svg)
+        x, y = np.array(dots, float).reshape(3, 7, 2).transpose(2, 0, 1)
+        assert (np.diff(x, axis=1) > 0.0).all()
         # The axis points up.
-        is_above = np.array([bar.y < rotation.zero for bar in bars[-3:]])
-        assert (is_above == (found.offsets[-3:, 3 + axis] > 0.0)).all()
-    assert all(step.count("M") == 2 for step in rotation.steps)
-    assert [label for _, label in rotation.x_ticks] == [
-        name.removesuffix(".bin") + ".bin" for name in names(knocked)
-    ]
+        shown = np.delete(offsets, 3, axis=0).T
+        np.testing.assert_array_equal(
+            np.argsort(-y, axis=1)[:, [0, -1]], np.argsort(shown, axis=1)[:, [0, -1]]
+        )
+        assert plot.svg.count('class="step"') == 3
+        assert re.findall(r">(0000\d\d[^<]*)</text>", plot.svg) == names(knocked)
     long_names = [f"a_very_long_name_{name}" for name in names(knocked)]
-    assert [label for _, label in frames_plots(found, long_names)[0].x_ticks] == list("12345678")
+    svg = frames_plots(found, long_names)[0].svg
+    assert re.findall(r">(\d)</text>", svg.split(">frame<")[0])[:8] == list("12345678")

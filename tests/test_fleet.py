@@ -8,45 +8,22 @@ import numpy as np
 import pytest
 from conftest import make_pose
 from fleets import SIGMAS, TRUTH, fleet, members, series_of
-from scipy.spatial.transform import Rotation
 
 from semcal_cli.config import Limits
 from semcal_cli.errors import CalibrationError
-from semcal_cli.fleet.changes import ALPHA, change_points, drift
+from semcal_cli.fleet.changes import change_points, drift
 from semcal_cli.fleet.combination import combine_drives
 from semcal_cli.fleet.consensus import extra_scatter, robust_mean
 from semcal_cli.fleet.fleet import Offset
 from semcal_cli.fleet.members import read_members
 from semcal_cli.fleet.record import describe_fleet
 from semcal_cli.fleet.words import SIGNS, motions
-from semcal_cli.geometry.poses import camera_center, inverse
+from semcal_cli.geometry.poses import inverse
 from semcal_cli.geometry.twists import local_coordinates, pose_at
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.provenance import camera_hash
 
 MANY = 1e6
-
-
-def test_coordinates_are_those_of_the_calibration_s_uncertainty() -> None:
-    """Along the camera's axes: rho is minus the motion of its centre, phi the turn that is put before the rotation."""
-    T = TRUTH.copy()
-    turn = Rotation.from_rotvec([0.0, 0.01, 0.0]).as_matrix()
-    T[:3, :3] = turn @ TRUTH[:3, :3]
-    center = camera_center(TRUTH) + TRUTH[:3, :3].T @ [0.0, 0.0, 0.05]
-    T[:3, 3] = -T[:3, :3] @ center
-    (found,) = local_coordinates([T], TRUTH)
-    assert found == pytest.approx([0.0, 0.0, -0.05, 0.0, 0.01, 0.0], abs=1e-12)
-    assert pose_at(TRUTH, found) == pytest.approx(T, abs=1e-12)
-
-
-def test_coordinates_are_a_twist_to_first_order() -> None:
-    """exp(xi) T by its generator, for a small xi."""
-    xi = np.array([2e-5, -1e-5, 3e-5, 1e-5, 2e-5, -3e-5])
-    x, y, z = xi[3:]
-    generator = np.zeros((4, 4))
-    generator[:3, :3], generator[:3, 3] = [[0, -z, y], [z, 0, -x], [-y, x, 0]], xi[:3]
-    (found,) = local_coordinates([(np.eye(4) + generator) @ TRUTH], TRUTH)
-    assert found == pytest.approx(xi, abs=1e-8)
 
 
 def test_the_mean_is_as_sure_as_it_says_and_outliers_do_not_move_it() -> None:
@@ -62,14 +39,6 @@ def test_the_mean_is_as_sure_as_it_says_and_outliers_do_not_move_it() -> None:
     assert 4.5 < np.mean(squared) < 7.5
 
 
-def test_the_mean_does_not_depend_on_the_order() -> None:
-    poses, covariances, _ = fleet(np.random.default_rng(3), 9)
-    order = np.random.default_rng(4).permutation(9)
-    one = robust_mean(poses, covariances)
-    other = robust_mean([poses[i] for i in order], covariances[order])
-    assert one.T_camera_lidar == pytest.approx(other.T_camera_lidar, abs=1e-9)
-
-
 def test_scatter_beyond_what_is_stated_is_found_even_where_the_rig_changed() -> None:
     for extra in (0.0, 3.0):
         _, covariances, series = fleet(np.random.default_rng(1), 400, extra)
@@ -83,15 +52,6 @@ def test_a_change_is_found_where_it_happened() -> None:
     series[20:, 4] += np.radians(0.2)
     series[45:, 0] += 0.03
     assert change_points(series, covariances, MANY) == pytest.approx([20, 45], abs=1)
-
-
-def test_noise_is_no_change() -> None:
-    """At most as often as is stated, which 200 series can tell."""
-    found = []
-    for seed in range(200):
-        _, covariances, series = fleet(np.random.default_rng(seed), 30)
-        found.append(len(change_points(series, covariances, MANY)) > 0)
-    assert np.mean(found) <= 3.0 * ALPHA + 0.01
 
 
 @pytest.mark.parametrize("place", [0, 1, 12, 28, 29])
@@ -239,10 +199,14 @@ def test_what_happened_is_told(kind: str, verdict: str, num_parts: int, has_drif
     assert np.abs(off - now.get(kind, [0.0] * 6)).max() < 0.06
 
 
-def test_the_order_is_that_of_time_and_else_nothing_depends_on_order() -> None:
-    one = combine_drives(series_of("change"), Limits())
-    shuffled = [series_of("change")[i] for i in np.random.default_rng(1).permutation(24)]
-    other = combine_drives(shuffled, Limits())
+@pytest.mark.parametrize("name", [None, "0" * 30 + "1"])
+def test_the_order_is_that_of_time_and_else_nothing_depends_on_order(name: str | None) -> None:
+    """Nor where names, which stand for stamps that are missing, differ in zeros alone."""
+    drives = series_of("change")
+    if name is not None:
+        drives = [replace(drive, stamp=None, drive=name[-i - 1 :]) for i, drive in enumerate(drives)]
+    one = combine_drives(drives, Limits())
+    other = combine_drives([drives[i] for i in np.random.default_rng(1).permutation(24)], Limits())
     assert describe_fleet(one, {}) == describe_fleet(other, {})
 
 
@@ -277,14 +241,6 @@ def test_one_stamp_that_is_missing_is_no_reason_to_pass() -> None:
     assert found.reasons == (
         "1 of 24 drives have no stamp in seconds since 1970, needed one of each: the order of time is not known",
     )
-
-
-def test_names_that_differ_in_zeros_keep_their_order() -> None:
-    drives = [
-        replace(drive, stamp=None, drive="0" * i + "1") for i, drive in enumerate(series_of("nothing")[:6])
-    ]
-    one, other = combine_drives(drives, Limits()), combine_drives(drives[::-1], Limits())
-    assert one.T_camera_lidar.tolist() == other.T_camera_lidar.tolist()
 
 
 @pytest.mark.parametrize(

@@ -22,12 +22,12 @@ from semcal_cli.report.edges import GREY_STRENGTH, coloring_of, edge_picture, ed
 from semcal_cli.report.overlay import (
     Overlays,
     before_after,
-    by_agreement,
-    depth_colors,
     draw_legend,
     goes_together,
+    kinds_of,
     points_in_image,
 )
+from semcal_cli.report.palette import depth_levels, level_colors
 
 CAMERA = Camera(
     model="plumb_bob", width=640, height=360, K=((320.0, 0.0, 319.5), (0.0, 320.0, 179.5), (0.0, 0.0, 1.0))
@@ -151,7 +151,7 @@ def agreeing(poses: list[np.ndarray], observations: Observations) -> list[float]
     found, together = [], goes_together(observations, poses[1])
     for T in poses:
         seen = points_in_image(observations.clouds[0].points, T, observations.camera)
-        _, kinds = by_agreement(observations, 0, seen, together)
+        kinds = kinds_of(observations, 0, seen, together)
         found.append(float(np.mean(kinds[kinds < 2] == 0)))
     return found
 
@@ -166,7 +166,7 @@ def test_labels_agree_best_at_the_truth(street_observations: Observations, stree
 
 
 def test_near_is_red_and_far_is_blue() -> None:
-    near, far = depth_colors(np.array([2.0, 100.0])).astype(int)
+    near, far = level_colors(depth_levels(np.array([2.0, 100.0]))).astype(int)
     assert near[2] > near[0] + 50  # blue, green, red
     assert far[0] > far[2]
 

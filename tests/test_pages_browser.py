@@ -91,9 +91,9 @@ def test_a_fleet_is_read_without_trouble(
     drawings = browser.find_elements(By.CSS_SELECTOR, "figure svg")
     assert len(drawings) == 6
     # Each change is a line in each drawing.
-    assert len(browser.find_elements(By.CSS_SELECTOR, "figure line.change")) == (6 if kind == "change" else 0)
+    assert len(browser.find_elements(By.CSS_SELECTOR, "figure g.change")) == (6 if kind == "change" else 0)
     if kind == "change":
-        labels = [each.text for each in browser.find_elements(By.CSS_SELECTOR, "figure text.name")]
+        labels = [each.text for each in browser.find_elements(By.CSS_SELECTOR, "figure .name text")]
         # A short name, or else the number of the drive, one of which is left out.
         name = "015" if prefix == "drives/" else "15"
         sizes = [float(label.removeprefix(f"{name}: ")) for label in labels if label.startswith(f"{name}: ")]

@@ -20,9 +20,8 @@ from semcal_cli.geometry.poses import inverse
 from semcal_cli.report.words import NOT_BELIEVED
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.rig.calibration import RigCalibration
-from semcal_cli.rig.document import read_rig
 from semcal_cli.rig.page import rig_page_html, rig_verdict
-from semcal_cli.rig.result import read_rig_result, result_file
+from semcal_cli.rig.result import read_rig_files
 
 Results = tuple[Result, Path]
 CAPTION_PX = 20
@@ -66,8 +65,7 @@ def test_the_page_of_a_rig(rig: Path, rig_results: Results, tmp_path: Path) -> N
 
 
 def test_the_worst_camera_stands_first(rig: Path, rig_results: Results) -> None:
-    drives = read_rig(rig).read_drives()
-    found = read_rig_result(read_rig(rig), drives, result_file(rig_results[1]))
+    found, drives, _ = read_rig_files(rig, rig_results[1])
     reasons = {"reasons": ("few < many",), "topics": ("overlap",)}
     doubted = found.cameras["camera_1"].model_copy(update={"status": "not_trusted", **reasons})
     sound = {"status": "trusted", "reasons": (), "topics": ()}

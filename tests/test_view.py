@@ -4,6 +4,7 @@ import http.client
 import json
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -50,14 +51,22 @@ def session(street: Path, T_off: Pose, tmp_path_factory: pytest.TempPathFactory)
     return Session(data, read_clouds(data.drive), config, T_off, output)
 
 
-@pytest.fixture
-def server(session: Session) -> Iterator[ViewServer]:
+@contextmanager
+def serving(session: Session) -> Iterator[ViewServer]:
     server = ViewServer(session)
     thread = threading.Thread(target=server.answer_until_ended, daemon=True)
     thread.start()
-    yield server
-    server.ended.set()
-    thread.join()
+    try:
+        yield server
+    finally:
+        server.ended.set()
+        thread.join()
+
+
+@pytest.fixture
+def server(session: Session) -> Iterator[ViewServer]:
+    with serving(session) as server:
+        yield server
 
 
 # The session.
@@ -372,28 +381,19 @@ def test_save_and_end_ends_the_server(page: webdriver.Chrome, server: ViewServer
 
 def test_without_a_start_mountings_are_offered(browser: webdriver.Chrome, session: Session) -> None:
     bare = Session(session.data, read_clouds(session.data.drive), session.config)
-    server = ViewServer(bare)
-    thread = threading.Thread(target=server.answer_until_ended, daemon=True)
-    thread.start()
-    try:
+    with serving(bare) as server:
         browser.get(server.address)
         wait_for_move(browser, 0)
         assert serious_findings(browser) == []
         browser.find_element(By.CSS_SELECTOR, "#mounting option:nth-child(3)").click()
         # Back, against x.
         WebDriverWait(browser, 10).until(lambda _: np.allclose(pose(browser)[2, :3], [-1, 0, 0], atol=1e-9))
-    finally:
-        server.ended.set()
-        thread.join()
 
 
 def test_edges_are_drawn_on_edges_and_other_colours_on_the_picture(
     browser: webdriver.Chrome, by_edge: Session
 ) -> None:
-    server = ViewServer(by_edge)
-    thread = threading.Thread(target=server.answer_until_ended, daemon=True)
-    thread.start()
-    try:
+    with serving(by_edge) as server:
         browser.get_log("browser")
         browser.get(server.address)
         wait_for_move(browser, 0)
@@ -413,35 +413,31 @@ def test_edges_are_drawn_on_edges_and_other_colours_on_the_picture(
         browser.find_element(By.ID, "next").click()
         wait_for_move(browser, count)
         assert background.get_attribute("src") == f"{server.address}edges/1"
-    finally:
-        server.ended.set()
-        thread.join()
 
 
 # The command.
 
 
-def test_the_command_refuses_before_it_serves(street: Path, tmp_path: Path) -> None:
-    def run(*options: str) -> tuple[int, str]:
-        result = CliRunner().invoke(semcal, ["view", str(street), *options])
-        return result.exit_code, f"{result.output}{result.exception}"
+@pytest.mark.parametrize(
+    ("options", "exit_code", "complaint"),
+    [
+        (("{tmp}/none.yaml",), 1, "none.yaml"),
+        (("-o", "{drive}/drive.yaml"), 1, "needed another name"),
+        (("-o", "{tmp}/x.txt"), 1, "x.txt: found suffix"),
+        (("--cue", "features"), 2, ""),
+        (("-o", "-"), 2, ""),  # the address goes to standard output
+    ],
+)
+def test_the_command_refuses_before_it_serves(
+    options: tuple[str, ...], exit_code: int, complaint: str, street: Path, tmp_path: Path
+) -> None:
+    given = [option.format(tmp=tmp_path, drive=street) for option in options]
+    result = CliRunner().invoke(semcal, ["view", str(street), *given])
+    assert result.exit_code == exit_code
+    assert complaint in f"{result.output}{result.exception}"
 
-    code, text = run(str(tmp_path / "none.yaml"))
-    assert code == 1
-    assert "none.yaml" in text
-    code, text = run("-o", str(street / "drive.yaml"))
-    assert code == 1
-    assert "needed another name" in text
-    code, text = run("-o", str(tmp_path / "x.txt"))
-    assert code == 1
-    assert "x.txt: found suffix" in text
-    assert run("--cue", "features")[0] == 2
 
-
-def test_a_drive_that_cannot_be_shown_is_refused_before_it_is_served(drive: Path) -> None:
-    """A missing picture; and standard output, which the address goes to."""
+def test_a_missing_picture_is_told_before_a_drive_is_served(drive: Path) -> None:
     picture = next((drive / "images").iterdir())
     picture.unlink()
-    result = CliRunner().invoke(semcal, ["view", str(drive)])
-    assert picture.name in f"{result.exception}"
-    assert CliRunner().invoke(semcal, ["view", str(drive), "-o", "-"]).exit_code == 2
+    assert picture.name in str(CliRunner().invoke(semcal, ["view", str(drive)]).exception)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -85,7 +85,7 @@ def fleet(
     from semcal_cli.files.dialect import document_text
     from semcal_cli.files.documents import output_format
     from semcal_cli.files.reading import is_folder
-    from semcal_cli.files.writing import write_bytes, write_text
+    from semcal_cli.files.writing import write_bytes
     from semcal_cli.fleet.combination import combine_drives
     from semcal_cli.fleet.members import read_members
     from semcal_cli.fleet.record import describe_fleet
@@ -113,12 +113,13 @@ def fleet(
     document = describe_fleet(found, hash_files(read, place), reference_name)
     text = _result_text(document, form, output)
     # All content is made before anything is written, and the result is written last.
-    for path, content in _other_files(found, [str(path) for path in results], page, plot):
-        write_bytes(content, path)
+    contents = _pictured(found, subject, page, plot)
     if junit is not None:
-        write_text(report.junit(), junit)
+        contents[junit] = report.junit().encode()
     if output is not None:
-        write_text(text, output)
+        contents[output] = text.encode()
+    for path, content in contents.items():
+        write_bytes(content, path)
     if output is None or as_json:
         click.echo(document_text(document, "json") if as_json else text, nl=False)
     print_fleet(found, outputs, make_console(quiet))
@@ -179,18 +180,16 @@ def _result_text(document: Mapping[str, Any], form: Format, output: Path | None)
     return text
 
 
-def _other_files(
-    found: Fleet, given: Sequence[str], page: Path | None, plot: Path | None
-) -> list[tuple[Path, bytes]]:
-    """Make the requested files beside the result."""
+def _pictured(found: Fleet, given: str, page: Path | None, plot: Path | None) -> dict[Path, bytes]:
+    """Make the page, which names what was given, and the plot, where they are wanted."""
     from semcal_cli.fleet.page import page_html
     from semcal_cli.fleet.plot import plot_fleet
 
-    contents: list[tuple[Path, bytes]] = []
+    contents: dict[Path, bytes] = {}
     if page is not None:
-        contents.append((page, page_html(found, given).encode()))
+        contents[page] = page_html(found, given).encode()
     if plot is not None:
-        contents.append((plot, plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")))
+        contents[plot] = plot_fleet(found, "svg" if plot.suffix.lower() == ".svg" else "png")
     return contents
 
 

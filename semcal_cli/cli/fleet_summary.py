@@ -11,7 +11,7 @@ from semcal_cli.assessment.limits import IN_ALL
 from semcal_cli.cli.live import printable
 from semcal_cli.cli.tables import LABEL_WIDTH, labelled, matrix_lines
 from semcal_cli.cli.terminal import COLORS
-from semcal_cli.fleet.words import figures, subject_of, title, total
+from semcal_cli.fleet.words import check_words, title, total
 from semcal_cli.result.intervals import intervals
 
 if TYPE_CHECKING:
@@ -78,15 +78,12 @@ def _check_lines(checks: Sequence[Check]) -> Iterator[str]:
     shown = [check for check in checks if check.name.endswith(IN_ALL) or check.verdict != "pass"]
     last = None
     for check in shown[:MAX_LINES]:
-        subject, quantity = subject_of(check.name)
-        if subject != last:
-            yield from _wrapped(subject, COLUMNS)
-        last = subject
-        scale, unit, least = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "deg", 3)
-        found, half = figures(scale * check.offset, scale * (check.half_width or 0.0), least)
-        yield (
-            f"  {quantity:<26}{found:>9} +- {half:<8} {unit:<3} allowed {scale * check.allowed:<7g}{check.verdict}"
-        )
+        told = check_words(check)
+        if told.subject != last:
+            yield from _wrapped(told.subject, COLUMNS)
+        last, unit = told.subject, told.unit[:3]
+        found = f"  {told.quantity:<26}{told.found:>9} +- {told.half_width:<8} {unit:<3}"
+        yield f"{found} allowed {told.allowed:<7}{check.verdict}"
     if len(shown) > MAX_LINES:
         yield f"  and {len(shown) - MAX_LINES:,} more"
 

@@ -23,6 +23,7 @@ NUM_NAMED = 4
 """Number of classes that the table names, the commonest first."""
 NUM_NAMED_FRAMES = 3
 """Number of frames that a finding about several of them names."""
+SUSPICIOUS = "suspicious"
 LABEL_WIDTH = 12
 WIDE = 240
 """Width in columns of the output on a pipe."""
@@ -55,34 +56,42 @@ def inspect(drive: Path, with_frames: bool, as_json: bool, max_points: int) -> N
     from semcal_cli.assessment.inspection import inspect as look_through
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import read_drive
-    from semcal_cli.rig.document import find_rig
+    from semcal_cli.rig.document import find_rig, read_rig
 
-    if (rig := find_rig(drive)) is not None:
-        from semcal_cli.cli.rig_pages import inspect_rig
-
-        inspect_rig(rig, with_frames, as_json, max_points)
-        return
+    rig = find_rig(drive)
+    drives = {"": read_drive(drive, max_points)} if rig is None else read_rig(rig).read_drives(max_points)
+    reports = {}
     with progress_line(make_console(quiet=as_json)) as progress:
-        progress(f"looking through {drive}")
-        report = look_through(read_drive(drive, max_points))
+        for name, each in drives.items():
+            progress(f"looking through {each.path}")
+            reports[name] = look_through(each)
     if as_json:
-        click.echo(json.dumps(asdict(report), indent=2))
+        documents = {name: asdict(report) for name, report in reports.items()}
+        click.echo(json.dumps(documents[""] if rig is None else documents, indent=2))
         return
-    _print(report, with_frames=with_frames)
+    _print(reports, with_frames=with_frames)
 
 
-def _print(report: DriveReport, *, with_frames: bool) -> None:
-    """Print what is suspicious, what the drive holds, and the frames if they are wanted."""
-    console = make_printer()
-    found = findings(report)
-    if all(label != "suspicious" for label, _ in found):
-        found.insert(0, ("suspicious", "nothing"))
-    for label, line in found:
-        print_labelled(console, label, line)
-    print_content(console, report, with_frames=with_frames)
+def _print(reports: Mapping[str, DriveReport], *, with_frames: bool) -> None:
+    """Print what is suspicious with any camera, and then what the drive of each holds, under its name if it has one."""
+    console = _make_printer()
+    found = [(name, *finding) for name, report in reports.items() for finding in _findings(report)]
+    if all(label != SUSPICIOUS for _, label, _ in found):
+        _print_labelled(console, SUSPICIOUS, "nothing")
+    for name, label, line in sorted(found, key=lambda finding: finding[1] != SUSPICIOUS):
+        _print_labelled(console, label, f"{name}: {line}" if name else line)
+    for name, report in reports.items():
+        if name:
+            console.print(f"\n[{name}]", markup=False)
+        for label, line in _content(report):
+            _print_labelled(console, label, line)
+        if with_frames:
+            console.print(_table(report))
+        else:
+            _print_labelled(console, "frames", "see --frames")
 
 
-def make_printer() -> Console:
+def _make_printer() -> Console:
     """Make a console on stdout that cuts lines to the width of a terminal; a pipe gets them whole."""
     from rich.console import Console
 
@@ -92,25 +101,14 @@ def make_printer() -> Console:
     return console
 
 
-def findings(report: DriveReport) -> list[tuple[str, str]]:
-    """List what is suspicious, and then what there is too little of, each after its label."""
-    suspicions = [("suspicious", line) for line in (*_grouped(report), *report.suspicions)]
-    return [*suspicions, *(("too little", line) for line in report.advice)]
-
-
-def print_labelled(console: Console, label: str, line: str) -> None:
-    """Print a line after its label."""
+def _print_labelled(console: Console, label: str, line: str) -> None:
     console.print(f"{label:<{LABEL_WIDTH}}{line}", markup=False)
 
 
-def print_content(console: Console, report: DriveReport, *, with_frames: bool) -> None:
-    """Print what a drive holds, and its frames if they are wanted."""
-    for label, line in _content(report):
-        print_labelled(console, label, line)
-    if with_frames:
-        console.print(_table(report))
-    else:
-        print_labelled(console, "frames", "see --frames")
+def _findings(report: DriveReport) -> list[tuple[str, str]]:
+    """List what is suspicious, and then what there is too little of, each after its label."""
+    suspicions = [(SUSPICIOUS, line) for line in (*_grouped(report), *report.suspicions)]
+    return [*suspicions, *(("too little", line) for line in report.advice)]
 
 
 def _grouped(report: DriveReport) -> list[str]:

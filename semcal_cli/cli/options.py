@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -206,6 +206,17 @@ def given_parameters(context: click.Context) -> list[click.Parameter]:
         for parameter in context.command.params
         if context.get_parameter_source(str(parameter.name)) is click.core.ParameterSource.COMMANDLINE
     ]
+
+
+def refuse_for_rig(path: Path, names: Collection[str]) -> None:
+    """Refuse parameters, by their names, that concern a single camera, where the input is a rig.
+
+    Raises:
+        click.UsageError: one is given on the command line.
+    """
+    for parameter in given_parameters(click.get_current_context()):
+        if parameter.name in names:
+            raise click.UsageError(f"{parameter.opts[0]}: is of one camera, and {path} is a rig")
 
 
 class CueList(click.ParamType[tuple[str, ...]]):

@@ -14,13 +14,17 @@ from semcal_cli.cli.options import (
     max_points_option,
     number_option,
     quiet_option,
+    refuse_for_rig,
 )
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from semcal_cli.config import Cue
     from semcal_cli.drive.document import Drive
     from semcal_cli.drive.observations import Observations
-    from semcal_cli.report.overlay import Coloring
+    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.report.palette import Coloring
 
 COLORINGS = ("class", "depth", "agreement", "segment", "edge")
 WITHOUT_LABELS = ("depth", "segment")
@@ -66,41 +70,77 @@ def overlay(
     quiet: bool,
 ) -> None:
     """Draw points on pictures."""
-    from semcal_cli.cli.outputs import check_image_folder
-    from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console
-    from semcal_cli.drive.document import drive_file, read_drive
-    from semcal_cli.drive.frame_selection import evenly_spaced
+    from semcal_cli.drive.document import read_drive
+    from semcal_cli.files.writing import make_folder
+    from semcal_cli.report.overlay import Overlays
+    from semcal_cli.rig.document import find_rig
+    from semcal_cli.rig.result import read_rig_files
+
+    console = make_console(quiet)
+
+    def write(overlays: Overlays, folder: Path) -> None:
+        for path in overlays.write_all(folder):
+            console.print(str(path), markup=False)
+
+    if (rig := find_rig(drive)) is None:
+        spec = read_drive(drive, max_points)
+        write(_overlays(spec, calibration, against, by, cues, output, max_frames, console), output)
+        return
+    refuse_for_rig(rig, ("against",))
+    found, drives, read = read_rig_files(rig, calibration, max_points)
+    drives = {name: _few(each, max_frames, output / name, read) for name, each in drives.items()}
+    make_folder(output)
+    for name, camera in found.cameras.items():
+        chosen, observations = _observe(drives[name], by, cues, "class")
+        write(Overlays(drives[name], observations, {name: camera.pose}, chosen), output / name)
+    for name, reason in found.failures.items():
+        console.print(f"{name}: has no transform to draw with: {reason}", markup=False)
+
+
+def _overlays(
+    drive: Drive,
+    calibration: Path,
+    against: Path | None,
+    by: Coloring | None,
+    cues: tuple[Cue, ...],
+    folder: Path,
+    max_frames: int,
+    console: Console,
+) -> Overlays:
+    """Prepare the pictures of a drive at one transform or two, and tell where a camera or a clock is another one."""
+    from semcal_cli.cli.tables import labelled
+    from semcal_cli.drive.document import drive_file
     from semcal_cli.formats import read_extrinsic
     from semcal_cli.report.overlay import Overlays
     from semcal_cli.result.applied import apply_result, seen_as
-    from semcal_cli.rig.document import find_rig
 
-    if (rig := find_rig(drive)) is not None:
-        from semcal_cli.cli.rig_pages import overlay_rig
-
-        overlay_rig(rig, calibration, output, against, by, cues, max_frames, max_points, quiet)
-        return
     given = [path for path in (against, calibration) if path is not None]
     extrinsics = {str(path): read_extrinsic(path) for path in given}
-    poses = {name: found.T_camera_lidar for name, found in extrinsics.items()}
-    paths = map(drive_file, given)
-    spec = read_drive(drive, max_points)
-    frames = evenly_spaced(spec.frames, max_frames)
-    check_image_folder(output, len(frames), [spec.path, *map(spec.resolve, spec.files()), *paths])
-    seen = {name: apply_result(found.record, spec, name) for name, found in extrinsics.items()}
-    console = make_console(quiet)
+    read = [drive.path, *map(drive.resolve, drive.files()), *map(drive_file, given)]
+    frames = _few(drive, max_frames, folder, read).frames
+    seen = {name: apply_result(found.record, drive, name) for name, found in extrinsics.items()}
     for each in seen.values():
         for change in each.changes:
             console.print(labelled(*change), markup=False)
-    spec = seen.pop(str(calibration)).drive.model_copy(update={"frames": tuple(frames)})
-    by, observations = observe(spec, by, cues, "class" if against is None else "agreement")
+    spec = seen.pop(str(calibration)).drive.model_copy(update={"frames": frames})
+    by, observations = _observe(spec, by, cues, "class" if against is None else "agreement")
     others = {name: seen_as(observations, spec, each.drive) for name, each in seen.items()}
-    for path in Overlays(spec, observations, poses, by, others).write_all(output):
-        console.print(str(path), markup=False)
+    poses = {name: found.T_camera_lidar for name, found in extrinsics.items()}
+    return Overlays(spec, observations, poses, by, others)
 
 
-def observe(
+def _few(drive: Drive, max_frames: int, folder: Path, read: list[Path]) -> Drive:
+    """Take evenly spaced frames of a drive, and check that their pictures replace nothing that is read."""
+    from semcal_cli.cli.outputs import check_image_folder
+    from semcal_cli.drive.frame_selection import evenly_spaced
+
+    frames = evenly_spaced(drive.frames, max_frames)
+    check_image_folder(folder, len(frames), read)
+    return drive.model_copy(update={"frames": tuple(frames)})
+
+
+def _observe(
     drive: Drive, by: Coloring | None, cues: tuple[Cue, ...], of_classes: Coloring
 ) -> tuple[Coloring, Observations]:
     """Load what colours show of the frames of a drive.

@@ -13,6 +13,7 @@ from semcal_cli.cli.options import (
     drive_argument,
     max_points_option,
     quiet_option,
+    refuse_for_rig,
     threads_option,
 )
 
@@ -50,25 +51,33 @@ def report(
     from semcal_cli.cli.tables import labelled
     from semcal_cli.cli.terminal import make_console, progress_line
     from semcal_cli.drive.document import drive_file, read_drive
+    from semcal_cli.files.writing import write_text
     from semcal_cli.report import read_report_input, write_report
     from semcal_cli.rig.document import find_rig
+    from semcal_cli.rig.page import rig_page_html
+    from semcal_cli.rig.result import read_rig_files
     from semcal_cli.threads import set_num_threads
 
+    console = make_console(quiet)
     if (rig := find_rig(drive)) is not None:
-        from semcal_cli.cli.rig_pages import report_rig
-
-        report_rig(rig, calibration, output, against, max_points, threads, quiet)
+        refuse_for_rig(rig, ("against",))
+        check_page(output)
+        found, drives, read = read_rig_files(rig, calibration, max_points)
+        check_outputs(read, [output])
+        set_num_threads(threads)
+        with progress_line(console) as progress:
+            write_text(rig_page_html(found, drives, (str(rig), str(read[-1])), progress), output)
+        console.print(str(output), markup=False)
         return
     spec = read_drive(drive, max_points)
     given = [drive_file(path) for path in (calibration, against) if path is not None]
     check_page(output)
     check_outputs([spec.path, *map(spec.resolve, spec.files()), *given], [output])
     set_num_threads(threads)
-    console = make_console(quiet)
     with progress_line(console) as progress:
         progress("reading frames")
-        found = read_report_input(spec, calibration, against)
-        for change in found.changes:
+        shown = read_report_input(spec, calibration, against)
+        for change in shown.changes:
             console.print(labelled(*change), markup=False)
-        write_report(found, output, progress)
+        write_report(shown, output, progress)
     console.print(str(output), markup=False)

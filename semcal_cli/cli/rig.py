@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from semcal_cli.cli.options import ResultOptions, given_parameters
+from semcal_cli.cli.options import ResultOptions, refuse_for_rig
 from semcal_cli.cli.outputs import EXIT_NOT_TRUSTED, Outputs, check_outputs, check_page
 from semcal_cli.cli.tables import labelled, matrix_lines
 from semcal_cli.cli.terminal import Terminal
@@ -60,7 +60,7 @@ def calibrate_rig(
         InputError: the rig, a drive or the output is wrong.
         CalibrationError: a camera has no answer; the results of the others are written.
     """
-    _check_options(path)
+    refuse_for_rig(path, OF_ONE_CAMERA)
     page: Path | None = click.get_current_context().params["page"]
     folder = options.output
     if folder is None:
@@ -181,12 +181,6 @@ def _sentence(failures: Mapping[str, str], num_cameras: int) -> str:
     return f"{len(failures)} of {num_cameras} cameras failed; {first}: {reason}"
 
 
-def _check_options(path: Path) -> None:
-    for parameter in given_parameters(click.get_current_context()):
-        if parameter.name in OF_ONE_CAMERA:
-            raise click.UsageError(f"{parameter.opts[0]}: is of one camera, and {path} is a rig")
-
-
 @contextmanager
 def _made(folder: Path) -> Iterator[None]:
     """Create the folder of results, and remove it again if the work in it fails."""
@@ -227,9 +221,8 @@ def _pair_lines(pair: Pair) -> list[str]:
     if pair.believed_uncertainty is not None:
         center, rotation = intervals(pair.believed_uncertainty.half_widths)
         lines += [labelled("95 % interval", center), labelled("", rotation)]
-    if pair.reference is not None and pair.error is not None:
-        off = f"{10.0 * pair.error.camera_center_cm:.1f} mm and {pair.error.rotation_deg:.3f} degrees"
-        lines.append(labelled("reference", f"{off} from {pair.reference.source}"))
+    if pair.distance:
+        lines.append(labelled("reference", pair.distance))
     if pair.is_explained is not None:
         lines.append(
             labelled("", "within the uncertainty" if pair.is_explained else "more than chance explains")

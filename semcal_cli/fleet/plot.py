@@ -1,120 +1,151 @@
-"""The course of a fleet as one picture, for documents and for the eye."""
+"""The course of a fleet drawn: each axis of the camera on its own for the page, or all as one picture."""
 
 from __future__ import annotations
 
-import io
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from semcal_cli.fleet.course import Axis, Course, Kind, course_of
+from semcal_cli.fleet.course import Course, Kind, course_of
 from semcal_cli.fleet.fleet import Fleet
+from semcal_cli.report.drawing import (
+    ACCENT,
+    BAD,
+    INK,
+    LETTER,
+    OPEN,
+    POINTS_PER_INCH,
+    SOFT,
+    draw_intervals,
+    name_places,
+    page_svg,
+    picture,
+)
+from semcal_cli.report.plots import Plot
+from semcal_cli.result.axes import AXIS_NAMES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+NAMES = tuple(f"{name}, {'mm' if i < 3 else 'degrees'}" for i, name in enumerate(AXIS_NAMES))
 STYLES: dict[Kind, tuple[str, str, str]] = {
-    "agrees": ("#0072b2", "o", "drives, with 95 % intervals"),
-    "disagrees": ("#8a5a00", "s", "drives that disagree"),
-    "beyond": ("#b34700", "D", "drives surely beyond what is allowed"),
+    "agrees": (ACCENT, "o", "drives, with 95 % intervals"),
+    "disagrees": (OPEN, "s", "drives that disagree"),
+    "beyond": (BAD, "D", "drives surely beyond what is allowed"),
 }
-"""Colour, marker and meaning of each kind of drive, the page's own."""
-EXPECTED, CHANGED = "#1b1f24", "#5b6470"
-MAX_TICKS = 6
+"""Colour, marker and meaning of each kind of drive."""
+SIZE, PICTURE_SIZE = (340.0, 220.0), (12.0, 8.0)
+"""Size of a drawing of the page in pixels, and of the picture in inches."""
+TOP = 30.0
+"""Room above the lines of a drawing of the page for two rows of names of changes, pixels."""
+ROW = 13.0
+NUM_ROWS = 2
+BESIDE = 0.03
+"""Room beside the first and the last drive, as a share of the whole time."""
+WIDEST_INTERVAL = 2.0
+"""Largest half width of an interval that is drawn whole, as a multiple of the range of all drives."""
+HEADROOM = 0.06
+LEAST_RANGE = 0.02
+"""Least range of what is drawn, as a share of what is allowed."""
+MANY = 150
+"""Number of drives from which bars overlap."""
+
+
+def course_plots(course: Course) -> list[Plot]:
+    """Draw the drives along and about each axis for a page."""
+    return [
+        Plot(name, page_svg(f"{name}: each drive over time", SIZE, partial(_draw, course, i), TOP))
+        for i, name in enumerate(NAMES)
+    ]
 
 
 def plot_fleet(fleet: Fleet, format: Literal["png", "svg"]) -> bytes:
     """Draw the drives and the rig's pose at their times, relative to the pose at the last drive; 95 % intervals."""
-    import matplotlib as mpl
+    course = course_of(fleet)
 
-    # The drawing must not depend on the user's settings, on chance (ids in the drawing) or on the clock.
-    with mpl.rc_context():
-        mpl.rcdefaults()
-        mpl.rcParams.update({"svg.hashsalt": "semcal", "svg.fonttype": "path"})
-        buffer = io.BytesIO()
-        _draw(course_of(fleet)).savefig(
-            buffer, format=format, dpi=120, metadata={"Date": None} if format == "svg" else None
-        )
-    return buffer.getvalue()
+    def draw(figure: Figure) -> None:
+        all_axes = figure.subplots(3, 2)
+        for i, name in enumerate(NAMES):
+            all_axes[i % 3][i // 3].set_title(
+                name, loc="left", pad=2.0 + ROW * NUM_ROWS * bool(course.changes)
+            )
+        figure.draw_without_rendering()  # names find their places when the axes have theirs
+        for i in range(len(NAMES)):
+            _draw(course, i, all_axes[i % 3][i // 3])
+        handles, labels = all_axes[0][0].get_legend_handles_labels()
+        once = dict(zip(labels, handles, strict=True))
+        figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5)
 
-
-def _draw(course: Course) -> Figure:
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12.0, 8.0), layout="constrained")
-    all_axes = figure.subplots(3, 2, sharex=True)
-    for index, axis in enumerate(course.axes):
-        axes = all_axes[index % 3][index // 3]
-        _draw_expected(axes, course, axis)
-        _draw_drives(axes, course, axis)
-        _draw_changes(axes, course, index)
-        axes.set_title(f"{axis.name}, {axis.unit}", fontsize=10, loc="left")
-        axes.grid(alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
-    _name_drives(all_axes[-1], course)
-    handles, labels = all_axes[0][0].get_legend_handles_labels()
-    once = dict(zip(labels, handles, strict=True))
-    figure.legend(once.values(), once.keys(), loc="outside upper right", ncols=5, frameon=False)
-    return figure
+    return picture(draw, PICTURE_SIZE, format)
 
 
-def _draw_expected(axes: Axes, course: Course, axis: Axis) -> None:
-    """Draw the rig's pose at each time, part by part, with the allowed range about it."""
+def _draw(course: Course, axis: int, axes: Axes) -> None:
+    """Draw one axis of the camera: what held, what is allowed about it, the drives, and the changes."""
+    beside = BESIDE * float(np.ptp(course.times)) or 0.5
+    axes.set_xlim(course.times[0] - beside, course.times[-1] + beside)
+    axes.set(ylim=_range(course, axis), xlabel=course.title)
+    axes.locator_params(axis="y", nbins=6)
+    axes.grid(visible=False, axis="x")
     for part in range(int(course.parts[-1]) + 1):
         mine = course.parts == part
-        times, expected = course.times[mine], axis.expected[mine]
-        axes.plot(times, expected, color=EXPECTED, label="holds then")
-        axes.fill_between(
-            times,
-            expected - axis.allowed,
-            expected + axis.allowed,
-            color=EXPECTED,
-            alpha=0.08,
-            linewidth=0.0,
-            label="allowed",
-        )
-
-
-def _draw_drives(axes: Axes, course: Course, axis: Axis) -> None:
-    """Draw the pose of each drive, with its 95 % interval."""
+        times, expected = course.times[mine], course.expected[mine, axis]
+        times = np.array([times[0] - beside / 2.0, *times, times[-1] + beside / 2.0])
+        expected = np.array([expected[0], *expected, expected[-1]])
+        low, high = expected - course.allowed[axis], expected + course.allowed[axis]
+        axes.fill_between(times, low, high, color=INK, alpha=0.08, linewidth=0.0, label="allowed")
+        axes.plot(times, expected, color=INK, linewidth=1.5, label="holds then")
     for kind, (color, marker, label) in STYLES.items():
-        chosen = np.array([each == kind for each in course.kinds])
-        if chosen.any():
-            axes.errorbar(
-                course.times[chosen],
-                axis.found[chosen],
-                axis.half_widths[chosen],
-                fmt=marker,
-                markersize=4,
-                linewidth=1.0,
-                color=color,
-                label=label,
-            )
+        if (chosen := course.kinds == kind).any():
+            where = course.times[chosen], course.found[chosen, axis], course.half_widths[chosen, axis]
+            is_crowded = kind == "agrees" and len(course.times) > MANY
+            draw_intervals(axes, *where, color, marker=marker, label=label, is_crowded=is_crowded)
+    _draw_changes(axes, course, axis)
+    name_places(axes, course.times, course.labels)
 
 
-def _draw_changes(axes: Axes, course: Course, index: int) -> None:
-    """Draw each change as a line with the first drive after it, and its size along this axis."""
+def _range(course: Course, axis: int) -> tuple[float, float]:
+    """Least and largest value that is drawn: all drives and what held; wide intervals are cut.
+
+    What is allowed may reach farther: it would flatten drives that agree much better than they have to.
+    """
+    found, expected = course.found[:, axis], course.expected[:, axis]
+    span = max(float(np.ptp([*found, *expected])), LEAST_RANGE * float(course.allowed[axis]))
+    half = np.minimum(course.half_widths[:, axis], WIDEST_INTERVAL * span)
+    low = min(float(expected.min()), float((found - half).min()))
+    high = max(float(expected.max()), float((found + half).max()))
+    margin = HEADROOM * max(high - low, span)
+    return low - margin, high + margin
+
+
+def _draw_changes(axes: Axes, course: Course, axis: int) -> None:
+    """Draw each change as a line with the first drive after it, and its size along this axis.
+
+    Names stand above the axes in two rows; where they would overlap, only the line stands.
+    """
+    box = axes.get_window_extent()
+    scale = POINTS_PER_INCH / axes.figure.dpi
+    taken = [box.x0 * scale] * NUM_ROWS
     for change in course.changes:
-        axes.axvline(change.time, color=CHANGED, linestyle="--", linewidth=1.2)
-        text = f"{change.name}: {change.sizes[index]}" if change.sizes[index] else change.name
+        axes.axvline(change.time, color=SOFT, linestyle="--", linewidth=1.2, gid="change")
+        text = f"{change.name}: {change.sizes[axis]}" if change.sizes[axis] else change.name
+        at, width = axes.transData.transform((change.time, 0.0))[0] * scale, LETTER * len(text) + 6.0
+        is_left = at + width > box.x1 * scale
+        begin = at - width if is_left else at
+        row = next((row for row, end in enumerate(taken) if begin >= end), None)
+        if row is None:
+            continue
+        taken[row] = begin + width
         axes.annotate(
             text,
             (change.time, 1.0),
             xycoords=axes.get_xaxis_transform(),
-            xytext=(3.0, -2.0),
+            xytext=(0.0, 3.0 + ROW * row),
             textcoords="offset points",
-            va="top",
-            fontsize=8,
-            color=CHANGED,
+            ha="right" if is_left else "left",
+            color=INK,
             parse_math=False,
+            annotation_clip=False,
+            gid="name",
         )
-
-
-def _name_drives(lowest: list[Axes], course: Course) -> None:
-    """Name drives below the lowest drawings: evenly spaced ones, if there is no room for all."""
-    chosen = np.unique(np.linspace(0, len(course.labels) - 1, MAX_TICKS).round().astype(int)).tolist()
-    for axes in lowest:
-        axes.set_xticks(course.times[chosen])
-        axes.set_xticklabels([course.labels[i] for i in chosen], fontsize=8, parse_math=False)
-        axes.set_xlabel(course.title)

@@ -5,15 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from semcal_cli.assessment.limits import IN_ALL, Check
+from semcal_cli.config import Limits
 from semcal_cli.result.axes import CHECK_NAMES
 from semcal_cli.result.intervals import widest
 
 if TYPE_CHECKING:
-    from semcal_cli.fleet.fleet import Fleet, Offset, Part
+    from semcal_cli.fleet.fleet import ComparedDrive, Fleet, Offset, Part
 
 WAYS = (("to the right", "to the left"), ("down", "up"), ("forward", "back"))
 """Where the camera went along each of its axes, by a positive and by a negative offset."""
@@ -91,10 +93,31 @@ def drift_line(drift: Offset) -> str:
     return f"drifted from the first drive to the last: {motions(drift)}"
 
 
-def subject_of(name: str) -> tuple[str, str]:
-    """Split the name of a check into its subject and its quantity, both in plain words."""
-    subject, _, quantity = name.rpartition(": ")
-    return SUBJECTS.get(subject, subject), QUANTITIES[quantity]
+class CheckWords(NamedTuple):
+    """A check as text, in millimetres or degrees."""
+
+    subject: str
+    """What was judged, in plain words."""
+    quantity: str
+    found: str
+    half_width: str
+    """Half width of the 95 % interval."""
+    allowed: str
+    unit: str
+
+
+def check_words(check: Check) -> CheckWords:
+    """Tell a check of the combined pose, or of a drive, which has no subject."""
+    subject, _, quantity = check.name.rpartition(": ")
+    scale, unit, least = (10.0, "mm", 1) if check.unit == "cm" else (1.0, "degrees", 3)
+    found, half_width = figures(scale * check.offset, scale * (check.half_width or 0.0), least)
+    allowed = f"{scale * check.allowed:g}"
+    return CheckWords(SUBJECTS.get(subject, subject), QUANTITIES[quantity], found, half_width, allowed, unit)
+
+
+def in_all(drive: ComparedDrive, limits: Limits) -> list[CheckWords]:
+    """Tell how far a drive is off in all: its camera's centre, and its rotation."""
+    return [check_words(check) for check in drive.offset.judge(limits) if check.name.endswith(IN_ALL)]
 
 
 def title(fleet: Fleet) -> str:

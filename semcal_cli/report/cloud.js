@@ -46,7 +46,7 @@ function showCloud(canvas, data, choice) {
     gl.bufferData(gl.ARRAY_BUFFER, array, gl.STATIC_DRAW);
     return made;
   };
-  const cameras = data.cameras ?? [data];
+  const cameras = data.cameras;
   const edges = [], edgeColors = [];
   const line = (from, to, color) => {
     edges.push(...from, ...to);
@@ -54,7 +54,7 @@ function showCloud(canvas, data, choice) {
   };
   const ahead = (camera, distance) => camera.camera_center.map((x, i) => x + distance * camera.optical_axis[i]);
   for (const camera of cameras) {
-    const shade = camera.color ?? [255, 255, 255];
+    const shade = camera.color;
     camera.corners.forEach((corner, i) => {
       line(camera.camera_center, corner, shade);
       line(corner, camera.corners[(i + 1) % camera.corners.length], shade);

@@ -1,9 +1,9 @@
-"""A point cloud for the 3-D view: points that the camera sees have colours, the others are grey."""
+"""A sweep and cameras for the 3-D view: points that a camera sees have colours, the others are grey."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -16,33 +16,87 @@ from semcal_cli.drive.reading import read_frame_image
 from semcal_cli.geometry.poses import Pose, camera_center, inverse
 from semcal_cli.report.colors import Colors, hex_color, palettes
 from semcal_cli.report.input import ReportInput
-from semcal_cli.report.overlay import points_in_image
+from semcal_cli.report.overlay import at_pixels, points_in_image
 from semcal_cli.report.points import packed
 
+Rgb = tuple[int, int, int]
 MAX_SEEN, MAX_OTHERS = 16_000, 8_000
-"""Largest number of points kept that the camera sees, and of points that it does not see."""
+"""Largest number of points kept that a camera sees, and of points that none sees."""
 MAX_RANGE_M = 120.0
 """Largest range of the points that the view shows."""
 GREY = 92
+WHITE = 255, 255, 255
 FRUSTUM_M = 1.0
-"""Length of the drawn edges of the camera's view."""
+"""Length of the drawn edges of a camera's view."""
+
+
+@dataclass(frozen=True)
+class CameraInView:
+    """A camera as the page's script draws it, in the LiDAR frame, metres."""
+
+    name: str
+    color: Rgb
+    camera_center: list[float]
+    optical_axis: list[float]
+    corners: list[list[float]]
+    """Ends of the edges of the camera's view; empty if the lens does not reach the corners of the image."""
+
+    @classmethod
+    def placed(cls, name: str, color: Rgb, camera: Camera, T_camera_lidar: Pose) -> CameraInView:
+        """Place a camera at its pose (4, 4)."""
+        center, axis = camera_center(T_camera_lidar).tolist(), T_camera_lidar[2, :3].tolist()
+        right, bottom = camera.width - 0.5, camera.height - 0.5
+        pixels = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
+        rays = core_camera(camera).unproject(pixels)
+        if not np.isfinite(rays).all():
+            return cls(name, color, center, axis, [])
+        T_lidar_camera = inverse(T_camera_lidar)
+        corners = FRUSTUM_M * rays @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
+        return cls(name, color, center, axis, corners.tolist())
 
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points and the camera, in the LiDAR frame; arrays as base64 for the page's script."""
+    """Points and cameras, in the LiDAR frame; arrays as base64 for the page's script."""
 
     frame: str
     positions_cm: str
     """int16, little-endian, (N, 3)."""
     colors: dict[str, str]
     """uint8 red, green, blue, (N, 3), by the meaning of the colours."""
-    legends: dict[str, dict[str, str]]
+    cameras: list[CameraInView]
+    legends: dict[str, dict[str, str]] = field(default_factory=dict)
     """Colour of each visible class, as #rrggbb, by the meaning of the colours."""
-    camera_center: list[float]
-    optical_axis: list[float]
-    corners: list[list[float]]
-    """Ends of the edges of the camera's view; empty if the lens does not reach the corners of the image."""
+
+
+def make_cloud(
+    frame: str,
+    points: npt.NDArray[np.float32],
+    is_seen: npt.NDArray[np.bool_],
+    colored: Mapping[str, tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]],
+    cameras: Sequence[CameraInView],
+    legends: Mapping[str, dict[str, str]] | None = None,
+) -> Cloud:
+    """Keep the points of a sweep that have a colour, and some of those that no camera sees.
+
+    Args:
+        frame: Name of the sweep.
+        points: (N, 3), metres, LiDAR frame.
+        is_seen: (N,) whether a camera sees a point.
+        colored: Indices (M,) of points, and their colours (M, 3), red, green, blue, by the meaning of the colours.
+        cameras: Cameras that are drawn.
+        legends: Legends by the meaning of the colours.
+    """
+    shown = np.unique(np.concatenate([indices for indices, _ in colored.values()]))
+    others = thinned(~is_seen & (np.linalg.norm(points, axis=1) < MAX_RANGE_M), MAX_OTHERS)
+    kept = np.concatenate([shown, others])
+    colors = {}
+    for name, (indices, rgb) in colored.items():
+        of_all = np.full((len(points), 3), GREY, np.uint8)
+        of_all[indices] = rgb
+        colors[name] = packed(of_all[kept])
+    centimetres = np.clip(np.rint(100.0 * points[kept]), -32_767, 32_767).astype("<i2")
+    return Cloud(frame, packed(centimetres), colors, list(cameras), dict(legends or {}))
 
 
 def frame_cloud(report: ReportInput) -> Cloud:
@@ -50,56 +104,35 @@ def frame_cloud(report: ReportInput) -> Cloud:
 
     The frame is the first one that has an image, else the first of all.
     """
-    observations, T = report.observations, report.T_camera_lidar
-    names = [frame.image for frame in report.drive.frames]
-    number = next((i for i, name in enumerate(names) if name is not None), 0)
+    observations, T, frames = report.observations, report.T_camera_lidar, report.drive.frames
+    number = next((i for i, frame in enumerate(frames) if frame.image is not None), 0)
     points, classes = observations.clouds[number].points, observations.clouds[number].classes
     seen = points_in_image(points, T, observations.camera)
+    is_seen = np.zeros(len(points), np.bool_)
+    is_seen[seen.indices[~seen.is_hidden]] = True
     visible = thinned(~seen.is_hidden, MAX_SEEN)
-    is_other = np.linalg.norm(points, axis=1) < MAX_RANGE_M
-    is_other[seen.indices[~seen.is_hidden]] = False
-    others = thinned(is_other, MAX_OTHERS)
     pixels, indices = seen.pixels[visible], seen.indices[visible]
-    kept = np.concatenate([indices, others])
     of_points, of_pixels = palettes(observations)
-    pixel_classes = at_pixels(observations.images[number].classes, pixels)
-    point_classes = classes[indices]
-    by = {
-        "label of the pixel": _label_colors(pixel_classes, of_pixels),
-        "label of the point": _label_colors(point_classes, of_points),
+    labels = {
+        "label of the pixel": (
+            at_pixels(observations.images[number].classes, pixels),
+            observations.image_class_names,
+            of_pixels,
+        ),
+        "label of the point": (classes[indices], observations.point_class_names, of_points),
     }
-    legends = {
-        "label of the pixel": _legend(pixel_classes, observations.image_class_names, of_pixels),
-        "label of the point": _legend(point_classes, observations.point_class_names, of_points),
-    }
-    image = read_frame_image(report.drive, report.drive.frames[number])
+    colored = {name: (indices, _label_colors(found, palette)) for name, (found, _, palette) in labels.items()}
+    image = read_frame_image(report.drive, frames[number])
     if image is not None:
-        by["picture"] = at_pixels(image, pixels)[:, ::-1]
-    grey = np.full((len(others), 3), GREY, np.uint8)
-    return Cloud(
-        frame=report.drive.frames[number].points,
-        positions_cm=centimetres(points[kept]),
-        colors={name: packed(np.vstack([colors, grey]).astype(np.uint8)) for name, colors in by.items()},
-        legends=legends,
-        camera_center=camera_center(T).tolist(),
-        optical_axis=T[2, :3].tolist(),
-        corners=frustum(observations.camera, T),
-    )
+        colored["picture"] = indices, at_pixels(image, pixels)[:, ::-1]
+    camera = CameraInView.placed("", WHITE, observations.camera, T)
+    legends = {name: _legend(*found) for name, found in labels.items()}
+    return make_cloud(frames[number].points, points, is_seen, colored, [camera], legends)
 
 
 def thinned(mask: npt.NDArray[np.bool_], count: int) -> npt.NDArray[np.intp]:
     """Indices of at most `count` evenly spaced points among those that a mask (N,) selects."""
     return np.array(evenly_spaced(np.flatnonzero(mask).tolist(), count), np.intp)
-
-
-def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
-    """Values of an image at the pixels (M, 2)."""
-    u, v = pixels.T
-    found: npt.NDArray[np.uint8] = image[
-        v.clip(0, image.shape[0] - 1),
-        u.clip(0, image.shape[1] - 1),
-    ]
-    return found
 
 
 def _label_colors(classes: npt.NDArray[np.uint8], palette: Colors) -> npt.NDArray[np.uint8]:
@@ -112,22 +145,3 @@ def _label_colors(classes: npt.NDArray[np.uint8], palette: Colors) -> npt.NDArra
 def _legend(classes: npt.NDArray[np.uint8], names: Sequence[str], palette: Colors) -> dict[str, str]:
     present = [index for index in np.unique(classes).tolist() if index != NO_CLASS]
     return {names[index]: hex_color(tuple(palette[index].tolist())) for index in present}
-
-
-def frustum(camera: Camera, T_camera_lidar: Pose) -> list[list[float]]:
-    """Ends of the edges of a camera's view, in the LiDAR frame; none if the lens does not reach the corners."""
-    right, bottom = camera.width - 0.5, camera.height - 0.5
-    pixels = np.array([[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]])
-    rays = core_camera(camera).unproject(pixels)
-    if not np.isfinite(rays).all():
-        return []
-    T_lidar_camera = inverse(T_camera_lidar)
-    corners: list[list[float]] = (
-        FRUSTUM_M * rays @ T_lidar_camera[:3, :3].T + T_lidar_camera[:3, 3]
-    ).tolist()
-    return corners
-
-
-def centimetres(points: npt.NDArray[np.float32]) -> str:
-    """Encode points (N, 3), metres, as int16 centimetres."""
-    return packed(np.clip(np.rint(100.0 * points), -32_767, 32_767).astype("<i2"))

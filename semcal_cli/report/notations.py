@@ -33,31 +33,29 @@ class Notation:
     text: str
 
 
+MOUNTING = (
+    "degrees: how the camera is mounted, its body frame (x forward, y left, z up) in the LiDAR frame, "
+    "R = Rz(yaw) Ry(pitch) Rx(roll), as --init-rpy-xyz takes them"
+)
+
+
 def notations(T_camera_lidar: Pose) -> list[Notation]:
     """Write a transform as matrices, vectors and angles."""
-    T_lidar_camera = inverse(T_camera_lidar)
-    rotation_vector = rotation_vector_deg(T_camera_lidar)
+    T, turn_deg = T_camera_lidar, rotation_vector_deg(T_camera_lidar)
+    rows = [
+        ("camera centre x y z", "metres, in the LiDAR frame", camera_center(T)),
+        ("roll pitch yaw", MOUNTING, mounting_rpy_deg(T)),
+        ("translation x y z", "metres, of T_camera_lidar", T[:3, 3]),
+        ("quaternion x y z w", "of T_camera_lidar", quaternion_xyzw(T)),
+        ("quaternion w x y z", "of T_camera_lidar", np.roll(quaternion_xyzw(T), 1)),
+        ("rotation vector", "degrees, of T_camera_lidar", turn_deg),
+        ("rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", np.radians(turn_deg)),
+    ]
+    inverted = "its inverse, p_lidar = T_lidar_camera p_camera"
     return [
-        T_notation(T_camera_lidar),
-        Notation(
-            "T_lidar_camera", "its inverse, p_lidar = T_lidar_camera p_camera", matrix_text(T_lidar_camera)
-        ),
-        Notation("camera centre x y z", "metres, in the LiDAR frame", _row(camera_center(T_camera_lidar))),
-        Notation(
-            "roll pitch yaw",
-            "degrees: how the camera is mounted, its body frame (x forward, y left, z up) in the LiDAR frame, "
-            "R = Rz(yaw) Ry(pitch) Rx(roll), as --init-rpy-xyz takes them",
-            _row(mounting_rpy_deg(T_camera_lidar)),
-        ),
-        Notation("translation x y z", "metres, of T_camera_lidar", _row(T_camera_lidar[:3, 3])),
-        Notation("quaternion x y z w", "of T_camera_lidar", _row(quaternion_xyzw(T_camera_lidar))),
-        Notation(
-            "quaternion w x y z", "of T_camera_lidar", _row(np.roll(quaternion_xyzw(T_camera_lidar), 1))
-        ),
-        Notation("rotation vector", "degrees, of T_camera_lidar", _row(rotation_vector)),
-        Notation(
-            "rotation vector", "radians, of T_camera_lidar (OpenCV's rvec)", _row(np.radians(rotation_vector))
-        ),
+        T_notation(T),
+        Notation("T_lidar_camera", inverted, matrix_text(inverse(T))),
+        *(Notation(name, meaning, _aligned(values).strip()) for name, meaning, values in rows),
     ]
 
 
@@ -96,10 +94,6 @@ def _file(format: Format, T_camera_lidar: Pose, intrinsics: Camera | None) -> st
 def matrix_text(T: Pose) -> str:
     """Write a transform, a row on each line."""
     return "\n".join(_aligned(row) for row in T)
-
-
-def _row(values: Vector) -> str:
-    return _aligned(values).strip()
 
 
 def _aligned(values: Vector) -> str:

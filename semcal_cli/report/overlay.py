@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Literal, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import cv2
 import numpy as np
@@ -26,23 +26,13 @@ from semcal_cli.files.images import write_image
 from semcal_cli.files.writing import make_folder
 from semcal_cli.geometry.poses import Pose
 from semcal_cli.report.colors import Colors, Legend, palettes, segment_colors
-from semcal_cli.report.edges import EDGE_LEGEND, edge_picture, edges_by_strength
+from semcal_cli.report.edges import edge_picture, edges_by_strength
+from semcal_cli.report.palette import AGREES, DISAGREES, HIDDEN, NO_PAIR, Coloring, depth_levels, palette_of
 
 Image: TypeAlias = npt.NDArray[np.uint8]
 """(H, W, 3) blue, green, red."""
-Coloring: TypeAlias = Literal["class", "depth", "agreement", "segment", "edge"]
-
-# Red, green, blue, of Okabe and Ito's.
-AGREEMENT_COLORS = {
-    "agree": (0, 158, 115),
-    "disagree": (213, 94, 0),
-    "hidden from the camera": (120, 120, 120),
-}
-AGREES, DISAGREES, HIDDEN, NO_PAIR = range(4)
-"""Indices in `AGREEMENT_COLORS`, and that of points without a label on either side."""
-DEPTHS_M = (2.0, 100.0)
-"""Depths at which the colours begin and end, on a logarithmic scale; the legend names some between."""
-DEPTH_STEPS_M = (2, 5, 10, 20, 50, 100)
+WHOLE_LEGEND = ("depth", "agreement")
+"""Colours whose legend names all of them, whether they occur or not."""
 WIDE = 2.0
 """Ratio of width to height from which images are put above each other."""
 
@@ -222,31 +212,25 @@ class Overlays:
 
     def _colored(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.intp], Colors, Legend]:
         """Pixels (M, 2) and colours (M, 3) of the dots, with their legend."""
-        if self.by == "depth":
-            shown = ~seen.is_hidden
-            steps = map(tuple, depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist())
-            legend = {f"{step} m": color for step, color in zip(DEPTH_STEPS_M, steps, strict=True)}
-            return seen.pixels[shown], depth_colors(seen.ranges_m[shown]), legend
-        if self.by == "agreement":
-            colors = np.array(list(AGREEMENT_COLORS.values()), np.uint8)[:, ::-1]
-            pixels, kinds = by_agreement(self.observations, frame, seen, self.together)
-            return (
-                pixels,
-                colors[kinds],
-                dict(zip(AGREEMENT_COLORS, map(tuple, colors.tolist()), strict=True)),
-            )
         if self.by == "segment":
             shown = ~seen.is_hidden
             colors, legend = segment_colors(self._segmented[frame])
             return seen.pixels[shown], colors[seen.indices[shown]], legend
-        names = self.observations.point_class_names
-        palette, _ = palettes(self.observations)
-        pixels, classes = _by_class(seen, self.observations.clouds[frame].classes)
-        if self.by == "edge":
-            drawn = edges_by_strength(classes)
-            pixels, classes = pixels[drawn], classes[drawn]
-        present = {names[index]: tuple(palette[index].tolist()) for index in np.unique(classes).tolist()}
-        return pixels, palette[classes], present | (EDGE_LEGEND if self.by == "edge" else {})
+        numbers, drawn = self._numbers(frame, seen)
+        palette = palette_of(self.observations, self.by)
+        pixels, numbers = seen.pixels[drawn], numbers[drawn]
+        return pixels, palette.colors[numbers], palette.legend(None if self.by in WHOLE_LEGEND else numbers)
+
+    def _numbers(self, frame: int, seen: Seen) -> tuple[npt.NDArray[np.integer], npt.NDArray[np.intp]]:
+        """Number (M,) of each point in the palette, and the points (K,) that are drawn, in their order."""
+        if self.by == "depth":
+            return depth_levels(seen.ranges_m), np.flatnonzero(~seen.is_hidden)
+        if self.by == "agreement":
+            kinds = kinds_of(self.observations, frame, seen, self.together)
+            return kinds, np.flatnonzero(kinds != NO_PAIR)
+        classes = self.observations.clouds[frame].classes[seen.indices]
+        drawn = np.flatnonzero(~seen.is_hidden & (classes != NO_CLASS))
+        return classes, drawn[edges_by_strength(classes[drawn])] if self.by == "edge" else drawn
 
     def _background(self, frame: int) -> Image:
         """The image of a frame, dimmed, or its edges; without an image, its label image at half strength."""
@@ -266,28 +250,12 @@ class Overlays:
         return goes_together(*list(self.views.values())[-1])
 
 
-def _by_class(
-    seen: Seen, classes: npt.NDArray[np.uint8]
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.uint8]]:
-    """Pixels and classes of the labelled points that the camera sees."""
-    shown = ~seen.is_hidden & (classes[seen.indices] != NO_CLASS)
-    return seen.pixels[shown], classes[seen.indices[shown]]
-
-
-def by_agreement(
-    observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
-) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-    """Pixels of labelled points on labelled pixels, and the index in `AGREEMENT_COLORS` of each."""
-    kinds = kinds_of(observations, frame, seen, together)
-    labelled = kinds != NO_PAIR
-    return seen.pixels[labelled], kinds[labelled]
-
-
 def kinds_of(
     observations: Observations, frame: int, seen: Seen, together: npt.NDArray[np.bool_]
 ) -> npt.NDArray[np.intp]:
     """Index in `AGREEMENT_COLORS` of each point (M,); `NO_PAIR` if it or its pixel has no label."""
-    point, pixel = _pairs(observations, frame, seen)
+    point = observations.clouds[frame].classes[seen.indices]
+    pixel = at_pixels(observations.images[frame].classes, seen.pixels)
     labelled = (point != NO_CLASS) & (pixel != NO_CLASS)
     kinds = np.full(len(point), NO_PAIR, np.intp)
     kinds[labelled] = np.where(seen.is_hidden[labelled], HIDDEN, ~together[point[labelled], pixel[labelled]])
@@ -306,33 +274,10 @@ def over_chance(joint: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     return np.asarray(joint / np.where(by_chance > 0.0, by_chance, 1.0))
 
 
-def _pairs(
-    observations: Observations, frame: int, seen: Seen
-) -> tuple[npt.NDArray[np.uint8], npt.NDArray[np.uint8]]:
-    """Classes of the points in the image, and of the pixels that they project onto."""
-    u, v = seen.pixels.T
-    image = observations.images[frame].classes
-    rows, columns = v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)
-    return observations.clouds[frame].classes[seen.indices], image[rows, columns]
-
-
-def depth_colors(ranges_m: npt.NDArray[np.float64]) -> Colors:
-    """(N, 3) blue, green, red: red near by, blue far away."""
-    if len(ranges_m) == 0:
-        return np.zeros((0, 3), np.uint8)
-    return level_colors(depth_levels(ranges_m))
-
-
-def depth_levels(ranges_m: npt.NDArray[np.float64]) -> npt.NDArray[np.uint8]:
-    """Level (N,) of each distance from the camera, on a logarithmic scale: 255 near by, 0 far away."""
-    near, far = np.log(DEPTHS_M)
-    share = (np.log(np.clip(ranges_m, *DEPTHS_M)) - near) / (far - near)
-    return np.asarray(np.rint(255.0 * (1.0 - share)), np.uint8)
-
-
-def level_colors(levels: npt.NDArray[np.uint8]) -> Colors:
-    """Colours (N, 3) of levels (N,)."""
-    return np.asarray(cv2.applyColorMap(levels.reshape(-1, 1), cv2.COLORMAP_TURBO), np.uint8).reshape(-1, 3)
+def at_pixels(image: npt.NDArray[np.uint8], pixels: npt.NDArray[np.intp]) -> npt.NDArray[np.uint8]:
+    """Values of an image at the pixels (M, 2), (u, v), or at the nearest ones inside."""
+    u, v = pixels.T
+    return np.asarray(image[v.clip(0, image.shape[0] - 1), u.clip(0, image.shape[1] - 1)])
 
 
 def _draw_dots(background: Image, pixels: npt.NDArray[np.intp], colors: Colors) -> Image:

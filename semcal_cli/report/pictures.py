@@ -11,25 +11,17 @@ from typing import Literal
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 import PIL.Image
 import PIL.WebPImagePlugin
 
-from semcal_cli.drive.classes import NO_CLASS
-from semcal_cli.drive.edges import NO_EDGE
 from semcal_cli.drive.observations import Observations
-from semcal_cli.report.colors import hex_color, palettes
-from semcal_cli.report.edges import EDGE_LEGEND, coloring_of, edge_picture, is_edge
-from semcal_cli.report.overlay import (
-    AGREEMENT_COLORS,
-    DEPTH_STEPS_M,
+from semcal_cli.report.edges import coloring_of, edge_picture, is_edge
+from semcal_cli.report.overlay import Image, Overlays, picture_of
+from semcal_cli.report.palette import (
     DISAGREES,
     Coloring,
-    Image,
-    Overlays,
-    depth_colors,
-    level_colors,
-    picture_of,
+    color_tables,
+    legends,
 )
 from semcal_cli.report.points import FramePoints, frame_points
 from semcal_cli.threads import thread_pool
@@ -227,38 +219,6 @@ def _moved_px(projected: Sequence[FramePoints]) -> tuple[float, float]:
     if len(moved) == 0:
         return math.inf, math.inf
     return float(np.median(moved)), float(np.quantile(moved, 0.95))
-
-
-def color_tables(observations: Observations) -> dict[str, list[list[int] | None]]:
-    """List red, green and blue by class or edge, by level of depth, and by agreement; None where there is no edge."""
-    coloring, (of_points, _) = coloring_of(observations), palettes(observations)
-    of_classes: list[list[int] | None] = of_points[:, ::-1].tolist()
-    if coloring == "edge":
-        of_classes[NO_EDGE] = None
-    return {
-        coloring: of_classes,
-        "depth": level_colors(np.arange(256, dtype=np.uint8))[:, ::-1].tolist(),
-        "agreement": [list(color) for color in AGREEMENT_COLORS.values()],
-    }
-
-
-def legends(observations: Observations, classes: npt.NDArray[np.uint8]) -> dict[str, dict[str, str]]:
-    """List the colours, #rrggbb, of the classes or edges that occur, of depths, and of agreement, by their names."""
-    coloring, (of_points, _) = coloring_of(observations), palettes(observations)
-    shown, drawn = (is_edge(classes), EDGE_LEGEND) if coloring == "edge" else (classes != NO_CLASS, {})
-    present = np.unique(classes[shown]).tolist()
-    depths = depth_colors(np.array(DEPTH_STEPS_M, np.float64)).tolist()
-    return {
-        coloring: {
-            observations.point_class_names[index]: hex_color(tuple(of_points[index].tolist()))
-            for index in present
-        }
-        | {name: hex_color(color) for name, color in drawn.items()},
-        "depth": {
-            f"{step} m": hex_color(tuple(color)) for step, color in zip(DEPTH_STEPS_M, depths, strict=True)
-        },
-        "agreement": {name: hex_color(color[::-1]) for name, color in AGREEMENT_COLORS.items()},
-    }
 
 
 def data_uri(image: Image, max_bytes: int) -> str:

@@ -10,14 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from semcal_cli.drive.frame_selection import evenly_spaced
-from semcal_cli.report.overlay import (
-    AGREES,
-    DISAGREES,
-    HIDDEN,
-    View,
-    depth_levels,
-    kinds_of,
-)
+from semcal_cli.report.overlay import View, kinds_of
+from semcal_cli.report.palette import AGREES, DISAGREES, HIDDEN, depth_levels
 
 NOT_SEEN = 255
 """Kind of a point outside the picture."""

@@ -90,16 +90,21 @@ def write_rerun(
     stream.log(LIDAR, rr.ViewCoordinates.FLU, static=True)
     for name, T in poses.items():
         _log_camera(stream, name, T, (cameras or {}).get(name, drive.camera))
-    colors = _ClassColors(stream, observations)
     entity = _entity(list(poses)[-1]) if poses else "camera"  # without a pose, pictures lie in no space
+    point_colors, pixel_colors = palettes(observations)
+    _log_classes(stream, f"{LIDAR}/points", observations.point_class_names, point_colors)
+    if observations.image_class_names:
+        _log_classes(stream, f"{entity}/labels", observations.image_class_names, pixel_colors)
     for index, frame in enumerate(drive.frames):
         stream.reset_time()
         stream.set_time(FRAME, sequence=index)
         if frame.points_stamp is not None:
             stream.set_time(TIME, timestamp=frame.points_stamp)
-        colors.log_points(index)
+        _log_points(stream, observations, index)
         _log_picture(stream, drive, frame, entity)
-        colors.log_labels(index, entity)
+        if observations.image_class_names:
+            labels = rr.SegmentationImage(observations.images[index].classes, opacity=0.5)
+            stream.log(f"{entity}/labels", labels)
     stream.flush()
     write_bytes(memory.drain_as_bytes(), path)
 
@@ -141,40 +146,21 @@ def _log_picture(stream: rr.RecordingStream, drive: Drive, frame: Frame, entity:
     stream.log(f"{entity}/picture", rr.Image(pixels, color_model="BGR"))
 
 
-class _ClassColors:
-    """The classes of both sides as one table of names and colours."""
+def _log_points(stream: rr.RecordingStream, observations: Observations, index: int) -> None:
+    """Log the sweep of a frame."""
+    cloud = observations.clouds[index]
+    if observations.point_class_names:
+        points = rr.Points3D(cloud.points, class_ids=cloud.classes, radii=-POINT_RADIUS_PX)
+    else:
+        points = rr.Points3D(cloud.points, colors=_height_colors(cloud.points), radii=-POINT_RADIUS_PX)
+    stream.log(f"{LIDAR}/points", points)
 
-    def __init__(self, stream: rr.RecordingStream, observations: Observations) -> None:
-        self._stream, self._observations = stream, observations
-        point_colors, pixel_colors = palettes(observations)
-        self._log_table(f"{LIDAR}/points", observations.point_class_names, point_colors)
-        self._pixel_colors = pixel_colors
-        self._named: set[str] = set()
 
-    def log_points(self, index: int) -> None:
-        """Log the sweep of a frame."""
-        cloud = self._observations.clouds[index]
-        if self._observations.point_class_names:
-            points = rr.Points3D(cloud.points, class_ids=cloud.classes, radii=-POINT_RADIUS_PX)
-        else:
-            points = rr.Points3D(cloud.points, colors=_height_colors(cloud.points), radii=-POINT_RADIUS_PX)
-        self._stream.log(f"{LIDAR}/points", points)
-
-    def log_labels(self, index: int, entity: str) -> None:
-        """Log the label image of a frame over its picture."""
-        names = self._observations.image_class_names
-        if not names:
-            return
-        if entity not in self._named:
-            self._named.add(entity)
-            self._log_table(f"{entity}/labels", names, self._pixel_colors)
-        image = rr.SegmentationImage(self._observations.images[index].classes, opacity=0.5)
-        self._stream.log(f"{entity}/labels", image)
-
-    def _log_table(self, entity: str, names: Sequence[str], bgr: np.ndarray) -> None:
-        table = [(index, name, tuple(bgr[index][::-1].tolist())) for index, name in enumerate(names)]
-        table.append((NO_CLASS, "no class", UNKNOWN_COLOR))
-        self._stream.log(entity, rr.AnnotationContext(table), static=True)
+def _log_classes(stream: rr.RecordingStream, entity: str, names: Sequence[str], bgr: np.ndarray) -> None:
+    """Log the names and the colours of the classes of one side."""
+    table = [(index, name, tuple(bgr[index][::-1].tolist())) for index, name in enumerate(names)]
+    table.append((NO_CLASS, "no class", UNKNOWN_COLOR))
+    stream.log(entity, rr.AnnotationContext(table), static=True)
 
 
 def _height_colors(points: np.ndarray) -> np.ndarray:

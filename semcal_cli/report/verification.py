@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from semcal_cli.assessment.limits import Check, offsets_in_all
@@ -13,13 +12,13 @@ from semcal_cli.files.writing import write_text
 from semcal_cli.initialization.initial_pose import InitialPose
 from semcal_cli.report.edges import coloring_of
 from semcal_cli.report.notations import T_notation
-from semcal_cli.report.overlay import Coloring, Overlays
+from semcal_cli.report.overlay import Overlays
+from semcal_cli.report.palette import Coloring
 from semcal_cli.report.pictures import MAX_FRAMES, make_pictures
-from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.report.template import render_page
 from semcal_cli.report.words import Verdict, linked
 from semcal_cli.result.applied import apply_result, seen_as
 from semcal_cli.result.axes import CHECK_NAMES
-from semcal_cli.result.provenance import versions
 from semcal_cli.verification import Verification
 
 TITLES = {"pass": "Pass", "fail": "Fail", "inconclusive": "Inconclusive"}
@@ -27,21 +26,6 @@ FOUND = "found on this drive"
 """Caption of the estimate."""
 BEYOND, FARTHEST = 1.25, 6.0
 """Multiple of the farthest offset that bars reach to either side, and largest multiple of what is allowed."""
-
-
-@dataclass(frozen=True)
-class CheckRow:
-    """A check as a row of the page, with its bar; places are shares of the bar's width, in per cent."""
-
-    name: str
-    check: Check
-    offset: str
-    allowed: tuple[float, float]
-    """Left end and width of what is allowed."""
-    interval: tuple[float, float] | None
-    """Left end and width of the 95 % interval."""
-    place: float
-    """Place of the offset."""
 
 
 def both_overlays(found: Verification, data: LoadedDrive, initial_pose: InitialPose) -> Overlays:
@@ -73,11 +57,9 @@ def write_verification(
         InputError: an image is missing or wrong, or the file cannot be written. An existing file stays untouched then.
     """
     pictures = make_pictures(both_overlays(found, data, initial_pose))
-    reach = _reach(found.checks)
-    page = ENVIRONMENT.get_template("report/verification.html").render(
-        style=source("page.css"),
-        script=source("copy.js", "picture.js", "pictures.js"),
-        version=versions()["semcal"],
+    page = render_page(
+        "report/verification.html",
+        ("report/picture.js", "report/pictures.js"),
         verdict=Verdict(
             found.verdict,
             TITLES[found.verdict],
@@ -88,8 +70,9 @@ def write_verification(
         notices=(*_camera_notices(data, initial_pose), *found.notes),
         name=initial_pose.name,
         drive=data.drive,
-        rows=[_row(check, reach) for check in found.checks],
-        reach=reach,
+        checks=found.checks,
+        check_names=CHECK_NAMES,
+        reach=_reach(found.checks),
         pictures=pictures,
         verified=T_notation(initial_pose.T_camera_lidar),
         found=T_notation(found.T_camera_lidar),
@@ -111,22 +94,3 @@ def _reach(checks: Sequence[Check]) -> float:
     """Choose how far all bars reach to either side, in multiples of what is allowed."""
     farthest = max((abs(check.offset) + (check.half_width or 0.0)) / check.allowed for check in checks)
     return min(BEYOND * max(1.0, farthest), FARTHEST)
-
-
-def _row(check: Check, reach: float) -> CheckRow:
-    half = check.half_width
-
-    def place(offset: float) -> float:
-        return min(max(50.0 + 50.0 * offset / (reach * check.allowed), 0.5), 99.5)
-
-    def between(low: float, high: float) -> tuple[float, float]:
-        return place(low), place(high) - place(low)
-
-    return CheckRow(
-        name=CHECK_NAMES.get(check.name, check.name),
-        check=check,
-        offset=f"{round(check.offset, 3) + 0.0:.3f}" if check.has_estimate else "-",  # no -0.000
-        allowed=between(-check.allowed, check.allowed),
-        interval=None if half is None else between(check.offset - half, check.offset + half),
-        place=place(check.offset),
-    )

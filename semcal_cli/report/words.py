@@ -200,27 +200,27 @@ def frame_sentences(found: FrameOffsets, names: Sequence[str], num_parts: int) -
     return sentences
 
 
-def runner_up_sentence(record: Calibration) -> str | None:
-    """Say how far the best other mounting is behind."""
+def runner_up_sentences(record: Calibration) -> list[str]:
+    """Say how far the best other mounting is behind; empty without another one."""
     margin = record.quality.runner_up_margin
     if margin is None:
-        return None
-    return (
+        return []
+    return [
         f"The best other mounting shares less information by {margin:.1f} standard errors; needed to be trusted are "
         f"{MIN_RUNNER_UP_MARGIN:g}."
-    )
+    ]
 
 
-def polish_sentence(record: Calibration) -> str | None:
-    """Say what the polish gained on data that it did not use; None if nothing was polished."""
+def polish_sentences(record: Calibration) -> list[str]:
+    """Say what the polish gained on data that it did not use; empty if nothing was polished."""
     if record.polish is None:
-        return None
+        return []
+    kept, judged = "not kept", "lost by it"
     if record.polish.accepted:
-        judged = (
-            "lost no more than chance explains" if record.polish.held_out_gain_nats < 0.0 else "gained by it"
-        )
-        return f"The polish was kept: data that it did not use {judged} ({_held_out(record, 1.0) or 'not sure'})."
-    return f"The polish was not kept: data that it did not use lost by it ({_held_out(record, 1.0) or 'not sure'})."
+        lost = record.polish.held_out_gain_nats < 0.0
+        kept, judged = "kept", "lost no more than chance explains" if lost else "gained by it"
+    gain = _held_out(record, 1.0) or "not sure"
+    return [f"The polish was {kept}: data that it did not use {judged} ({gain})."]
 
 
 def _why_unknown(record: Calibration) -> str:

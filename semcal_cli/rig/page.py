@@ -2,30 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-
-from markupsafe import Markup
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 
 from semcal_cli.drive.document import Drive
 from semcal_cli.files.messages import listed
-from semcal_cli.geometry.poses import camera_center
 from semcal_cli.report.colors import Legend, hex_color
-from semcal_cli.report.notations import Notation, matrix_text, notations
+from semcal_cli.report.notations import Notation, T_notation, matrix_text
 from semcal_cli.report.overlay import Overlays
 from semcal_cli.report.pictures import MAX_BYTES, MAX_PICTURE_BYTES, data_uri
-from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.report.template import render_page
 from semcal_cli.report.words import NOT_BELIEVED, Reason, Verdict, linked
 from semcal_cli.result.calibration import Calibration
 from semcal_cli.result.intervals import intervals, widest
-from semcal_cli.result.provenance import versions
 from semcal_cli.rig.calibration import WORST_FIRST, RigCalibration
 from semcal_cli.rig.cloud import CameraView, camera_views, rig_cloud
 from semcal_cli.rig.pairs import Pair
 from semcal_cli.threads import thread_pool
 
-FOLDER = Path(__file__).parent
 STATUSES = {
     "failed": "failed",
     "not_trusted": "not trusted",
@@ -35,36 +29,6 @@ STATUSES = {
 """Status of a camera in words, the worst first."""
 MAX_PAIRS = 300
 """Largest number of pairs that the page shows; the result file has all."""
-
-
-@dataclass(frozen=True)
-class CameraCard:
-    """What the page shows of one camera."""
-
-    name: str
-    color: str | None
-    """Its colour in the 3-D view; None for a camera without a transform."""
-    status: str
-    reasons: tuple[Reason, ...]
-    sure: str
-    """How sure its transform is, in words."""
-    center: list[float] | None
-    """Its place in the LiDAR frame, metres."""
-    notation: Notation | None
-    picture: str | None
-    """Its points on one picture, as a data URI."""
-    frame: str
-
-
-@dataclass(frozen=True)
-class PairCard:
-    """What the page shows of two cameras."""
-
-    notation: Notation
-    intervals: tuple[str, ...]
-    reference: str
-    """How far it is from its reference; empty without one."""
-    is_explained: bool | None
 
 
 def rig_page_html(
@@ -89,63 +53,60 @@ def rig_page_html(
     progress("drawing points on pictures")
     pictures, legend = _pictures(views)
     progress("writing the page")
-    return ENVIRONMENT.get_template("rig/page.html").render(
-        style=source("page.css"),
-        own_style=Markup((FOLDER / "rig.css").read_text()),
-        script=Markup("\n").join([source("copy.js", "cloud.js"), Markup((FOLDER / "page.js").read_text())]),
-        version=versions()["semcal"],
+    cloud = rig_cloud(views)
+    return render_page(
+        "rig/page.html",
+        ("report/cloud.js", "rig/page.js"),
+        "rig/rig.css",
         given=given,
         verdict=rig_verdict(found),
         notices=found.notes,
         found=found,
-        cameras=_camera_cards(found, views, pictures),
+        of_cameras=_statuses(found),
         statuses=STATUSES,
+        linked=linked,
+        how_sure=how_sure,
+        placed={camera.name: camera for camera in cloud.cameras},
+        frames={view.name: view.drive.frames[0].points for view in views},
+        pictures=pictures,
         legend=legend,
-        pairs=[_pair_card(pair) for pair in found.pairs[:MAX_PAIRS]],
-        cloud=rig_cloud(views),
+        T_notation=T_notation,
+        pairs=found.pairs[:MAX_PAIRS],
+        pair_notation=_pair_notation,
+        intervals=intervals,
+        cloud=asdict(cloud),
     )
 
 
 def rig_verdict(found: RigCalibration) -> Verdict:
     """State the verdict on a rig: whether all its cameras may be used, and which may not."""
-    num_cameras = len(found.cameras) + len(found.failures)
-    names = {
-        status: [name for name, each in _statuses(found).items() if each == status] for status in STATUSES
-    }
-    worst = names[found.status]
+    statuses = _statuses(found)
+    names = {status: [name for name, each in statuses.items() if each == status] for status in STATUSES}
     if found.status == "trusted":
-        known = [
-            each.believed_uncertainty.half_widths
-            for each in found.cameras.values()
-            if each.believed_uncertainty is not None
-        ]
+        uncertainties = [each.believed_uncertainty for each in found.cameras.values()]
+        known = [each.half_widths for each in uncertainties if each is not None]
         widths = [max(axis) for axis in zip(*known, strict=True)]
         sure = f"each is known to {widest(widths)}, or better" if known else ""
-        all_of_them = "Both" if num_cameras == 2 else f"All {num_cameras}"
+        all_of_them = "Both" if len(statuses) == 2 else f"All {len(statuses)}"
         return Verdict("trusted", "The rig is trusted", f"{all_of_them} cameras are trusted.", sure)
-    verb = "is " if len(worst) == 1 else "are "
-    title = f"{len(worst)} of {num_cameras} cameras {'' if found.status == 'failed' else verb}{STATUSES[found.status]}"
-    sentences = []
-    if names["trusted"]:
-        sentences.append(f"These can be used: {listed(names['trusted'])}.")
-    if names["not_assessed"]:
-        sentences.append(f"Nothing tells how sure these are: {listed(names['not_assessed'])}.")
-    if bad := names["failed"] + names["not_trusted"]:
-        sentences.append(f"Do not use these, for the reasons below: {listed(bad)}.")
-    status = "fail" if found.status == "failed" else found.status
-    return Verdict(status, title, " ".join(sentences), reasons=_reasons(found))
+    worst, is_failed = names[found.status], found.status == "failed"
+    verb = "" if is_failed else "is " if len(worst) == 1 else "are "
+    title = f"{len(worst)} of {len(statuses)} cameras {verb}{STATUSES[found.status]}"
+    said: dict[str, Sequence[str]] = {
+        "These can be used": names["trusted"],
+        "Nothing tells how sure these are": names["not_assessed"],
+        "Do not use these, for the reasons below": names["failed"] + names["not_trusted"],
+    }
+    sentence = " ".join(f"{words}: {listed(named)}." for words, named in said.items() if named)
+    return Verdict("fail" if is_failed else found.status, title, sentence, reasons=_reasons(found))
 
 
 def _reasons(found: RigCalibration) -> tuple[Reason, ...]:
     """Errors and findings of all cameras, as `RigCalibration.reasons`."""
-    return (
-        *(Reason(f"{name}: {reason}") for name, reason in found.failures.items()),
-        *(
-            Reason(f"{name}: {reason.sentence}", reason.address)
-            for name, each in found.cameras.items()
-            for reason in linked(each.reasons, each.topics)
-        ),
-    )
+    addresses: list[str | None] = [None] * len(found.failures)
+    for each in found.cameras.values():
+        addresses += [reason.address for reason in linked(each.reasons, each.topics)]
+    return tuple(map(Reason, found.reasons, addresses))
 
 
 def _statuses(found: RigCalibration) -> dict[str, str]:
@@ -169,53 +130,14 @@ def _pictures(views: list[CameraView]) -> tuple[dict[str, str], dict[str, str]]:
     return {view.name: uri for view, (uri, _) in zip(views, drawn, strict=True)}, legend
 
 
-def _camera_cards(
-    found: RigCalibration, views: list[CameraView], pictures: Mapping[str, str]
-) -> list[CameraCard]:
-    of_name = {view.name: view for view in views}
-    return [
-        _failed_card(name, found.failures[name])
-        if status == "failed"
-        else _camera_card(found.cameras[name], of_name[name], pictures[name])
-        for name, status in _statuses(found).items()
-    ]
-
-
-def _failed_card(name: str, reason: str) -> CameraCard:
-    return CameraCard(name, None, "failed", (Reason(reason),), "There is no transform.", None, None, None, "")
-
-
-def _camera_card(calibration: Calibration, view: CameraView, picture: str) -> CameraCard:
-    sure = "Nothing is known of its error."
+def how_sure(calibration: Calibration) -> str:
+    """Say how sure the transform of a camera is."""
     if calibration.believed_uncertainty is not None:
-        sure = f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
-    elif calibration.uncertainty is not None:
-        sure = NOT_BELIEVED
-    return CameraCard(
-        name=view.name,
-        color="#{:02x}{:02x}{:02x}".format(*view.color),
-        status=calibration.status,
-        reasons=linked(calibration.reasons, calibration.topics),
-        sure=sure,
-        center=camera_center(view.T_camera_lidar).tolist(),
-        notation=notations(view.T_camera_lidar)[0],
-        picture=picture,
-        frame=view.drive.frames[0].points,
-    )
+        return f"95 % interval: {', '.join(intervals(calibration.believed_uncertainty.half_widths))}."
+    return "Nothing is known of its error." if calibration.uncertainty is None else NOT_BELIEVED
 
 
-def _pair_card(pair: Pair) -> PairCard:
+def _pair_notation(pair: Pair) -> Notation:
     a, b = pair.a, pair.b
-    notation = Notation(
-        f"T_{a}_{b}", f"p_{a} = T_{a}_{b} p_{b}: from {b} to {a}, metres", matrix_text(pair.T_a_b)
-    )
-    reference = ""
-    if pair.reference is not None and pair.error is not None:
-        words = {None: "", True: ", within the uncertainty", False: ", more than chance explains"}
-        reference = (
-            f"{10.0 * pair.error.camera_center_cm:.1f} mm and {pair.error.rotation_deg:.3f} degrees from "
-            f"{pair.reference.source}{words[pair.is_explained]}"
-        )
-    believed = pair.believed_uncertainty
-    known = () if believed is None else intervals(believed.half_widths)
-    return PairCard(notation, known, reference, pair.is_explained)
+    meaning = f"p_{a} = T_{a}_{b} p_{b}: from {b} to {a}, metres"
+    return Notation(f"T_{a}_{b}", meaning, matrix_text(pair.T_a_b))

@@ -61,6 +61,14 @@ class Pair:
         return None if self.reference is None else compare_poses(self.T_a_b, self.reference.T_a_b)
 
     @property
+    def distance(self) -> str:
+        """Distance from the reference in words; empty without one."""
+        if self.error is None or self.reference is None:
+            return ""
+        off = f"{10.0 * self.error.camera_center_cm:.1f} mm and {self.error.rotation_deg:.3f} degrees"
+        return f"{off} from {self.reference.source}"
+
+    @property
     def is_explained(self) -> bool | None:
         """Whether the 95 % region of all six axes together contains the reference.
 

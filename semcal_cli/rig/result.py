@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
+from semcal_cli.config import MAX_POINTS
 from semcal_cli.drive.document import Drive
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import read_document
 from semcal_cli.files.messages import listed
 from semcal_cli.files.reading import is_folder
 from semcal_cli.files.validation import FileName, StatedTransform, StrictModel, Version, validate
+from semcal_cli.result.applied import apply_result
 from semcal_cli.result.calibration import read_calibration
 from semcal_cli.rig.calibration import RigCalibration, combine
-from semcal_cli.rig.document import RESULT, Rig
+from semcal_cli.rig.document import RESULT, Rig, read_rig
 
 KEY = "semcal_rig_calibration"
 
@@ -54,13 +56,35 @@ class RigResult(StrictModel):
     """Versions of semcal and of what it is built on."""
 
 
-def result_file(path: Path) -> Path:
-    """Name the file of a rig's result.
+class RigFiles(NamedTuple):
+    """The result of a rig, and what it was computed from."""
+
+    found: RigCalibration
+    drives: dict[str, Drive]
+    """Drive of each camera, as its result sees it."""
+    read: list[Path]
+    """All files of both, the document of the result last."""
+
+
+def read_rig_files(rig_file: Path, result: Path, max_points: int = MAX_POINTS) -> RigFiles:
+    """Read a rig and its result.
 
     Args:
-        path: The file, or the folder that `semcal calibrate` wrote.
+        rig_file: The rig.yaml.
+        result: Document of the result, or the folder that `semcal calibrate` wrote.
+        max_points: Points of the largest sweep that is read.
+
+    Raises:
+        InputError: a file is missing or wrong, or the result is of another rig.
     """
-    return path / f"{RESULT}.yaml" if is_folder(path) else path
+    rig, file = read_rig(rig_file), result / f"{RESULT}.yaml" if is_folder(result) else result
+    drives = rig.read_drives(max_points)
+    found = read_rig_result(rig, drives, file)
+    for name, record in found.cameras.items():
+        drives[name] = apply_result(record, drives[name], name).drive
+    read = [path for drive in drives.values() for path in (drive.path, *map(drive.resolve, drive.files()))]
+    calibrations = [file.with_name(f"{name}.yaml") for name in found.cameras]
+    return RigFiles(found, drives, [*read, rig.path, *calibrations, file])
 
 
 def read_rig_result(rig: Rig, drives: dict[str, Drive], path: Path) -> RigCalibration:

@@ -15,9 +15,8 @@ from typing import Any
 
 from semcal_cli.errors import InputError, SemcalError
 from semcal_cli.files.messages import os_reason
-from semcal_cli.report.template import ENVIRONMENT, source
+from semcal_cli.report.template import render_page
 from semcal_cli.result.axes import AXIS_NAMES
-from semcal_cli.result.provenance import versions
 from semcal_cli.view.session import Session
 
 HOST = "127.0.0.1"
@@ -181,11 +180,7 @@ def _document(body: bytes) -> dict[str, Any]:
 
 def page_html(session: Session) -> str:
     """Make the page of a session."""
-    return ENVIRONMENT.get_template("view/view.html").render(
-        style=source("page.css", "../view/view.css"),
-        script=source("copy.js", "picture.js", "../view/view.js"),
-        version=versions()["semcal"],
-        session=session,
-        axes=AXIS_NAMES,
-        page=session.page,
+    scripts = ("report/picture.js", "view/view.js")
+    return render_page(
+        "view/view.html", scripts, "view/view.css", session=session, axes=AXIS_NAMES, page=session.page
     )

@@ -32,7 +32,8 @@ from semcal_cli.pipeline import calibrate
 from semcal_cli.report.edges import coloring_of, edge_picture
 from semcal_cli.report.notations import T_notation
 from semcal_cli.report.overlay import View, over_chance, picture_of
-from semcal_cli.report.pictures import color_tables, few_points, legends
+from semcal_cli.report.palette import color_tables, legends
+from semcal_cli.report.pictures import few_points
 from semcal_cli.report.points import frame_points, packed
 from semcal_cli.report.words import verdict_of
 from semcal_cli.result.calibration import Calibration

@@ -1,0 +1,172 @@
+"""Drawings by matplotlib, in one style: in a page they take the page's colours and letters, by its style sheet."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup, escape
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+INK, SOFT, LINE, ACCENT = "#1b1f24", "#5b6470", "#dfe3e8", "#0072b2"
+GOOD, BAD, OPEN = "#00795a", "#b34700", "#6b5d00"
+AXIS_COLORS = "#d55e00", "#009e73", ACCENT
+"""Colours of the axes x, y and z."""
+VARIABLES = {
+    INK: "--ink",
+    SOFT: "--soft",
+    LINE: "--line",
+    ACCENT: "--accent",
+    GOOD: "--good-ink",
+    BAD: "--bad-ink",
+    OPEN: "--open-ink",
+}
+"""Variable of the page's style sheet for each colour, whose value is another one on a dark screen."""
+STYLE: dict[Any, Any] = {
+    "font.size": 11.0,
+    "text.color": SOFT,
+    "xtick.color": SOFT,
+    "ytick.color": SOFT,
+    "axes.labelcolor": SOFT,
+    "axes.edgecolor": LINE,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.unicode_minus": False,
+    "axes.formatter.useoffset": False,
+    "grid.color": LINE,
+    "xtick.bottom": False,
+    "ytick.left": False,
+    "legend.frameon": False,
+    # What is drawn depends neither on chance nor on the clock.
+    "svg.hashsalt": "semcal",
+}
+DPI = 120
+POINTS_PER_INCH = 72.0
+LEFT, RIGHT, TOP, BOTTOM = 46.0, 16.0, 12.0, 36.0
+"""Margins about the lines of a drawing in a page, pixels."""
+LETTER = 6.5
+"""Width of a letter, pixels."""
+TIGHT = 0.85
+"""Least distance of two names, as a share of the room that one is thought to need."""
+
+
+def page_svg(name: str, size: tuple[float, float], draw: Callable[[Axes], None], top: float = TOP) -> Markup:
+    """Draw one diagram for a page, as an element of it.
+
+    What is drawn with a `gid` stands in a group of that class.
+
+    Args:
+        name: What the diagram shows, in words.
+        size: Width and height in pixels, which the page may scale.
+        draw: Draws on the axes.
+        top: Margin above the lines, pixels.
+    """
+    width, height = size
+    # Ids of parts are hashes of their content: drawings of one page need hashes of their own.
+    with _styled({"svg.fonttype": "none", "svg.hashsalt": name, "path.simplify": False}):
+        figure = _figure(width, height)
+        lines = (width - LEFT - RIGHT) / width, (height - BOTTOM - top) / height
+        axes = figure.add_axes((LEFT / width, BOTTOM / height, *lines), facecolor="none")
+        figure.patch.set_visible(False)
+        draw(axes)
+        text = _saved(figure, "svg").decode()
+    # Before the drawing stands a style sheet, which would hold for the whole page; no part is asked for by its id.
+    content = text[text.index('<g id="figure_1">') : text.rindex("</svg>")]
+    content = re.sub(r'<g id="[^"]*_\d+">', "<g>", content)
+    content = re.sub(r'<g id="([a-z]+)">', r'<g class="\1">', content)
+    # The page has its own letters, and hundredths of a pixel cannot be seen.
+    content = re.sub(r" font-family: [^;]*;", "", content)
+    content = re.sub(r' [dxy]="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), content)
+    for color, variable in VARIABLES.items():
+        content = content.replace(color, f"var({variable})")
+    head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" aria-label="{escape(name)}">'
+    return Markup(f"{head}\n{content}</svg>")
+
+
+def picture(
+    draw: Callable[[Figure], None], size: tuple[float, float], format: Literal["png", "svg"]
+) -> bytes:
+    """Draw a figure of a size in inches, as a file of its own."""
+    with _styled({"figure.constrained_layout.use": True, "svg.fonttype": "path"}):
+        figure = _figure(*(POINTS_PER_INCH * each for each in size))
+        draw(figure)
+        return _saved(figure, format)
+
+
+def _styled(more: dict[Any, Any]) -> Any:
+    """Context in which neither the user's settings nor anything else change a drawing."""
+    import matplotlib as mpl
+
+    return mpl.rc_context({**mpl.rcParamsDefault, **STYLE, **more})
+
+
+def _figure(width: float, height: float) -> Figure:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(width / POINTS_PER_INCH, height / POINTS_PER_INCH))
+
+
+def _saved(figure: Figure, format: Literal["png", "svg"]) -> bytes:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=format, dpi=DPI, metadata={"Date": None} if format == "svg" else None)
+    return buffer.getvalue()
+
+
+def draw_intervals(
+    axes: Axes,
+    x: npt.NDArray[np.float64],
+    values: npt.NDArray[np.float64],
+    half_widths: npt.NDArray[np.float64],
+    color: str,
+    *,
+    marker: str = "o",
+    label: str = "",
+    is_crowded: bool = False,
+) -> None:
+    """Draw values (N,) as dots, and their intervals as bars, which are pale in a crowd, where they overlap.
+
+    The bars are one line with gaps, which takes a tenth of the room of many lines.
+    """
+    gaps = np.full(len(x), np.nan)
+    ends = np.column_stack([values - half_widths, values + half_widths, gaps])
+    alpha, size = (0.2, 2.5) if is_crowded else (1.0, 4.5)
+    axes.plot(np.column_stack([x, x, gaps]).ravel(), ends.ravel(), color=color, linewidth=1.2, alpha=alpha)
+    axes.plot(x, values, color=color, linestyle="none", marker=marker, markersize=size, label=label)
+
+
+def name_places(axes: Axes, places: npt.NDArray[np.float64], names: Sequence[str]) -> None:
+    """Name as many places (N,) along the horizontal axis as have room, the first and the last among them."""
+    scale = POINTS_PER_INCH / axes.figure.dpi
+    middles = scale * axes.transData.transform(np.column_stack([places, places]))[:, 0]
+    room = LETTER * (max(map(len, names)) + 1)
+    # The last name ends at its place where it would be cut.
+    is_shifted = middles[-1] + room / 2.0 > scale * axes.figure.bbox.width
+    middles[-1] -= room / 2.0 * is_shifted
+    wanted = np.linspace(middles[0], middles[-1], max(1, int((middles[-1] - middles[0]) / room)) + 1)
+    chosen, last = [0], len(names) - 1
+    for i in np.abs(middles[None] - wanted[1:, None]).argmin(axis=1).tolist():
+        if names[i] == names[chosen[-1]]:
+            continue
+        if middles[i] - middles[chosen[-1]] < TIGHT * room:
+            if i != last or len(chosen) == 1:
+                continue
+            chosen.pop()  # for the last name there is room
+        chosen.append(i)
+    axes.set_xticks(places[chosen])
+    texts = axes.set_xticklabels([names[i] for i in chosen], parse_math=False)
+    if is_shifted and chosen[-1] == last:
+        texts[-1].set_horizontalalignment("right")
+
+
+def short_names(names: Sequence[str], longest: int = 14) -> list[str]:
+    """Take names as they are, or numbers from 1 if one has more than this number of letters."""
+    return list(names) if max(map(len, names)) <= longest else [str(i + 1) for i in range(len(names))]

@@ -1,0 +1,80 @@
+"""Drawings of pages and plots: names that do not run together, ranges that fit, and colours of the page."""
+
+import re
+from dataclasses import replace
+from itertools import pairwise
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from fleets import SIGMAS, TRUTH, series_of
+
+from semcal_cli.config import Limits
+from semcal_cli.fleet.combination import combine_drives
+from semcal_cli.fleet.course import course_of
+from semcal_cli.fleet.fleet import Fleet
+from semcal_cli.fleet.members import Member
+from semcal_cli.fleet.plot import SIZE, TOP, course_plots, plot_fleet
+from semcal_cli.geometry.twists import local_coordinates, pose_at
+from semcal_cli.report.drawing import BOTTOM, VARIABLES
+
+NARROWEST_LETTER_PX = 5.0
+"""Less than the width of any letter of a date."""
+
+
+def fleet_of(members: list[Member]) -> Fleet:
+    return combine_drives(members, Limits())
+
+
+@pytest.mark.parametrize("count", [2, 3, 7, 24, 400])
+@pytest.mark.parametrize("name", [None, "{:014d}", "a_name_that_has_no_room_{:d}", "$x^{:d}$ <b>"])
+def test_names_below_a_drawing_do_not_run_together(count: int, name: str | None) -> None:
+    """Of dates, of names and of numbers in their place; the first and the last are among them."""
+    drives = series_of("nothing", count)
+    if name is not None:
+        drives = [replace(each, drive=name.format(i), stamp=None) for i, each in enumerate(drives)]
+    course = course_of(fleet_of(drives))
+    svg = course_plots(course)[0].svg
+    found = re.findall(r'<text style="([^"]*)" x="([\d.]+)" y="([\d.]+)"[^>]*>([^<]*)</text>', svg)
+    named = [
+        (float(x), style, text) for style, x, y, text in found if SIZE[1] - BOTTOM < float(y) < SIZE[1] - 12.0
+    ]
+    escaped = [text.replace("&lt;", "<").replace("&gt;", ">") for _, _, text in named]
+    assert (escaped[0], escaped[-1]) == (course.labels[0], course.labels[-1])
+    ends = []
+    for (x, style, _), text in zip(named, escaped, strict=True):
+        width = NARROWEST_LETTER_PX * len(text)
+        begin = x - (width if "text-anchor: end" in style else width / 2.0)
+        ends.append((begin, begin + width))
+    assert all(end < begin for (_, end), (begin, _) in pairwise(ends))
+    assert ends[-1][1] <= SIZE[0]
+
+
+def test_drives_that_agree_much_better_than_they_have_to_are_not_flattened() -> None:
+    """Those within a millimetre spread over their drawings, whatever is allowed."""
+    drives = series_of("nothing")
+    for i, drive in enumerate(drives):
+        assert drive.T_camera_lidar is not None
+        (off,) = local_coordinates([drive.T_camera_lidar], TRUTH)
+        small = {"T_camera_lidar": pose_at(TRUTH, off / 20.0), "covariance": np.diag((SIGMAS / 20.0) ** 2)}
+        drives[i] = replace(drive, **small)
+    for plot in course_plots(course_of(fleet_of(drives))):
+        y = np.array(re.findall(r'<use [^>]*y="([\d.]+)"', plot.svg), float)
+        assert np.ptp(y) > 0.3 * (SIZE[1] - BOTTOM - TOP)
+
+
+def test_a_drawing_takes_the_colours_of_the_page() -> None:
+    """And has nothing that would hold for the rest of the page."""
+    svg = "".join(plot.svg for plot in course_plots(course_of(fleet_of(series_of("outlier")))))
+    assert not [color for color in VARIABLES if color in svg]
+    assert {"var(--accent)", "var(--ink)", "var(--line)"} <= set(re.findall(r"var\([^)]*\)", svg))
+    assert "<style" not in svg
+    ids = re.findall(r' id="([^"]*)"', svg)
+    assert len(ids) == len(set(ids))
+
+
+def test_the_user_s_settings_do_not_change_a_plot() -> None:
+    fleet = fleet_of(series_of("change"))
+    before = plot_fleet(fleet, "svg")
+    with mpl.rc_context({"font.size": 20.0, "axes.facecolor": "red"}):
+        assert plot_fleet(fleet, "svg") == before
