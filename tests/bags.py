@@ -1,4 +1,4 @@
-"""Recordings for tests, by rosbags' writers, and MCAP by the library `mcap`, too, by which semcal does not read."""
+"""Recordings for tests, by rosbags' writers, and MCAP by that of the library `mcap`, too."""
 
 from __future__ import annotations
 

@@ -18,13 +18,11 @@ from bags import KINDS, NS, START_NS, BagWriter, write_drive_as_bag
 from networks import color_network
 
 from semcal_cli.bags import motion
-from semcal_cli.bags.bag import Topic
 from semcal_cli.bags.candidates import longest_ascending
 from semcal_cli.bags.importing import import_bag
-from semcal_cli.bags.messages import Message
+from semcal_cli.bags.messages import Message, Span, Topic
 from semcal_cli.bags.motion import MotionSource, Trajectory
 from semcal_cli.bags.pictures import read_picture
-from semcal_cli.bags.storage import Span
 from semcal_cli.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import load_points
@@ -131,15 +129,13 @@ def test_poses_in_any_order_are_sorted_once(tmp_path: Path, monkeypatch: pytest.
         message = bag.odometry(moved(START_NS), START_NS, "base")
         raw, kind = bag.raw(message), message.__msgtype__
         bag.write("/odom", message, START_NS)
-    topic = Topic("/odom", kind, Span(START_NS, START_NS, 1))
+    topic = Topic("/odom", kind, Span(1, START_NS, START_NS))
     trajectory = Trajectory(MotionSource(topic, "base", "odom", np.eye(4)))
     assert trajectory.position(START_NS) is None
     tenths = []
     for tenth in (2, 0, 1):
         # With the time of receipt, one message can be a pose of any time.
-        trajectory.take(
-            Message("/odom", kind, START_NS + tenth * NS // 10, raw, is_ros1=False), received=True
-        )
+        trajectory.take(Message(topic, START_NS + tenth * NS // 10, raw, is_ros1=False), received=True)
         tenths.append(tenth)
         assert trajectory.covers(START_NS + NS // 20) == (tenths != [2])
         times = [float(line.split()[0]) - STAMP_S for line in trajectory.tum().splitlines()]

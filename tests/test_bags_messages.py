@@ -14,7 +14,7 @@ from bags import START_NS, BagWriter, jpeg, png
 
 from semcal_cli.bags.clouds import read_sweep
 from semcal_cli.bags.importing import import_bag
-from semcal_cli.bags.messages import Message, MessageError
+from semcal_cli.bags.messages import Message, MessageError, Topic
 from semcal_cli.bags.pictures import ENCODINGS, read_picture
 from semcal_cli.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
@@ -23,7 +23,8 @@ from semcal_cli.drive.reading import read_clouds
 
 def sweep_of(bag: BagWriter, message: Any, stamp_ns: int = START_NS) -> Any:
     raw = bag.raw(message)
-    return read_sweep(Message("/points", message.__msgtype__, stamp_ns, raw, bag.is_ros1), stamp_ns)
+    topic = Topic("/points", message.__msgtype__)
+    return read_sweep(Message(topic, stamp_ns, raw, bag.is_ros1), stamp_ns)
 
 
 LAYOUTS: dict[str, Any] = {
@@ -187,7 +188,7 @@ def test_every_encoding_of_a_picture(encoding: str, tmp_path: Path) -> None:
             bag.write("/x", message, START_NS)
         tmp_path = tmp_path / "next"
         tmp_path.mkdir()
-        picture = read_picture(Message("/image", message.__msgtype__, START_NS, raw, is_ros1=False))
+        picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=False))
         found = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
         if encoding.startswith(("yuv", "uyvy", "yuyv")):
             np.testing.assert_allclose(found, expected, atol=1.01)
@@ -205,7 +206,7 @@ def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str, tmp_path
         message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
         raw = bag.raw(message)
         bag.write("/x", message, START_NS)
-    picture = read_picture(Message("/image", message.__msgtype__, START_NS, raw, is_ros1=True))
+    picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=True))
     assert picture == (content, suffix, (16, 16))
 
 
@@ -312,7 +313,7 @@ def test_cameras_that_are_none_and_topics_that_are_missing(tmp_path: Path) -> No
 
 def test_messages_too_short_for_a_header() -> None:
     for raw in (b"", b"\0", b"\0\1\0\0\0\0"):
-        message = Message("/x", "sensor_msgs/msg/PointCloud2", 1, raw, is_ros1=False)
+        message = Message(Topic("/x", "sensor_msgs/msg/PointCloud2"), 1, raw, is_ros1=False)
         for read in (
             lambda message: message.header_ns,
             lambda message: message.frame_id,

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
+import sqlite3
+from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from bag_imports import T_MOUNT, Small, imported, refused, run_cli
+from bag_imports import COLORS, T_MOUNT, Small, imported, refused, run_cli
 from bags import KINDS, NS, START_NS, BagWriter, cut, write_drive_as_bag
 from conftest import run
 from mcap.writer import IndexType
@@ -18,6 +22,7 @@ from semcal_cli.bags.topics import Request
 from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
 from semcal_cli.files.images import read_image
+from semcal_cli.files.reading import MAX_DOCUMENT_BYTES
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -111,7 +116,7 @@ def test_ten_thousand_topics_and_unknown_types(tmp_path: Path) -> None:
     assert len(done.stdout.splitlines()) == 10_004
 
 
-@pytest.mark.parametrize("kind", ["ros1", "mcap library", "sqlite3"])
+@pytest.mark.parametrize("kind", ["mcap library", "sqlite3"])
 def test_a_recording_that_is_cut_off_gives_what_is_whole(
     kind: str, synthetic: Drive, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -148,6 +153,78 @@ def test_damage_in_the_middle_costs_what_lies_there(
     done = import_bag(Request([path]), tmp_path / "drive")
     assert 1 <= done.written.num_frames < len(synthetic.frames)
     assert any("damaged data, left out" in remark for remark in done.written.remarks)
+
+
+def test_a_bag_without_its_index_names_what_mends_it(synthetic: Drive, tmp_path: Path) -> None:
+    path = write_drive_as_bag(synthetic, tmp_path, "ros1")
+    for share in (0.05, 0.5, 0.95):
+        part = cut(path, share, tmp_path / "part.bag")
+        message = refused(part, tmp_path / "drive")
+        assert message.startswith(f"{part}: found a recording that cannot be read: ")
+        assert message.endswith("; if it is damaged, `rosbag reindex` may mend it")
+
+
+@pytest.mark.parametrize("name", ["other.db3?x.db3", "run#1.db3", "50%25.db3"])
+def test_a_database_is_the_one_that_is_named(name: str, tmp_path: Path) -> None:
+    """SQLite opens these as other.db3, run and 50%.db3 where names are not quoted."""
+    for path, count in ((tmp_path / name, 6), (tmp_path / "other.db3", 2), (tmp_path / "50%.db3", 2)):
+        next(Small(tmp_path / path.name[:2] / str(count), count=count).write().glob("*.db3")).rename(path)
+    assert len(imported(tmp_path / name, tmp_path / "drive")["frames"]) == 6
+
+
+TABLES = "found no tables 'topics' and 'messages'"
+ODD_ROWS = "1 rows whose timestamp is no whole number or whose data are no bytes"
+DATABASES = {
+    "a timestamp that is text": ("UPDATE messages SET timestamp = 'soon' WHERE id = 3", ODD_ROWS),
+    "a timestamp with a fraction": ("UPDATE messages SET timestamp = 0.5 WHERE id = 3", ODD_ROWS),
+    "a message that is text": ("UPDATE messages SET data = 'x' WHERE id = 3", ODD_ROWS),
+    "a name that is none": ("UPDATE topics SET name = x'00' WHERE id = 3", "found no topic of sweeps"),
+    "a view of messages": ("ALTER TABLE messages RENAME TO m; CREATE VIEW messages AS SELECT * FROM m", TABLES),
+    "a view of topics": ("ALTER TABLE topics RENAME TO t; CREATE VIEW topics AS SELECT * FROM t", TABLES),
+    "no topics": ("DROP TABLE topics", TABLES),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", DATABASES)
+def test_a_database_that_holds_anything_else(fault: str, tmp_path: Path) -> None:
+    script, expected = DATABASES[fault]
+    file = next(Small(tmp_path).write().glob("*.db3"))
+    with closing(sqlite3.connect(file)) as database:
+        database.executescript(script)
+    if expected != ODD_ROWS:
+        assert expected in refused(file, tmp_path / "drive")
+        return
+    done = import_bag(Request([file]), tmp_path / "drive")
+    assert done.written.num_frames == 5
+    assert any(expected in remark for remark in done.written.remarks)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_two_types_of_one_name_are_two_topics(kind: str, tmp_path: Path) -> None:
+    def both(bag: BagWriter, index: int, stamp: int) -> Any:
+        bag.write("/points", bag.image(COLORS, "bgr8", stamp), stamp)
+        bag.write("/cam/image_raw", bag.cloud(small.records, stamp), stamp)
+        return bag.cloud(small.records, stamp)
+
+    small = Small(tmp_path, kind)
+    path = small.write(points=both)
+    document = imported(path, tmp_path / "drive", points="/points", image="/cam/image_raw")
+    assert len(document["frames"]) == 6
+    assert "found 2 topics of sweeps" in refused(path, tmp_path / "other")
+
+
+def test_metadata_that_cannot_be_read(tmp_path: Path) -> None:
+    path = Small(tmp_path).write()
+    metadata = path / "metadata.yaml"
+    metadata.write_bytes(b"#" * (MAX_DOCUMENT_BYTES + 1))
+    assert "metadata.yaml: found 16,777,217 bytes, needed at most" in refused(path, tmp_path / "drive")
+    metadata.unlink()
+    os.mkfifo(metadata)
+    assert "metadata.yaml: found no regular file" in refused(path, tmp_path / "drive")
+    metadata.unlink()
+    metadata.write_text("rosbag2_bagfile_information: {relative_file_paths: [gone.db3]}")
+    done = import_bag(Request([path]), tmp_path / "drive")
+    assert any("found no file 'gone.db3'" in remark for remark in done.written.remarks)
 
 
 def test_a_recording_without_its_metadata(synthetic: Drive, tmp_path: Path) -> None:

@@ -146,7 +146,7 @@ class _Import:
             return read_intrinsics(self.request.intrinsics)
         topic = self.topics.camera_info
         assert topic is not None
-        first = next(self.bag.messages([topic]), None)
+        first = self.bag.first(topic)
         if first is None:
             raise InputError(
                 f"{topic.name}: found no whole message, needed a camera; or give --intrinsics FILE"
@@ -169,7 +169,7 @@ class _Import:
         return camera_block(self.info, topic.name, rectified=self.topics.is_rectified)
 
     def _frame_id(self, topic: Any) -> str:
-        first = next(self.bag.messages([topic]), None)
+        first = self.bag.first(topic)
         return "" if first is None else self._frame_of(first)
 
     def _frame_of(self, message: Message) -> str:
@@ -218,7 +218,7 @@ class _Import:
             wanted,
             round(request.max_gap_s * NS),
             by_receipt=request.by_receipt,
-            picture_topic=self.topics.image.name,
+            picture_topic=self.topics.image,
             period_ns=round(NS / rate_hz) if rate_hz else 0,
         )
         began = perf_counter()
@@ -250,14 +250,14 @@ class _Import:
             topics.append(self.topics.camera_info)
         if trajectory is not None:
             topics.append(trajectory.source.topic)
-        frames = {self.topics.points.name: self.frame_ids[0], self.topics.image.name: self.frame_ids[1]}
+        frames = {self.topics.points: self.frame_ids[0], self.topics.image: self.frame_ids[1]}
         for message in self.bag.messages(topics, start, stop):
-            if self.topics.camera_info is not None and message.topic == self.topics.camera_info.name:
+            if message.topic == self.topics.camera_info:
                 self._check_same(message)
-            elif trajectory is not None and message.topic == trajectory.source.topic.name:
+            elif trajectory is not None and message.topic == trajectory.source.topic:
                 trajectory.take(message, self.request.by_receipt)
             elif (frame := self._frame_of(message)) != frames[message.topic]:
-                what = "sweeps" if message.topic == self.topics.points.name else "pictures"
+                what = "sweeps" if message.topic == self.topics.points else "pictures"
                 self.left_out[f"{what}: found frame {frame!r}, needed {frames[message.topic]!r}"] += 1
             else:
                 yield message
@@ -271,7 +271,7 @@ class _Import:
         if difference is not None:
             seconds = (message.received_ns - self.bag.start_ns) / NS
             found = f"found another camera {seconds:.3f} s after the start: {difference}"
-            raise InputError(f"{message.topic}: {found}; needed the same throughout")
+            raise InputError(f"{message.topic.name}: {found}; needed the same throughout")
 
     def _check_clocks(self, pairing: Pairing, count: int) -> None:
         """Notice clocks of the LiDAR and of the camera that differ, by how late messages were received."""

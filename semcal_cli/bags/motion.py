@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from semcal_cli.bags.bag import Bag, Topic
-from semcal_cli.bags.messages import NS, ODOMETRY, POSE, TRANSFORMS, Message, MessageError, plain_frame
+from semcal_cli.bags.bag import Bag
+from semcal_cli.bags.messages import NS, ODOMETRY, POSE, TRANSFORMS, Message, MessageError, Topic, plain_frame
 from semcal_cli.bags.transforms import SAME, Edge, FrameTree, pose_of, stated_transforms
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
@@ -251,7 +251,7 @@ def _source(bag: Bag, topic: Topic, fixed: dict[str, Pose], frame: str | None) -
 
 def _child(bag: Bag, topic: Topic) -> str | None:
     """Read whose poses an Odometry holds."""
-    first = next(bag.messages([topic]), None)
+    first = bag.first(topic)
     try:
         child = (
             plain_frame(first.content.child_frame_id) if first is not None and topic.type == ODOMETRY else ""
@@ -263,7 +263,7 @@ def _child(bag: Bag, topic: Topic) -> str | None:
 
 def _parent(bag: Bag, topic: Topic) -> str | None:
     """Read in which frame an Odometry or a PoseStamped states its poses."""
-    first = next(bag.messages([topic]), None)
+    first = bag.first(topic)
     try:
         return None if first is None else first.frame_id
     except MessageError:

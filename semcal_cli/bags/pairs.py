@@ -6,7 +6,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
-from semcal_cli.bags.messages import NS, Message, MessageError
+from semcal_cli.bags.messages import NS, Message, MessageError, Topic
 
 MAX_KEPT_BYTES = {True: 1 << 27, False: 1 << 26}
 """Most bytes of pictures (True) and of sweeps that are kept for what may be nearest to them."""
@@ -77,7 +77,7 @@ class Pairing:
         max_gap_ns: int,
         *,
         by_receipt: bool,
-        picture_topic: str,
+        picture_topic: Topic,
         period_ns: int = 0,
     ) -> None:
         self._wanted = deque(wanted_ns)

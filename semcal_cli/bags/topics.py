@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from semcal_cli.bags.bag import Bag, Topic
+from semcal_cli.bags.bag import Bag
 from semcal_cli.bags.cameras import is_rectified
-from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS
+from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS, Topic
 from semcal_cli.bags.motion import TF_STATIC
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed

@@ -72,7 +72,8 @@ def bag(paths: tuple[Path, ...], output: Path | None, is_list: bool, quiet: bool
     """
     from semcal_cli.cli.terminal import make_console, progress_line
 
-    check_installed("semcal import bag", "rosbags", "bag")
+    for package in ("rosbags", "mcap"):
+        check_installed("semcal import bag", package, "bag")
     if is_list:
         _list(paths)
         return
