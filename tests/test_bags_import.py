@@ -130,7 +130,7 @@ def test_poses_in_any_order_are_sorted_once(tmp_path: Path, monkeypatch: pytest.
         raw, kind = bag.raw(message), message.__msgtype__
         bag.write("/odom", message, START_NS)
     topic = Topic("/odom", kind, Span(1, START_NS, START_NS))
-    trajectory = Trajectory(MotionSource(topic, "base", "odom", np.eye(4)))
+    trajectory = Trajectory(MotionSource(topic, "base", "odom"), np.eye(4))
     assert trajectory.position(START_NS) is None
     tenths = []
     for tenth in (2, 0, 1):

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from semcal_cli.bags.bag import Bag
-from semcal_cli.bags.cameras import is_rectified
 from semcal_cli.bags.messages import CAMERA_INFO, CLOUDS, ODOMETRY, PICTURES, POSE, TRANSFORMS, Topic
-from semcal_cli.bags.motion import TF_STATIC
+from semcal_cli.bags.transforms import TF_STATIC
 from semcal_cli.errors import InputError
 from semcal_cli.files.messages import listed
 
+RECTIFIED = "image_rect"
+"""Start of the name of a topic with rectified pictures (image_proc)."""
 MAX_FRAMES = 70
 """Frames that are kept if nothing else is asked for."""
 MAX_GAP_S = 0.05
@@ -62,8 +63,9 @@ class Topics:
 
     @property
     def is_rectified(self) -> bool:
-        """Whether the pictures are rectified."""
-        return self.camera_info is not None and is_rectified(self.image.name)
+        """Whether the pictures are rectified, by the name of their topic."""
+        parts = self.image.name.split("/")
+        return self.camera_info is not None and any(part.startswith(RECTIFIED) for part in parts)
 
 
 def choose_topics(bag: Bag, request: Request) -> Topics:
