@@ -107,24 +107,14 @@ def read_pairs(
         on_place(0, 1)
         yield from pairing.pairs(watched(bag.start_ns, bag.end_ns + 1))
         return
-    read_ns = 0
-
-    def noted(messages: Iterable[Message]) -> Iterator[Message]:
-        nonlocal read_ns
-        for message in messages:
-            read_ns = message.received_ns + 1
-            yield message
-
     for index, wanted in enumerate(wanted_ns):
         on_place(index, len(wanted_ns))
         if pairing.is_wanted(wanted):
             before_ns = pairing.before_ns
             if trajectory is not None:
                 before_ns = max(before_ns, pairing.delay_ns + trajectory.before_ns)
-            messages = noted(watched(max(read_ns, wanted - before_ns), wanted + AFTER_NS))
-            yield from pairing.pairs(
-                messages, wanted, lambda: 0 if trajectory is None else trajectory.after_ns
-            )
+            start_ns = max(pairing.read_ns, wanted - before_ns)
+            yield from pairing.pairs(watched(start_ns, wanted + AFTER_NS), wanted, trajectory)
 
 
 def spooled(pairs: Iterable[Pair], spool: Spool, left_out: Counter[str]) -> list[Candidate]:

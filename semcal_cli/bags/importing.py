@@ -92,22 +92,25 @@ class _Import:
         )
         self.remarks += [why] if why else []
         make_folder(self.path.parent)
+        refused: Counter[str] = Counter()
         try:
             with tempfile.TemporaryFile(dir=self.path.parent) as file:
                 spool = Spool(file)
                 chosen = choose(self._candidates(spool), request, self.trajectory, self.left_out)
-                found = write_frames(chosen, spool, camera, self.topics, self.path.parent, self.on_event)
+                found = write_frames(
+                    chosen, spool, camera, self.topics, self.path.parent, self.on_event, refused
+                )
         except OSError as error:
             raise InputError(f"{self.path.parent}: cannot be written: {os_reason(error)}") from None
-        self.left_out += found.left_out
-        if not found.frames:
-            raise self._no_pair(next(iter(found.left_out)))
-        self.remarks += list(dict.fromkeys(each.remark for each in found.times if each.remark))
-        motion, frames = None, found.frames
+        if not found:
+            raise self._no_pair(next(iter(refused)))
+        self.left_out += refused
+        self.remarks += list(dict.fromkeys(each.times.remark for each in found if each.times.remark))
+        motion, frames = None, [each.source for each in found]
         if self.trajectory is not None:
             motion, frames, told = write_motion(self.trajectory, found, self.path)
             self.remarks.append(told)
-            if left := len(found.frames) - len(frames):
+            if left := len(found) - len(frames):
                 self.left_out["pairs: no poses around them, or no times of points"] += left
         recording = Recording(
             camera=camera,

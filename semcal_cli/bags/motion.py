@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, insort
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -45,7 +45,7 @@ class Trajectory:
         self.source = source
         self._T_frame_lidar = T_frame_lidar
         self._poses: dict[int, Pose] = {}
-        self._sorted: list[int] | None = []
+        self._stamps: list[int] = []
         self._latency_ns = 0
 
     @property
@@ -67,12 +67,14 @@ class Trajectory:
         for stamp, T in found:
             if not received:
                 self._latency_ns = max(self._latency_ns, min(message.received_ns - stamp, LONGEST_LATENCY_NS))
-            self._poses[message.received_ns if received else stamp] = T @ self._T_frame_lidar
-            self._sorted = None
+            time = message.received_ns if received else stamp
+            if time not in self._poses:
+                insort(self._stamps, time)
+            self._poses[time] = T @ self._T_frame_lidar
 
     def covers(self, *stamps_ns: int) -> bool:
         """Whether poses stand closely before and after each of the stamps."""
-        stamps = self._stamps()
+        stamps = self._stamps
         places = [bisect_left(stamps, stamp) for stamp in stamps_ns]
         return all(
             0 < place < len(stamps) and stamps[place] - stamps[place - 1] <= LONGEST_GAP_NS
@@ -81,28 +83,22 @@ class Trajectory:
 
     def position(self, stamp_ns: int) -> np.ndarray | None:
         """Position (3,) of the pose that is nearest in time, metres; None without poses."""
-        stamps = self._stamps()
-        if not stamps:
+        if not self._stamps:
             return None
-        place = min(bisect_left(stamps, stamp_ns), len(stamps) - 1)
-        nearest = min(stamps[max(place - 1, 0) : place + 1], key=lambda stamp: abs(stamp - stamp_ns))
+        place = bisect_left(self._stamps, stamp_ns)
+        near = self._stamps[max(place - 1, 0) : place + 1]
+        nearest = min(near, key=lambda stamp: abs(stamp - stamp_ns))
         position: np.ndarray = self._poses[nearest][:3, 3]
         return position
 
     def tum(self) -> str:
         """Write the poses, one line each: seconds x y z qx qy qz qw (TUM)."""
         lines = []
-        for stamp in self._stamps():
+        for stamp in self._stamps:
             T = self._poses[stamp]
             numbers = [*T[:3, 3], *quaternion_xyzw(T)]
             lines.append(" ".join([seconds_text(stamp), *(f"{each:.12g}" for each in numbers)]))
         return "\n".join(lines) + "\n"
-
-    def _stamps(self) -> list[int]:
-        """Stamps of the poses, ascending; sorted once, since they are asked for again and again after the last pose."""
-        if self._sorted is None:
-            self._sorted = sorted(self._poses)
-        return self._sorted
 
 
 def read_frames(bag: Bag) -> tuple[FrameTree, list[MotionSource]]:
