@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import heapq
-import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from zstandard import ZstdDecompressor
 
@@ -19,11 +18,24 @@ from semcal_cli.bags.mcap_file import McapFile
 from semcal_cli.bags.messages import NS, Message, Span, Topic
 from semcal_cli.bags.ros1_file import Ros1File
 from semcal_cli.bags.sqlite_file import SqliteFile
-from semcal_cli.bags.storage import Storage
 from semcal_cli.errors import InputError
 from semcal_cli.files.documents import parse_document
-from semcal_cli.files.reading import is_folder, open_file, read_start, read_text
+from semcal_cli.files.reading import is_folder, is_same_file, open_file, read_start, read_text
 from semcal_cli.formats.values import at
+
+
+class Storage(Protocol):
+    """An open file of a recording."""
+
+    topics: list[Topic]
+    """Its topics, each with the messages of this file."""
+    damage: str | None
+    """Description of what is missing; None if nothing is."""
+    is_indexed: bool
+    """Whether a time can be looked up without reading all that stands before it."""
+
+    def messages(self, topics: Collection[Topic], start_ns: int, stop_ns: int) -> Iterator[Message]:
+        """Yield the messages of some topics from `start_ns` to before `stop_ns`, in the order of receipt."""
 
 
 class Format(NamedTuple):
@@ -49,14 +61,6 @@ STEP_NS = NS // 2
 """How far behind damaged messages reading goes on; it doubles until there is something to read."""
 
 
-@dataclass(frozen=True)
-class _Part:
-    """An open file of a recording."""
-
-    path: Path
-    storage: Storage
-
-
 class Bag:
     """An open recording; a context manager.
 
@@ -72,11 +76,14 @@ class Bag:
         self.paths = paths
         self.remarks: list[str] = []
         self._damaged: Counter[str] = Counter()
+        self._storages: dict[Path, Storage] = {}
         with ExitStack() as stack:
-            self._parts = [
-                _Part(file, self._open(file, stack)) for path in paths for file in self._files_of(path)
-            ]
-            self._check_distinct()
+            for file in (file for path in paths for file in self._files_of(path)):
+                if any(is_same_file(file, other) for other in self._storages):
+                    raise InputError(
+                        f"{file}: found twice among the parts of the recording, needed each once"
+                    )
+                self._storages[file] = _open(file, stack)
             self.topics = self._topics()
             counted = [topic.span for topic in self.topics if topic.span.num_messages]
             if not counted:
@@ -84,9 +91,9 @@ class Bag:
                     f"{paths[0]}: found a recording without messages, needed sweeps and pictures"
                 )
             self._stack = stack.pop_all()
-        for part in self._parts:
-            if part.storage.damage:
-                self.remarks.append(f"{part.path}: found a damaged recording; missing: {part.storage.damage}")
+        for file, storage in self._storages.items():
+            if storage.damage:
+                self.remarks.append(f"{file}: found a damaged recording; missing: {storage.damage}")
         self.start_ns = min(span.first_ns for span in counted)
         self.end_ns = max(span.last_ns for span in counted)
 
@@ -102,12 +109,12 @@ class Bag:
     def files(self) -> list[Path]:
         """The files of the recording."""
         metadata = [path / METADATA for path in self.paths if is_folder(path)]
-        return [*(part.path for part in self._parts), *metadata]
+        return [*self._storages, *metadata]
 
     @property
     def is_indexed(self) -> bool:
         """Whether a time can be looked up in all files without reading what stands before it."""
-        return all(part.storage.is_indexed for part in self._parts)
+        return all(storage.is_indexed for storage in self._storages.values())
 
     def of_types(self, types: Collection[str]) -> list[Topic]:
         """List the topics of some types that have messages."""
@@ -123,7 +130,7 @@ class Bag:
         """Yield the messages of some topics from `start_ns` to before `stop_ns`, and leave out damaged ones."""
         start = self.start_ns if start_ns is None else start_ns
         stop = self.end_ns + 1 if stop_ns is None else stop_ns
-        parts = [self._part_messages(part, set(topics), start, stop) for part in self._parts]
+        parts = [self._part_messages(file, set(topics), start, stop) for file in self._storages]
         yield from heapq.merge(*parts, key=lambda message: message.received_ns)
 
     def damage_remarks(self) -> list[str]:
@@ -133,17 +140,18 @@ class Bag:
         ]
         return [*self.remarks, *(f"found damaged data, left out: {each}" for each in found)]
 
-    def _part_messages(self, part: _Part, topics: set[Topic], start: int, stop: int) -> Iterator[Message]:
-        wanted, step = topics.intersection(part.storage.topics), STEP_NS
+    def _part_messages(self, file: Path, topics: set[Topic], start: int, stop: int) -> Iterator[Message]:
+        storage, step = self._storages[file], STEP_NS
+        wanted = topics.intersection(storage.topics)
         while wanted and start < stop:
             try:
-                for message in part.storage.messages(wanted, start, stop):
+                for message in storage.messages(wanted, start, stop):
                     start = max(start, message.received_ns)
                     yield _unpacked(message)
                     step = STEP_NS
                 return
             except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
-                self._damaged[f"{part.path.name}: {_told(error)}"] += 1
+                self._damaged[f"{file.name}: {_told(error)}"] += 1
                 start, step = start + step, 2 * step
 
     def _files_of(self, path: Path) -> list[Path]:
@@ -164,39 +172,30 @@ class Bag:
             raise InputError(f"{path}: found no {', '.join(SUFFIXES)} in this folder, needed a recording")
         return files
 
-    def _open(self, path: Path, stack: ExitStack) -> Storage:
-        start = read_start(path, max(map(len, FORMATS)))
-        source = path
-        if start.startswith(ZSTD_MAGIC):
-            source = _unpacked_file(path, Path(stack.enter_context(TemporaryDirectory(prefix="semcal-"))))
-            start = read_start(source, max(map(len, FORMATS)))
-        known = next((each for magic, each in FORMATS.items() if start.startswith(magic)), None)
-        if known is None:
-            found = f"{path.stat().st_size:,} bytes of no known format"
-            raise InputError(f"{path}: found {found}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
-        try:
-            return known.reader(source, stack)
-        except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
-            found = f"found a recording that cannot be read: {_told(error)}"
-            raise InputError(f"{path}: {found}; if it is damaged, `{known.repair}` may mend it") from None
-
-    def _check_distinct(self) -> None:
-        seen: set[str] = set()
-        for part in self._parts:
-            real = os.path.realpath(part.path)
-            if real in seen:
-                raise InputError(
-                    f"{part.path}: found twice among the parts of the recording, needed each once"
-                )
-            seen.add(real)
-
     def _topics(self) -> list[Topic]:
         spans: dict[Topic, Span] = {}
-        for part in self._parts:
-            for topic in part.storage.topics:
+        for storage in self._storages.values():
+            for topic in storage.topics:
                 spans[topic] = spans.get(topic, Span()).joined(topic.span)
         found = [replace(topic, span=span) for topic, span in spans.items()]
         return sorted(found, key=lambda topic: (topic.name, topic.type))
+
+
+def _open(path: Path, stack: ExitStack) -> Storage:
+    start = read_start(path, max(map(len, FORMATS)))
+    source = path
+    if start.startswith(ZSTD_MAGIC):
+        source = _unpacked_file(path, Path(stack.enter_context(TemporaryDirectory(prefix="semcal-"))))
+        start = read_start(source, max(map(len, FORMATS)))
+    known = next((each for magic, each in FORMATS.items() if start.startswith(magic)), None)
+    if known is None:
+        found = f"{path.stat().st_size:,} bytes of no known format"
+        raise InputError(f"{path}: found {found}, needed a .bag of ROS 1, an MCAP or a .db3 of ROS 2")
+    try:
+        return known.reader(source, stack)
+    except Exception as error:  # Hostile bytes raise errors of any kind in the libraries.
+        found = f"found a recording that cannot be read: {_told(error)}"
+        raise InputError(f"{path}: {found}; if it is damaged, `{known.repair}` may mend it") from None
 
 
 def _listed_files(document: dict[Any, Any], metadata: Path) -> list[Path]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import ExitStack
 from io import BytesIO
 from pathlib import Path
@@ -38,6 +38,7 @@ class McapFile:
         self._reader = SeekingReader(self._file, validate_crcs=True, record_size_limit=self._size)
         self.damage: str | None = None
         self._topics: dict[int, Topic] = {}
+        self._times: dict[int, dict[int, tuple[int, int]]] = {}
         self._missing, self._num_bad = 0, 0
         profile = self._reader.get_header().profile
         if profile != "ros2":
@@ -85,21 +86,26 @@ class McapFile:
         for chunk in summary.chunk_indexes:
             for channel in chunk.message_index_offsets or summary.channels:
                 chunks_of.setdefault(channel, []).append(chunk)
-        times: dict[int, dict[int, tuple[int, int]]] = {}
         for channel, record in summary.channels.items():
             count, span = summary.statistics.channel_message_counts.get(channel, 0), Span()
             if count and chunks_of[channel]:
-                first = min(chunks_of[channel], key=lambda chunk: chunk.message_start_time)
-                last = max(chunks_of[channel], key=lambda chunk: chunk.message_end_time)
-                for chunk in (first, last):
-                    if chunk.chunk_start_offset not in times:
-                        times[chunk.chunk_start_offset] = self._times(chunk)
-                first_ns, _ = times[first.chunk_start_offset].get(channel, (first.message_start_time, 0))
-                _, last_ns = times[last.chunk_start_offset].get(channel, (0, last.message_end_time))
-                span = Span(count, first_ns, last_ns)
+                span = Span(count, *self._ends_ns(channel, chunks_of[channel]))
             self._topics[channel] = _topic(record, summary.schemas, span)
 
-    def _times(self, chunk: ChunkIndex) -> dict[int, tuple[int, int]]:
+    def _ends_ns(self, channel: int, chunks: Sequence[ChunkIndex]) -> tuple[int, int]:
+        """Find the times of the first and the last message of a channel, from the chunks that can hold them."""
+        first_end = min(chunk.message_end_time for chunk in chunks)
+        last_start = max(chunk.message_start_time for chunk in chunks)
+        ends = []
+        for chunk in chunks:
+            if chunk.message_start_time <= first_end or chunk.message_end_time >= last_start:
+                if chunk.chunk_start_offset not in self._times:
+                    self._times[chunk.chunk_start_offset] = self._read_times(chunk)
+                whole = chunk.message_start_time, chunk.message_end_time
+                ends.append(self._times[chunk.chunk_start_offset].get(channel, whole))
+        return min(first for first, _ in ends), max(last for _, last in ends)
+
+    def _read_times(self, chunk: ChunkIndex) -> dict[int, tuple[int, int]]:
         """Read the first and the last time of each channel in a chunk; none without a whole index."""
         self._file.seek(min(chunk.message_index_offsets.values(), default=0))
         content = BytesIO(self._file.read(min(chunk.message_index_length, MAX_INDEX_BYTES)))

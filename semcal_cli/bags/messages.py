@@ -86,18 +86,15 @@ class Message:
         """The sign of the byte order in `struct`."""
         return "<" if self.is_ros1 or self.raw[1:2] in (b"\1", b"\3") else ">"
 
-    @cached_property
+    @property
     def header_ns(self) -> int:
         """The stamp of the header.
 
         Raises:
             MessageError: the message is too short for a header.
         """
-        self._need_header()
-        seconds, nanoseconds = struct.unpack_from(
-            f"{self.byte_order}{'I' if self.is_ros1 else 'i'}I", self.raw, 4
-        )
-        return int(seconds) * NS + int(nanoseconds)
+        seconds, nanoseconds, _ = self._header
+        return seconds * NS + nanoseconds
 
     @property
     def frame_id(self) -> str:
@@ -106,8 +103,7 @@ class Message:
         Raises:
             MessageError: the message is too short for a header.
         """
-        self._need_header()
-        (length,) = struct.unpack_from(f"{self.byte_order}I", self.raw, HEADER_BYTES - 4)
+        _, _, length = self._header
         if length > min(MAX_FRAME_ID, len(self.raw) - HEADER_BYTES):
             raise MessageError(f"found a frame_id of {length:,} characters in {len(self.raw):,} bytes")
         name = self.raw[HEADER_BYTES : HEADER_BYTES + length]
@@ -127,9 +123,15 @@ class Message:
         except Exception as error:  # Hostile bytes raise errors of any kind in the library.
             raise MessageError(f"found {len(self.raw):,} bytes that are no {self.type}") from error
 
-    def _need_header(self) -> None:
+    @cached_property
+    def _header(self) -> tuple[int, int, int]:
+        """Seconds and nanoseconds of the stamp, and the length of the frame's name."""
         if len(self.raw) < HEADER_BYTES:
             raise MessageError(f"found {len(self.raw)} bytes, needed a header of {HEADER_BYTES} or more")
+        seconds, nanoseconds, length = struct.unpack_from(
+            f"{self.byte_order}{'I' if self.is_ros1 else 'i'}II", self.raw, 4
+        )
+        return seconds, nanoseconds, length
 
 
 def plain_frame(name: str) -> str:
