@@ -14,8 +14,6 @@ TABLES = "SELECT name FROM sqlite_master WHERE type = 'table' AND rootpage > 0"
 """Tables that are neither views nor virtual, whose rows could be anything, without an end."""
 IS_MESSAGE = "typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 """Whether a row is a message: a column can hold anything."""
-SPANS = f"""SELECT topic_id, {IS_MESSAGE}, count(*), min(timestamp), max(timestamp)
-FROM messages GROUP BY 1, 2"""
 IN_RANGE = f"""SELECT topic_id, timestamp, data FROM messages WHERE timestamp >= ? AND timestamp < ?
 AND {IS_MESSAGE} AND topic_id IN ({{}}) ORDER BY timestamp"""
 ROWS = f"SELECT topic_id, {IS_MESSAGE}, timestamp, {{}} FROM messages NOT INDEXED"
@@ -28,7 +26,7 @@ class SqliteFile:
     """A `.db3` of ROS 2."""
 
     def __init__(self, path: Path, stack: ExitStack) -> None:
-        """Open the database, until `stack` closes it; where it is damaged, all its rows are read once.
+        """Open the database, until `stack` closes it, and count its rows.
 
         Raises:
             ValueError: it has not the tables of a recording.
@@ -38,13 +36,9 @@ class SqliteFile:
         uri = f"{path.absolute().as_uri()}?mode=ro&immutable=1"
         self._database = stack.enter_context(closing(sqlite3.connect(uri, uri=True)))
         self.is_indexed = True
-        missing = []
-        try:
-            spans = self._spans()
-        except sqlite3.DatabaseError:
-            self.is_indexed = False
-            spans = self._spans_by_rows()
-            missing.append("its end, for the database is cut off or damaged")
+        self._database.execute("PRAGMA trusted_schema = OFF")
+        spans = self._spans()
+        missing = [] if self.is_indexed else ["its end, for the database is cut off or damaged"]
         if odd := sum(span.num_messages for (_, is_message), span in spans.items() if not is_message):
             missing.append(f"{odd:,} rows whose timestamp is no whole number or whose data are no bytes")
         log = path.with_name(f"{path.name}-wal")
@@ -78,24 +72,25 @@ class SqliteFile:
                     yield topic_id, time_ns, raw
 
     def _spans(self) -> Spans:
-        """Count the messages of each topic."""
-        self._database.execute("PRAGMA trusted_schema = OFF")
-        names = {name for (name,) in self._database.execute(TABLES)}
-        if not {"topics", "messages"} <= names:
-            raise ValueError("found no tables 'topics' and 'messages', as ROS 2 writes them")
-        return {
-            (topic_id, is_message): Span(count, first, last) if is_message else Span(count)
-            for topic_id, is_message, count, first, last in self._database.execute(SPANS)
-        }
+        """Count the rows of each topic that can be read.
 
-    def _spans_by_rows(self) -> Spans:
-        """Count the messages that can be read where the database is damaged."""
-        # A file that is shorter than its header says can be read with this alone (sqlite.org/recovery.html).
-        self._database.execute("PRAGMA writable_schema = ON")
+        Rows are counted here and not by SQLite, which would sort them together with their data.
+        """
+        try:
+            tables = self._database.execute(TABLES).fetchall()
+        except sqlite3.DatabaseError:
+            self.is_indexed = False
+            # A file that is shorter than its header says can be read with this alone (sqlite.org/recovery.html).
+            self._database.execute("PRAGMA writable_schema = ON")
+            tables = self._database.execute(TABLES).fetchall()
+        if not {("topics",), ("messages",)} <= set(tables):
+            raise ValueError("found no tables 'topics' and 'messages', as ROS 2 writes them")
         spans: Spans = {}
-        with suppress(sqlite3.Error):  # What was read before the damage counts.
+        try:
             for topic_id, is_message, time_ns, _ in self._database.execute(ROWS.format("1")):
                 one = Span(1, time_ns, time_ns) if is_message else Span(1)
                 key = topic_id, is_message
                 spans[key] = spans.get(key, Span()).joined(one)
+        except sqlite3.DatabaseError:  # What was read before the damage counts.
+            self.is_indexed = False
         return spans
