@@ -47,11 +47,10 @@ uint8 line
 """
 
 
-class BagWriter:
-    """Writes messages of the types of one generation of ROS."""
+class Messages:
+    """Makes messages of the types of one generation of ROS."""
 
-    def __init__(self, folder: Path, kind: str, compression: str = "", **mcap_options: Any) -> None:
-        self.kind, self.path = kind, folder / SUFFIXES[kind]
+    def __init__(self, kind: str) -> None:
         self.is_ros1 = kind == "ros1"
         self.store = get_typestore(Stores.ROS1_NOETIC if self.is_ros1 else Stores.ROS2_HUMBLE)
         if self.is_ros1:
@@ -60,63 +59,11 @@ class BagWriter:
         for package in ("livox_ros_driver", "livox_ros_driver2"):
             text = LIVOX.replace("livox_ros_driver2", package)
             self.store.register(get_types_from_msg(text, f"{package}/msg/CustomMsg"))
-        self._stack = ExitStack()
-        self._connections: dict[tuple[str, str], Any] = {}
-        self._writer: Any
-        if kind == "ros1":
-            self._writer = Writer1(self.path)
-            self._writer.chunk_threshold = 100_000
-            if compression:
-                self._writer.set_compression(Writer1.CompressionFormat[compression])
-            self._stack.enter_context(self._writer)
-        elif kind == "mcap library":
-            file = self._stack.enter_context(self.path.open("wb"))
-            used = CompressionType[compression] if compression else CompressionType.NONE
-            self._writer = McapWriter(file, chunk_size=100_000, compression=used, **mcap_options)
-            self._writer.start(profile="ros2", library="test")
-            self._stack.callback(self._writer.finish)
-        else:
-            plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-            self._writer = Writer2(self.path, version=9, storage_plugin=plugin)
-            if compression:
-                self._writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
-            self._stack.enter_context(self._writer)
-
-    def __enter__(self) -> BagWriter:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stack.close()
 
     def raw(self, message: Any) -> bytes:
         """Serialize a message."""
         serialize = self.store.serialize_ros1 if self.is_ros1 else self.store.serialize_cdr
         return bytes(serialize(message, message.__msgtype__))
-
-    def write(self, topic: str, message: Any, received_ns: int) -> None:
-        """Write a message."""
-        self.write_raw(topic, message.__msgtype__, self.raw(message), received_ns)
-
-    def write_raw(self, topic: str, kind: str, raw: bytes, received_ns: int) -> None:
-        """Write the bytes of a message."""
-        if (topic, kind) not in self._connections:
-            self._connections[topic, kind] = self._connection(topic, kind)
-        connection = self._connections[topic, kind]
-        if self.kind == "mcap library":
-            self._writer.add_message(connection, log_time=received_ns, data=raw, publish_time=received_ns)
-        else:
-            self._writer.write(connection, received_ns, raw)
-
-    def _connection(self, topic: str, kind: str) -> Any:
-        if self.kind == "mcap library":
-            schema = self._writer.register_schema(name=kind, encoding="ros2msg", data=b"")
-            return self._writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
-        if kind in self.store.fielddefs:
-            return self._writer.add_connection(topic, kind, typestore=self.store)
-        digest = {"md5sum": "0" * 32} if self.is_ros1 else {"rihs01": "RIHS01_" + "0" * 64}
-        return self._writer.add_connection(topic, kind, msgdef="uint8 data", **digest)
 
     def make(self, kind: str, **values: Any) -> Any:
         """Make a message of a type; inner messages are mappings, and what is not given is zero or empty."""
@@ -225,6 +172,66 @@ class BagWriter:
             point_num=len(points),
             points=points,
         )
+
+
+class BagWriter(Messages):
+    """Writes messages of the types of one generation of ROS."""
+
+    def __init__(self, folder: Path, kind: str, compression: str = "", **mcap_options: Any) -> None:
+        self.kind, self.path = kind, folder / SUFFIXES[kind]
+        super().__init__(kind)
+        self._stack = ExitStack()
+        self._connections: dict[tuple[str, str], Any] = {}
+        self._writer: Any
+        if kind == "ros1":
+            self._writer = Writer1(self.path)
+            self._writer.chunk_threshold = 100_000
+            if compression:
+                self._writer.set_compression(Writer1.CompressionFormat[compression])
+            self._stack.enter_context(self._writer)
+        elif kind == "mcap library":
+            file = self._stack.enter_context(self.path.open("wb"))
+            used = CompressionType[compression] if compression else CompressionType.NONE
+            self._writer = McapWriter(file, chunk_size=100_000, compression=used, **mcap_options)
+            self._writer.start(profile="ros2", library="test")
+            self._stack.callback(self._writer.finish)
+        else:
+            plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+            self._writer = Writer2(self.path, version=9, storage_plugin=plugin)
+            if compression:
+                self._writer.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
+            self._stack.enter_context(self._writer)
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def write(self, topic: str, message: Any, received_ns: int) -> None:
+        """Write a message."""
+        self.write_raw(topic, message.__msgtype__, self.raw(message), received_ns)
+
+    def write_raw(self, topic: str, kind: str, raw: bytes, received_ns: int) -> None:
+        """Write the bytes of a message."""
+        if (topic, kind) not in self._connections:
+            self._connections[topic, kind] = self._connection(topic, kind)
+        connection = self._connections[topic, kind]
+        if self.kind == "mcap library":
+            self._writer.add_message(connection, log_time=received_ns, data=raw, publish_time=received_ns)
+        else:
+            self._writer.write(connection, received_ns, raw)
+
+    def _connection(self, topic: str, kind: str) -> Any:
+        if self.kind == "mcap library":
+            schema = self._writer.register_schema(name=kind, encoding="ros2msg", data=b"")
+            return self._writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+        if kind in self.store.fielddefs:
+            return self._writer.add_connection(topic, kind, typestore=self.store)
+        digest = {"md5sum": "0" * 32} if self.is_ros1 else {"rihs01": "RIHS01_" + "0" * 64}
+        return self._writer.add_connection(topic, kind, msgdef="uint8 data", **digest)
 
 
 def header(stamp_ns: int, frame: str) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from bag_imports import COLORS, STAMP_S, Maker, cloud, done, image, imported, info, nothing, refused, small
-from bags import START_NS, BagWriter, jpeg, png
+from bags import START_NS, BagWriter, Messages, jpeg, png
 
 from semcal_cli.bags.clouds import read_sweep
 from semcal_cli.bags.messages import Message, MessageError, Topic
@@ -19,7 +19,7 @@ from semcal_cli.drive.document import Drive, read_drive
 from semcal_cli.drive.reading import read_clouds
 
 
-def sweep_of(bag: BagWriter, message: Any, stamp_ns: int = START_NS) -> Any:
+def sweep_of(bag: Messages, message: Any, stamp_ns: int = START_NS) -> Any:
     raw = bag.raw(message)
     topic = Topic("/points", message.__msgtype__)
     return read_sweep(Message(topic, stamp_ns, raw, bag.is_ros1), stamp_ns)
@@ -52,9 +52,8 @@ def test_every_field_of_a_sweep_is_kept(kind: str, name: str, shape: tuple[int, 
             records[field] = records[field] * scale
     records["x"].flat[3] = np.nan
     records["x"].flat[4] = records["y"].flat[4] = records["z"].flat[4] = 0.0
-    with BagWriter(tmp_path, kind) as bag:
-        found = sweep_of(bag, bag.cloud(records, START_NS))
-        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    bag = Messages(kind)
+    found = sweep_of(bag, bag.cloud(records, START_NS))
     assert found.records.dtype.names == records.dtype.names
     for field in records.dtype.names or ():
         np.testing.assert_array_equal(found.records[field].ravel(), np.atleast_2d(records)[field].ravel())
@@ -74,7 +73,7 @@ def one_cloud(folder: Path) -> Drive:
 
 @pytest.mark.parametrize("package", ["livox_ros_driver", "livox_ros_driver2"])
 @pytest.mark.parametrize("kind", ["ros1", "sqlite3"])
-def test_livox_custom_messages(kind: str, package: str, tmp_path: Path) -> None:
+def test_livox_custom_messages(kind: str, package: str) -> None:
     layout = [("offset_time", "u4"), ("x", "f4"), ("y", "f4"), ("z", "f4"), ("reflectivity", "u1"), ("tag", "u1"),
               ("line", "u1")]  # fmt: skip
     records = np.zeros(7, layout)
@@ -82,15 +81,11 @@ def test_livox_custom_messages(kind: str, package: str, tmp_path: Path) -> None:
         records[name] = np.arange(7) * (place + 1) + 1
     records["offset_time"] = np.arange(7) * 15_000_000
     for frame in ("lidar", "livox_frame", ""):  # the length of the frame's name moves all that follows
-        with BagWriter(tmp_path, kind) as bag:
-            message = bag.livox(records, START_NS, package, frame)
-            sweep = sweep_of(bag, message)
-            bag.write("/x", message, START_NS)
+        bag = Messages(kind)
+        sweep = sweep_of(bag, bag.livox(records, START_NS, package, frame))
         for name, _ in layout:
             np.testing.assert_array_equal(sweep.records[name][0], records[name])
         assert sweep.times.reference == "relative"
-        tmp_path = tmp_path / "next"
-        tmp_path.mkdir()
 
 
 SECONDS = np.linspace(0.0, 0.09, 10)
@@ -114,9 +109,8 @@ def test_times_of_points_in_every_unit(unit: str, tmp_path: Path) -> None:
     name, kind, values, expected, is_told = TIMES[unit]
     records = np.ones(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), (name, kind)])
     records[name] = values
-    with BagWriter(tmp_path, "sqlite3") as bag:
-        sweep = sweep_of(bag, bag.cloud(records, START_NS))
-        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    bag = Messages("sqlite3")
+    sweep = sweep_of(bag, bag.cloud(records, START_NS))
     assert sweep.times.reference == expected
     assert (sweep.times.remark is not None) == is_told
     (tmp_path / "cloud.pcd").write_bytes(sweep.pcd())
@@ -172,19 +166,16 @@ def stored_pixels(encoding: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
-def test_every_encoding_of_a_picture(encoding: str, tmp_path: Path) -> None:
+def test_every_encoding_of_a_picture(encoding: str) -> None:
     stored, expected = stored_pixels(encoding)
     orders = ["<", ">"] if stored.dtype.itemsize == 2 else ["<"]
     for order in orders:
         pixels = np.ascontiguousarray(stored).astype(stored.dtype.newbyteorder(order))
         padded = np.pad(pixels.view(np.uint8).reshape(len(pixels), -1), ((0, 0), (0, 6)))
-        with BagWriter(tmp_path, "sqlite3") as bag:
-            changes = {"step": padded.shape[1], "data": padded.ravel()}
-            message = bag.image(pixels, encoding, START_NS, **changes)
-            raw = bag.raw(message)
-            bag.write("/x", message, START_NS)
-        tmp_path = tmp_path / "next"
-        tmp_path.mkdir()
+        bag = Messages("sqlite3")
+        changes = {"step": padded.shape[1], "data": padded.ravel()}
+        message = bag.image(pixels, encoding, START_NS, **changes)
+        raw = bag.raw(message)
         picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=False))
         found = cv2.imdecode(np.frombuffer(picture.content, np.uint8), cv2.IMREAD_UNCHANGED)
         if encoding.startswith(("yuv", "uyvy", "yuyv")):
@@ -197,23 +188,21 @@ def test_every_encoding_of_a_picture(encoding: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("encode", "suffix"), [(png, ".png"), (jpeg, ".jpg")])
-def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str, tmp_path: Path) -> None:
+def test_compressed_pictures_keep_their_bytes(encode: Any, suffix: str) -> None:
     content = encode(COLORS)
-    with BagWriter(tmp_path, "ros1") as bag:
-        message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
-        raw = bag.raw(message)
-        bag.write("/x", message, START_NS)
+    bag = Messages("ros1")
+    message = bag.compressed(content, "bgr8; jpeg compressed bgr8", START_NS)
+    raw = bag.raw(message)
     picture = read_picture(Message(Topic("/image", message.__msgtype__), START_NS, raw, is_ros1=True))
     assert picture == (content, suffix, (16, 16))
 
 
-def test_points_without_a_range_have_no_times(tmp_path: Path) -> None:
+def test_points_without_a_range_have_no_times() -> None:
     records = np.ones(10, [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("timestamp", "<f8")])
     records["timestamp"] = SECONDS + STAMP_S
     records["x"][4], records["timestamp"][4] = np.nan, 0.0
-    with BagWriter(tmp_path, "sqlite3") as bag:
-        sweep = sweep_of(bag, bag.cloud(records, START_NS))
-        bag.write("/x", bag.cloud(records, START_NS), START_NS)
+    bag = Messages("sqlite3")
+    sweep = sweep_of(bag, bag.cloud(records, START_NS))
     assert sweep.times.reference == "absolute"
     assert sweep.times.ends_s == pytest.approx((0.0, 0.09), abs=1e-6)
 
